@@ -200,7 +200,11 @@ class ConeTable(GeneratorTable):
 
     def generate(self) -> Toolpath:
         """Generate the cone."""
-        radius, depth, slope = 0.5 * (self.diameter_mm * 1e-3), self.depth_mm * 1e-3, np.tan(np.radians(self.wall_angle_deg))
+        radius, depth, slope = (
+            0.5 * (self.diameter_mm * 1e-3),
+            self.depth_mm * 1e-3,
+            np.tan(np.radians(self.wall_angle_deg)),
+        )
         if radius - depth / slope <= 0.0:
             closes = radius * slope * 1e3
             raise InputError(f"cone depth is {depth * 1e3:g} mm, must stay below {closes:g} mm where the cone closes")

@@ -51,10 +51,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     changes_by_t, printer = CHANGE.search(text) is None, PRINTER.search(text) is not None
     for reading in readings:
         scale = INCH if options.unit == "inch" else 1.0
-        state = State(
-            scale, feed_scale=scale, centres=reading, changes_by_t=changes_by_t, printer=printer,
-            siemens=file.suffix.lower() in (".mpf", ".spf"),
-        )  # fmt: skip
+        state = State(scale, feed_scale=scale, centres=reading, changes_by_t=changes_by_t, printer=printer)
         reader = Rs274(file, options, state)
         try:
             reader.run(lines)

@@ -20,7 +20,10 @@ SURE = re.compile(
     r"^[ \t]*(N\d+[ \t]*)?(TRAORI|STOPRE|A?TRANS|A?ROT|A?MIRROR|A?SCALE|CYCLE832|MCALL)\b(?![ \t]*/)|"
     r"^[ \t]*(N\d+[ \t]*)?DEF[ \t]+(REAL|INT|BOOL)\b|"
     r"\bWORKPIECE\s*\(|[XYZIJK]\s*=\s*(AC|IC)\s*\(|^[ \t]*(N\d+[ \t]*)?MSG[ \t]*\(|\bORI(WKS|MKS|AXES|VECT)\b|"
-    r"\b(CR|SPOS|TURN|AR)=|^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=",
+    r"\b(CR|SPOS|TURN|AR|RND|CHR|CHF|T\d*=\")=|^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=|\b[MS]\d{1,2}=|"
+    r"(?<![.\w])(A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|TRAORI|COMP(ON|OF|CAD|CURV)|FFWO[NF]|SOFTA?|BRISKA?|[US]PATH|CFTCP|MCALL|[ABC]SPLINE|"
+    r"POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|OFFN|CIP|INVCC?W)\b(?![ \t]*/)|"
+    r"\b(CYCLE|POCKET|SLOT|HOLES|LONGHOLE)\d*[ \t]*\(|^[ \t]*(N\d+[ \t]*)?L\d+[ \t]*(P[ \t]*\d+[ \t]*)?$",
     re.MULTILINE | re.IGNORECASE,
 )
 #: A comment of other dialects in brackets: what a cutter is called there (CR=0) is no word of the program.

@@ -91,7 +91,7 @@ class Origins:
             f"the file cuts in {here} and in {there}, and how they lie to each other is not known; state which one "
             f'is the part frame with wcs = "{here}" (--wcs "{here}")'
         )
-        if self.setting and not self.state.siemens:
+        if self.setting:
             refusal += f", or set both with {self.setting} in the file"
         note = f"rapid moves in {there} are left out: how it lies to {here} is not known"
         self.it.contour.refuse_open()

@@ -19,9 +19,9 @@ from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Int
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
-from compplan.toolpath.readers.cnc.rs274_flow import MOST_JUMPS, MacroFlow
 from compplan.toolpath.readers.cnc.rs274_frames import Layers
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
+from compplan.toolpath.readers.cnc.rs274_macro import MOST_JUMPS, MacroFlow
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
 from compplan.toolpath.readers.options import CamTable, refuse_unit
 
@@ -62,7 +62,7 @@ class Rs274:
         self.layers = Layers(self.it, self.origins)
         self.macros = MacroFlow(self.it.flow)
         self.plain = PRINTED if state.printer else PLAIN
-        self.lexer = Lexer(self.it, self.macros, self.origins)
+        self.lexer = Lexer(self.it, self.macros)
 
     def run(self, lines: Sequence[str]) -> None:
         """Read every line of the first program of a file."""
@@ -136,7 +136,7 @@ class Rs274:
             return False
         if calls:
             self.macros.call_number(values, local=97.0 in machine)
-        it.flow.over = it.flow.over or 2.0 in machine or (30.0 in machine and not state.siemens)
+        it.flow.over = it.flow.over or not {2.0, 30.0}.isdisjoint(machine)
         return it.machine.stop(machine, it.flow.line)
 
     def _give_words(self, block: CncBlock) -> bool:
@@ -279,8 +279,6 @@ def refuse_spline(dialect: Rs274, block: CncBlock, code: float) -> None:
 
 def use_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G54 to G59.9, G54.1, G154, G500: a work offset."""
-    if code in (58.0, 59.0) and dialect.it.state.siemens and block.has(frozenset(AXES)):
-        raise InputError(f"G{code:g} with coordinates shifts the frame and is not read; post-process without it")
     dialect.origins.use(1000.0 + block.values.get("P", 0.0) if code in (54.1, 154.0) else code)
 
 

@@ -69,9 +69,8 @@ class State:
     cooling: bool = False
     tool: float = 0.0
     tool_name: str = ""
-    #: Whether T alone changes the tool, the file is of a Siemens control, or of a printer.
+    #: Whether T alone changes the tool, and the file is of a printer.
     changes_by_t: bool = False
-    siemens: bool = False
     printer: bool = False
     tip_control: bool = False
     #: Whether X Y are radius and angle; pole, its plane, radius and angle in force.
