@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
-from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
-from compplan.toolpath.readers.cnc.heidenhain_lexer import ASSIGN, CYCLE, NUMBER, VALUE
-from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords
+from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import PLANE_AXES, PLANE_NORMALS
+from compplan.toolpath.readers.cnc.state import PLANE_AXES
 
 #: Drilling cycles, and whether the tool leaves the hole with the feed.
-DRILLING = {200: False, 201: True, 202: True, 203: False, 205: False, 206: True, 207: True, 208: False, 209: True,
+DRILLING = {200: False, 201: True, 202: True, 203: False, 205: False, 206: True, 207: True, 209: True,
             240: False}  # fmt: skip
 OLD_DRILLING = {1: False, 2: True, 17: True}
 #: Cycles that say nothing of the path.
@@ -70,10 +66,10 @@ class HeidenhainCycles:
         if number == 9:
             waits = re.search(rf"({NUMBER})\s*$", rest)
             if at and waits:
-                self.it.log.happen("dwell", self.it.flow.line, value=self.datums.value(waits.group(1)))
+                self.it.log.happen("dwell", self.it.flow.line, value=self.words.value(waits.group(1)))
         elif number in DRILLING or number in (220, 221):
             values = {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)}
-            self.datums.values.update(values)
+            self.words.values.update(values)
             self.defining = True
             if number in (220, 221):
                 self._drill_pattern(Cycle(number, values))
@@ -84,7 +80,7 @@ class HeidenhainCycles:
                 self.cycle = Cycle(number)
             value = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest)
             if at and value:
-                self.cycle.parts[at] = self.datums.value(value.group(1))
+                self.cycle.parts[at] = self.words.value(value.group(1))
         else:
             raise InputError(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
@@ -101,7 +97,7 @@ class HeidenhainCycles:
             return (self.words.tool_feed or 0.0) / self.to_mm_s(1.0)
         if text == "PREDEF":
             raise InputError("values from GLOBAL DEF (PREDEF) are not read; write them out")
-        return self.datums.value(text)
+        return self.words.value(text)
 
     def call(self) -> None:
         """Drill where the tool is."""
@@ -117,7 +113,7 @@ class HeidenhainCycles:
     def call_at(self, place: Point) -> None:
         """Drill at a place; its height counts on top of the cycle's surface."""
         cycle = self._need_new("CYCL CALL at positions needs a cycle from 200")
-        surface = cycle.values.get("Q203", 0.0) + place[self.datums.tool_axis]
+        surface = cycle.values.get("Q203", 0.0) + place[self.words.tool_axis]
         self._rapid_over(place)
         with self.it.log.hole():
             self._drill(Cycle(cycle.number, {**cycle.values, "Q203": surface}))
@@ -129,12 +125,12 @@ class HeidenhainCycles:
 
     def _rapid_over(self, place: Point) -> None:
         """Go rapidly above a place, at the height where the tool is."""
-        height = self.it.course.position[self.datums.tool_axis]
-        self.it.course.rapid(set_level(place, self.datums.tool_axis, height), PLANE_AXES[self.it.state.plane])
+        height = self.it.course.position[self.words.tool_axis]
+        self.it.course.rapid(set_level(place, self.words.tool_axis, height), PLANE_AXES[self.it.state.plane])
 
     def _drill(self, cycle: Cycle) -> None:
         """Carry out a cycle from 200: to the clearance Q200 above the surface Q203, with Q206 by Q201, back."""
-        values, course, axis = cycle.values, self.it.course, self.datums.tool_axis
+        values, course, axis = cycle.values, self.it.course, self.words.tool_axis
         surface, clear, depth = values.get("Q203", 0.0), cycle.get("Q200"), cycle.get("Q201")
         if cycle.number == 240 and values.get("Q343", 0.0) != 0.0:
             raise InputError("cycle 240 with a diameter (Q343=1) is not read; give it a depth")
@@ -143,11 +139,7 @@ class HeidenhainCycles:
         top = max(first, surface + values.get("Q204", 0.0))
         course.rapid(set_level(course.position, axis, first), (axis,))
         expand = self.it.options.cycles == "expand" and depth != 0.0
-        if expand and cycle.number == 208:
-            self._mill_bore(values, first, bottom, feed)
-            course.rapid(set_level(course.position, axis, first), (axis,))
-            course.rapid(set_level(course.position, axis, top), (axis,))
-        elif depth != 0.0:
+        if depth != 0.0:
             hole = Hole(axis, first, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
             drill(course, hole, expand=expand, name=str(cycle.number))
         else:
@@ -157,40 +149,22 @@ class HeidenhainCycles:
     def _find_feeds(self, cycle: Cycle) -> tuple[float, float | None]:
         """Return feed into and out of a hole in mm/s, None where it is left rapidly."""
         if cycle.number in (207, 209):
-            feed = abs(cycle.get("Q239")) * self.datums.unit * self.it.state.spindle / 60.0
+            feed = abs(cycle.get("Q239")) * self.words.unit * self.it.state.spindle / 60.0
             return feed, feed
         feed = self.to_mm_s(cycle.get("Q206"))
         back = cycle.values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
         return feed, None if back >= FASTEST else self.to_mm_s(back) if back > 0.0 else feed
 
-    def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
-        """Mill a bore on a helix (cycle 208): from its middle out, down, round the bottom, back to the middle."""
-        radius, course, axis = self.words.radii.get(self.words.tool), self.it.course, self.datums.tool_axis
-        if radius is None:
-            raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
-        reach, pitch = 0.5 * values.get("Q335", 0.0) - radius, abs(values.get("Q334", 0.0))
-        if reach <= 0.0 or pitch <= 0.0:
-            raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
-        middle, one = course.position, PLANE_AXES[self.it.state.plane][0]
-        course.line(set_level(middle, one, middle[one] + reach), (), feed)
-        turns = max(1, math.ceil((first - bottom) / pitch - 1e-9))
-        for rounds in (turns, 1):
-            start, end = course.position, set_level(course.position, axis, bottom)
-            centre = set_level(start, one, start[one] - reach)
-            normal = PLANE_NORMALS[self.it.state.plane]
-            self.it.contour.add(Element(start, end, (), feed, self.it.flow.line, centre, normal, True, rounds))
-        course.line(set_level(middle, axis, bottom), (), feed)
-
     def _drill_old(self, cycle: Cycle) -> None:
         """Carry out cycles 1, 2 and 17: from the level where the tool is, by set-up clearance and depth."""
         way = abs(cycle.part(1)) + abs(cycle.part(2))
         if cycle.number == 17:
-            feed = abs(cycle.part(3)) * self.datums.unit * self.it.state.spindle / 60.0
+            feed = abs(cycle.part(3)) * self.words.unit * self.it.state.spindle / 60.0
         else:
             feed = self.to_mm_s(cycle.part(5 if cycle.number == 1 else 4))
         if cycle.part(2) > 0.0 and cycle.part(1) >= 0.0:
             raise InputError(f"CYCL DEF {cycle.number} with a depth above the surface is not read")
-        course, axis = self.it.course, self.datums.tool_axis
+        course, axis = self.it.course, self.words.tool_axis
         if self.it.options.cycles != "expand":
             self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
             return
@@ -203,7 +177,7 @@ class HeidenhainCycles:
 
     def _drill_pattern(self, pattern: Cycle) -> None:
         """Carry out cycles 220 (holes on a circle) and 221 (holes in rows) with the cycle defined before."""
-        n, course, axis = pattern.values, self.it.course, self.datums.tool_axis
+        n, course, axis = pattern.values, self.it.course, self.words.tool_axis
         cycle = self._need_new(f"cycle {pattern.number}, and no cycle from 200 is defined before it")
         if n.get("Q365", 0.0) != 0.0:
             raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read")
