@@ -1,4 +1,4 @@
-"""The blocks of Heidenhain programs and their words: places, feeds, tools, M functions, in the words of all dialects."""
+"""The blocks of Heidenhain programs and their words: places, feeds, tools, M functions, as all dialects call them."""
 
 from __future__ import annotations
 

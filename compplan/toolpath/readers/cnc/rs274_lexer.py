@@ -182,6 +182,8 @@ class Lexer:
             words = explained
         elif "E" in line and UNSIGNED_EXPONENT.search(line):
             raise InputError(f"number {line[:40]!r} may be read in two ways, write it without an exponent")
+        if next((letter for letter, _ in words if letter != "N"), "") == "L":
+            raise InputError(f"subprogram call {line[:20]!r} is not read; call a program of the file (M98)")
         if fault := check_words(words):
             raise InputError(fault)
         if '"' in raw and (named := TOOL_NAME.search(raw)):
