@@ -21,7 +21,7 @@ from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_frames import Layers
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
-from compplan.toolpath.readers.cnc.rs274_macro import MOST_JUMPS, MacroFlow
+from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
@@ -116,7 +116,7 @@ class Rs274:
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
-        self.it = Interpreter(file, options, state, self, Flow(file, MOST_JUMPS), starts_at_zero=True)
+        self.it = Interpreter(file, options, state, self, Flow(file), starts_at_zero=True)
         self.origins = Origins(self.it, "G10 L2")
         self.layers = Layers(self.it, self.origins)
         self.macros = MacroFlow(self.it.flow)

@@ -33,7 +33,6 @@ KLARTEXT = re.compile(
     r"^[ \t]*\d+[ \t]+(TOOL[ \t]+CALL|CYCL[ \t]+DEF|BLK[ \t]+FORM|CALL[ \t]+LBL|LBL[ \t]+\d|L[ \t]+[XYZI][-+\d])",
     re.MULTILINE | re.IGNORECASE,
 )
-MOST_JUMPS = 200_000
 DEEPEST = 19
 #: Motions: straight, arcs about the pole, by radius, tangent ones.
 MOTIONS = {"L", "LP", "LN", "C", "CR", "CT", "CP", "CTP"}
@@ -81,7 +80,7 @@ class Klartext:
     silent = SILENT
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        flow = Flow(file, MOST_JUMPS, DEEPEST)
+        flow = Flow(file, DEEPEST)
         self.it = Interpreter(file, options, State(motion=0.0), self, flow, unit="")
         self.it.motion.keeps_polar = False
         self.words = KlartextWords(self.it)
@@ -157,6 +156,7 @@ class Klartext:
             if followed and it.motion.cut_plain(plain):
                 return index
         it.steady = False
+        it.flow.count_work(len(text))
         if text.startswith("CALL") or (" GOTO" in text and text.startswith(("FN", "IF"))):
             return self._jump(text, program, index)
         self._carry_out(text, program, index)

@@ -15,9 +15,6 @@ from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 #: Greatest number of variables, and greatest distance of a result from 0.
 MOST_VARIABLES = 10_000
 GREATEST = 1e15
-#: Greatest number of jumps, and of letters of macro blocks that are carried out again: a hundred a jump (assumed).
-MOST_JUMPS = 20_000
-MOST_LETTERS = 100 * MOST_JUMPS
 HEAD = re.compile(r"\s*[O:]\s*0*(\d+)\b(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)", re.IGNORECASE)
 SEQUENCE = re.compile(r"\s*(?:/\d?\s*)?N\s*0*(\d+)", re.IGNORECASE)
 LOOP_END = re.compile(r"\s*(?:N\d+\s*)?END\s*([1-9])", re.IGNORECASE)
@@ -169,13 +166,11 @@ class MacroFlow:
         self.variables = Variables()
         #: Line that a jump goes to.
         self.next: int | None = None
-        self.file_lines = self.letters = 0
         #: Variables at the last pass of each jump of each call.
         self._passed: dict[tuple[int, int], list[tuple[str, float]]] = {}
 
     def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
         """Find the subprograms of a file, after O1000; return the first program."""
-        self.file_lines = len(lines)
         numbers = [(index, found.group(1)) for index, line in enumerate(lines)
                    if line[:1] in "Oo: " and (found := HEAD.match(line))]  # fmt: skip
         for (index, number), stop in zip(numbers, [*(at for at, _ in numbers[1:]), len(lines)], strict=False):
@@ -206,11 +201,7 @@ class MacroFlow:
 
     def run_macro(self, line: str) -> str | None:
         """Carry out the macro words of a line in capitals; return the block that is left, None without any."""
-        if self.flow.executed > self.file_lines:
-            self.letters += len(line)
-            if self.letters > MOST_LETTERS:
-                raise InputError(f"more than {MOST_LETTERS} letters of macro blocks are carried out again by jumps and "
-                                 "calls; no more are read")  # fmt: skip
+        self.flow.count_work(len(line))
         bare = re.sub(r"^N\s*\d+\s*", "", line)
         try:
             if self._control(bare) or (bare.startswith("#") and self.variables.assign(bare)):
