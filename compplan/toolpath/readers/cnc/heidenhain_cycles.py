@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
-from compplan.toolpath.readers.cnc.cycles import Hole, drill, list_circle, list_grid
+from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
@@ -123,7 +123,10 @@ class HeidenhainCycles:
         """
         course, axis, values = self.it.course, self.words.tool_axis, cycle.values
         feed, out = self._find_feeds(cycle)
+        expand = self.it.options.cycles == "expand"
         if cycle.number in OLD:
+            if expand:
+                course.begin_cut()
             clear = top = course.position[axis]
             depth = -abs(cycle.get("1")) - abs(cycle.get("2"))
             bottom = clear + depth
@@ -138,9 +141,12 @@ class HeidenhainCycles:
         with self.it.log.hole():
             if cycle.number not in OLD:
                 course.rapid(set_level(course.position, axis, clear), (axis,))
+            elif not expand:
+                self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
+                return
             if depth != 0.0:
                 hole = Hole(axis, clear, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
-                drill(course, hole, expand=self.it.options.cycles == "expand", name=str(cycle.number))
+                drill(course, hole, expand=expand, name=str(cycle.number))
             elif cycle.number not in OLD:
                 course.rapid(set_level(course.position, axis, top), (axis,))
         if cycle.number not in OLD:
