@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,9 +13,8 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, Parser, Value, need
 from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 
-#: Greatest number of variables, and greatest distance of a result from 0.
+#: Greatest number of variables.
 MOST_VARIABLES = 10_000
-GREATEST = 1e15
 HEAD = re.compile(r"\s*[O:]\s*0*(\d+)\b(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)", re.IGNORECASE)
 SEQUENCE = re.compile(r"\s*(?:/\d?\s*)?N\s*0*(\d+)", re.IGNORECASE)
 LOOP_END = re.compile(r"\s*(?:N\d+\s*)?END\s*([1-9])", re.IGNORECASE)
@@ -31,16 +31,9 @@ WORD_START = re.compile(r"([A-Z,])\s*=?\s*([-+]?)\s*(?=[#\[])")
 ASSIGNMENT = re.compile(r"\s*(#[^=]*?)\s*=\s*")
 
 
-def _finite(rule: Callable[[float, float], float]) -> Callable[[Value, Value], float]:
-    """Return an operator on values that may be vacant, whose result is bounded."""
-
-    def work(left: Value, right: Value) -> float:
-        value = rule(need(left), need(right))
-        if not abs(value) < GREATEST:
-            raise ValueError(f"an expression gives {value:g}, less than {GREATEST:g} is allowed")
-        return value
-
-    return work
+def _work(rule: Callable[[float, float], float]) -> Callable[[Value, Value], float]:
+    """Return an operator on values that may be vacant."""
+    return lambda left, right: rule(need(left), need(right))
 
 
 def _logic(name: str, rule: Callable[[bool, bool], bool]) -> Callable[[Value, Value], float]:
@@ -53,35 +46,20 @@ def _logic(name: str, rule: Callable[[bool, bool], bool]) -> Callable[[Value, Va
     return work
 
 
-def _divide(left: float, right: float) -> float:
-    if right == 0.0:
-        raise ValueError("division by 0")
-    return left / right
-
-
-def _power(left: float, right: float) -> float:
-    try:
-        return math.pow(left, right)
-    except (ValueError, OverflowError):
-        raise ValueError(f"{left:g} ** {right:g} has no value") from None
-
-
 #: A vacant variable equals another vacant one alone, and counts as 0 in arithmetic.
 GRAMMAR = Grammar(
     functions={
         **FUNCTIONS, "ATAN": (2, lambda y, x=None: math.degrees(math.atan(y) if x is None else math.atan2(y, x))),
-        "SQR": (1, math.sqrt), "FIX": (1, math.floor), "FUP": (1, math.ceil), "POW": (2, _power),
+        "SQR": (1, math.sqrt), "FIX": (1, math.floor), "FUP": (1, math.ceil), "POW": (2, math.pow),
         "ROUND": (1, lambda x: math.copysign(math.floor(abs(x) + 0.5), x)), "RND": (1, lambda x: math.floor(x + 0.5)),
     },
     operators={
         "EQ": (1, lambda a, b: float(a == b)), "NE": (1, lambda a, b: float(a != b)),
-        "GT": (1, lambda a, b: float(need(a) > need(b))), "LT": (1, lambda a, b: float(need(a) < need(b))),
-        "GE": (1, lambda a, b: float(need(a) >= need(b))), "LE": (1, lambda a, b: float(need(a) <= need(b))),
-        "+": (2, _finite(lambda a, b: a + b)), "-": (2, _finite(lambda a, b: a - b)),
+        "GT": (1, _work(operator.gt)), "LT": (1, _work(operator.lt)), "GE": (1, _work(operator.ge)),
+        "LE": (1, _work(operator.le)), "+": (2, _work(operator.add)), "-": (2, _work(operator.sub)),
         "OR": (2, _logic("OR", lambda a, b: a or b)), "XOR": (2, _logic("XOR", lambda a, b: a != b)),
-        "*": (3, _finite(lambda a, b: a * b)), "/": (3, _finite(_divide)),
-        "MOD": (3, _finite(lambda a, b: math.fmod(a, b) if b else _divide(a, b))),
-        "AND": (3, _logic("AND", lambda a, b: a and b)), "**": (4, _finite(_power)),
+        "*": (3, _work(operator.mul)), "/": (3, _work(operator.truediv)), "MOD": (3, _work(math.fmod)),
+        "AND": (3, _logic("AND", lambda a, b: a and b)), "**": (4, _work(math.pow)),
     },
     token=re.compile(
         r"\s*(?:(\d+\.?\d*|\.\d+)|"
