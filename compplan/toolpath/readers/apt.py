@@ -10,8 +10,7 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
 from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
-from compplan.toolpath.readers.cnc.machine import STARTING, STOPPING, Machine
-from compplan.toolpath.readers.cnc.state import INCH, State
+from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
 from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
 from compplan.toolpath.readers.options import CamTable, find_start, refuse_unit
