@@ -20,9 +20,8 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.io.plugins import Registry
 from compplan.toolpath.readers.lines import read_bounded
-from compplan.toolpath.readers.machines import use_machine
 from compplan.toolpath.readers.moves import CamFacts, CamFile
-from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.options import CamTable, use_machine
 from compplan.toolpath.toolpath import Toolpath
 
 #: Letters of the head of a file by which its language is known.

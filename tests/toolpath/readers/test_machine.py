@@ -18,7 +18,7 @@ from compplan.toolpath.readers.cnc import heidenhain_lexer, sinumerik_lexer
 from compplan.toolpath.readers.cnc.expressions import Grammar, evaluate
 from compplan.toolpath.readers.cnc.rotary import RotaryMachine
 from compplan.toolpath.readers.cnc.rs274_macro import Variables
-from compplan.toolpath.readers.machines import list_machines
+from compplan.toolpath.readers.options import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
 
