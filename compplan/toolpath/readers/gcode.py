@@ -185,7 +185,7 @@ class Rs274:
             it.machine.start(block, it.flow.line)
         calls = 98.0 in machine or 97.0 in machine
         if takes == "machine":
-            it.leave_out_machine_move(block, "G53")
+            self.origins.move_in_machine(block)
         elif not takes and block.has(MOVING):
             if calls:
                 block.values = {letter: number for letter, number in values.items() if letter not in "PLK"}
@@ -414,7 +414,7 @@ G_CODES: dict[float | str, Code] = {
     10.0: Code(lambda dialect, block, code: dialect.origins.set_offset(block), 2, "once"),
     28.0: HOME, 30.0: HOME, 52.0: Code(shift, 2, "once"),
     92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
-    92.1: DROP, 92.2: DROP, 92.3: refuse("an origin that was dropped"),
+    92.1: DROP, 92.2: DROP, 92.3: DROP,
     50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),
     51.0: Code(lambda dialect, block, code: dialect.layers.scale(block), 2, "once"),
     50.1: MIRROR, 51.1: MIRROR, 53.1: TO_PLANE, 53.6: TO_PLANE, 254.0: DYNAMIC, 255.0: DYNAMIC,

@@ -45,6 +45,10 @@ EXTERNAL = tuple(f"E{number}" for number in range(1, 7))
 FOR = re.compile(r"FOR\s+([A-Z]\w*)\s*=\s*([-+]?\d+)\s+TO\s+([-+]?\d+)(?:\s+STEP\s+([-+]?\d+))?\s*$")
 CALL = re.compile(r"([A-Z_]\w{0,60})\s*\((.*)\)\s*$")
 HEAD = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(")
+#: Data of a module that every program of the controller sees; greatest number of data files that are looked into.
+PUBLIC = re.compile(r"DEFDAT\s+\w+\s+PUBLIC\b")
+SHARED = re.compile(r"(?:DECL\s+)?GLOBAL\s+(?:DECL\s+)?(?:CONST\s+)?\w+\s+(\w+)")
+MOST_FILES = 200
 #: Statements that say nothing about the path.
 SILENT = re.compile(
     r"DECL|INT|REAL|BOOL|CHAR|EXT|INTERRUPT|GLOBAL|WAIT|HALT|CONTINUE|TRIGGER|SIGNAL|RETURN|BRAKE|PULSE|ENDFCT|ENUM|STRUC|"
@@ -108,9 +112,31 @@ class _KrlReader:
 
     def run(self, text: str) -> None:
         """Carry out the first program of the file."""
+        self._load_shared(text.upper())
         with self.flow.guard():
             self._load_data(self.flow.file)
             self.flow.run(self._find_programs(split_lines(text), self.flow.file))
+
+    def _load_shared(self, text: str) -> None:
+        """Keep the GLOBAL positions of public .dat files beside the program that its text names."""
+        own = self.flow.file.stem.lower()
+        data = sorted(path for path in self.flow.file.parent.glob("*.[dD][aA][tT]") if path.stem.lower() != own)
+        keepers: dict[str, str] = {}
+        for path in data[:MOST_FILES]:
+            lines = [clean_line(raw) for raw in split_lines(read_bounded(path))]
+            if not any(PUBLIC.match(line) for line in lines[:50]):
+                continue
+            names = {found.group(1) for line in lines if "GLOBAL" in line and (found := SHARED.match(line))}
+            names = {name for name in names if re.search(rf"(?<!\w){name}(?!\w)", text)}
+            for name in sorted(names & keepers.keys()):
+                raise self.flow.error(f"{name} stands in {keepers[name]} and in {path.name}, both public; keep one")
+            keepers.update(dict.fromkeys(names, path.name))
+            whole = [line for line in lines if "=" in line and re.split(r"[\s\[=.]", line)[0] in names]
+            for line in whole + [line for line in lines if "=" in line and "GLOBAL" in line]:
+                self._assign(line)
+        if keepers:
+            files = ", ".join(sorted(set(keepers.values())))
+            self.robot.log.note(f"positions of other files are read: {files}", 1)
 
     def _load_data(self, file: Path) -> None:
         """Keep the positions and frames that the .dat file beside a program declares."""
