@@ -252,9 +252,7 @@ class _AptReader:
                 if not (self.unit or self.options.unit):  # that of lengths is taken from the feed
                     inch = word.startswith("I")
                     if inch and (self.placed or self.log.waypoints):
-                        raise InputError(
-                            "a feed in inches follows points of no stated unit; state it with --unit"
-                        )
+                        raise InputError("a feed in inches follows points of no stated unit; state it with --unit")
                     self.unit, self.scale = ("inch", INCH) if inch else ("mm", 1.0)
                     self.note(f"no unit is stated before the first feed: {self.unit} is taken from it")
                 return

@@ -41,6 +41,7 @@ SILENT = frozenset(map(float, (
     6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 103,
     *range(107, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
 )))  # fmt: skip
+POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
 CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({lexer.VALUE})\s*(?:F\s*({lexer.VALUE}))?\s*")
 WORD = re.compile(r"[A-Z]+")
 #: FUNCTION .. that says nothing of the path.
@@ -90,6 +91,7 @@ class Klartext:
         #: Whether every move from here on calls the cycle (M89).
         self.calls = False
         self.cycles = HeidenhainCycles(self.it, self.datums, self.words)
+        self.points: list[Point] = []
         self.inch = options.unit == "inch"
         self._set_unit()
 
@@ -407,22 +409,32 @@ class Klartext:
         self.words.stop_functions(functions)
 
     def call_cycle(self, rest: str) -> None:
-        """CYCL CALL, CYCL CALL POS, CYCL DEF: cycles."""
+        """CYCL CALL, CYCL CALL POS, CYCL CALL PAT, CYCL DEF: cycles."""
         if not rest.startswith("CALL"):
             self.cycles.define(f"CYCL {rest}")
             return
         words = rest.removeprefix("CALL").strip()
-        if words.startswith("PAT"):
-            raise InputError("CYCL CALL PAT (a pattern of holes) is not read; post-process without it")
-        found, functions = self.words.split(words.removeprefix("POS"))
+        pattern = words.startswith("PAT")
+        if pattern and not self.points:
+            raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
+        found, functions = self.words.split(words.removeprefix("PAT").removeprefix("POS"))
         self.words.start_functions(functions - {89, 99})
         self.words.take_feed(found)
-        if words.startswith("POS"):
-            self.cycles.call_at(self.it.motion.target(self.words.read(found))[0])
+        if pattern or words.startswith("POS"):
+            for place in self.points if pattern else [self.it.motion.target(self.words.read(found))[0]]:
+                self.cycles.call_at(place)
         else:
             self.cycles.call()
-        self.calls = (self.calls or 89 in functions) and 99 not in functions
+        if not pattern:
+            self.calls = (self.calls or 89 in functions) and 99 not in functions
         self.words.stop_functions(functions)
+
+    def define_pattern(self, text: str) -> None:
+        """PATTERN DEF: single positions."""
+        if POSITION.sub("", text.removeprefix("DEF")).strip():
+            raise InputError(f"PATTERN {text[:32]!r} is not read, only PATTERN DEF with POS is")
+        places = POSITION.findall(text)
+        self.points = [self.it.motion.target(self.words.read(self.words.split(words)[0]))[0] for words in places]
 
 
 def refuse(what: str, word: str) -> Callable[[Klartext, str], None]:
@@ -454,7 +466,7 @@ STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "PLANE": lambda dialect, rest: dialect.datums.run_plane(rest), "TRANS": Klartext.shift_datum,
     # contours and cycles
     "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner,
-    "CYCL": Klartext.call_cycle, "PATTERN": refuse("a pattern of holes", "PATTERN"),
+    "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
     # nothing of the path
     **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),
     "END": end_part,

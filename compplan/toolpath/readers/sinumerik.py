@@ -17,7 +17,7 @@ from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, C
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
-from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow
+from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, PLANE_AXES, PLANE_NORMALS, CncBlock, State
 from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.gcode import BEGINNING
@@ -203,9 +203,7 @@ class Sinumerik:
             elif called == "CYCLE800":
                 self._swivel(arguments)
             elif not self.cycles.run(called, arguments, modal=modal):
-                if arguments:
-                    raise InputError(f"call of {called[:24]} with values is not read; write the program out")
-                it.call(called, values.get("P", 1.0))
+                self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
 
     def _pass_over(self, block: CncBlock, word: float | str) -> None:
@@ -263,6 +261,28 @@ class Sinumerik:
             self.values.numbers.pop((variable, indices), None)
         else:
             self.values.numbers[variable, indices] = value
+
+    def _call(self, called: str, arguments: list[str], times: float) -> None:
+        """Carry out a subprogram with values for its parameters."""
+        values = [self.evaluate(text) if text else 0.0 for text in arguments]
+        for _ in range(int(times) if values else 1):
+            if values and self.it.flow.find_beside(called):
+                self._take_arguments(self.it.flow.programs[called], called, values)
+            self.it.call(called, 1.0 if values else times)
+
+    def _take_arguments(self, program: CncProgram, called: str, values: list[float]) -> None:
+        """Give the parameters of PROC NAME(REAL A, INT B) their values."""
+        for line in program.lines[program.first : min(program.first + 20, program.last)]:
+            text = strip(line)
+            if found := re.match(r"PROC\s+\w+\s*\(", text):
+                names = [part.partition("=")[0].split()[-1] for part in lexer.read_brackets(text, found.end() - 1)[0]]
+                if len(values) > len(names):
+                    break
+                for variable, value in zip(names, values, strict=False):
+                    self.values.names.add(variable)
+                    self.values.numbers[variable, ()] = value
+                return
+        raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
 
     def _change_frame(self, word: str, block: CncBlock) -> None:
         """Carry out TRANS, ROT, SCALE, MIRROR (in place of what was) and ATRANS .. (on top of it)."""

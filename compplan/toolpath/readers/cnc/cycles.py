@@ -1,7 +1,8 @@
-"""Drilling cycles: the geometry of holes, which all dialects share."""
+"""Drilling cycles: the geometry of holes and of patterns of holes, which all dialects share."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +10,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.course import Course
 
-#: Greatest number of holes of one block, and of pecks of one hole.
+#: Greatest number of holes of one block or pattern, and of pecks of one hole.
 MOST_HOLES = 10_000
 MOST_PECKS = 10_000
 #: How far a deep-hole cycle stays above the depth before when it comes back (G83) or goes back (G73). [mm]
@@ -97,3 +98,28 @@ def list_pecks(clear: float, bottom: float, first: float, less: float, least: fl
         depths.append(depths[-1] - peck)
         peck = max(peck - less, least)
     return depths[1:]
+
+
+def list_circle(centre: tuple[float, float], radius: float, start: float, step: float, count: int) -> list[Point]:
+    """List holes on a circle; angles in degrees."""
+    angles = [math.radians(start + step * i) for i in range(_check(count))]
+    return [(centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle), 0.0) for angle in angles]
+
+
+def list_grid(corner: tuple[float, float], turn: float, steps: tuple[float, float], counts: tuple[int, int],
+              first: float = 0.0) -> list[Point]:  # fmt: skip
+    """List holes in rows, to and fro; the rows turn about the corner by an angle in degrees."""
+    cosine, sine = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+    places: list[Point] = []
+    _check(counts[0] * counts[1])
+    for row in range(counts[1]):
+        for column in range(counts[0]) if row % 2 == 0 else reversed(range(counts[0])):
+            u, v = first + column * steps[0], row * steps[1]
+            places.append((corner[0] + u * cosine - v * sine, corner[1] + u * sine + v * cosine, 0.0))
+    return places
+
+
+def _check(count: int) -> int:
+    if not 0 < count <= MOST_HOLES:
+        raise InputError(f"pattern of {count} holes, 1 to {MOST_HOLES} are read")
+    return count

@@ -1,4 +1,4 @@
-"""Drilling cycles of Heidenhain programs: 1, 2, 17, 200 to 209 and 240."""
+"""Drilling cycles of Heidenhain programs: 1, 2, 17, 200 to 209 and 240, patterns 220 and 221."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
-from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill
+from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
@@ -65,10 +65,14 @@ class HeidenhainCycles:
                 self.cycle = Cycle(number)
             if last:
                 self.cycle.values[str(at)] = self.words.value(last.group(1))
-        elif number in DRILLING:
+        elif number in DRILLING or number in (220, 221):
             values = {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)}
             self.words.values.update(values)
-            self.cycle, self.defining = Cycle(number, values), True
+            self.defining = True
+            if number in (220, 221):
+                self._drill_pattern(Cycle(number, values))
+            else:
+                self.cycle = Cycle(number, values)
         else:
             raise InputError(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
@@ -96,12 +100,20 @@ class HeidenhainCycles:
 
     def call_at(self, place: Point) -> None:
         """Drill at a place; its height counts on top of the cycle's surface."""
-        cycle, course, axis = self.cycle, self.it.course, self.words.tool_axis
-        if cycle is None or cycle.number in OLD:
-            raise InputError("CYCL CALL at positions needs a cycle from 200")
-        surface = cycle.values.get("Q203", 0.0) + place[axis]
-        course.rapid(set_level(place, axis, course.position[axis]), PLANE_AXES[self.it.state.plane])
-        self._drill(Cycle(cycle.number, {**cycle.values, "Q203": surface}))
+        cycle = self._need_new("CYCL CALL at positions needs a cycle from 200")
+        surface = cycle.values.get("Q203", 0.0) + place[self.words.tool_axis]
+        self._drill_over(place, Cycle(cycle.number, {**cycle.values, "Q203": surface}))
+
+    def _need_new(self, message: str) -> Cycle:
+        if self.cycle is None or self.cycle.number in OLD:
+            raise InputError(message)
+        return self.cycle
+
+    def _drill_over(self, place: Point, cycle: Cycle) -> None:
+        """Move rapidly over a place at the height of the tool, and drill there."""
+        height = self.it.course.position[self.words.tool_axis]
+        self.it.course.rapid(set_level(place, self.words.tool_axis, height), PLANE_AXES[self.it.state.plane])
+        self._drill(cycle)
 
     def _drill(self, cycle: Cycle) -> None:
         """Carry out a cycle at the tool's place.
@@ -149,3 +161,29 @@ class HeidenhainCycles:
         feed = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
         back = cycle.values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
         return feed, None if back >= FASTEST else self.to_mm_s(back) if back > 0.0 else feed
+
+    def _drill_pattern(self, pattern: Cycle) -> None:
+        """Carry out cycles 220 (holes on a circle) and 221 (holes in rows) with the cycle defined before."""
+        get, n, course, axis = pattern.get, pattern.values, self.it.course, self.words.tool_axis
+        cycle = self._need_new(f"cycle {pattern.number}, and no cycle from 200 is defined before it")
+        if n.get("Q365", 0.0) != 0.0:
+            raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read")
+        kept: dict[str, float] = {name: n[name] for name in ("Q200", "Q203", "Q204") if name in n}
+        if n.get("Q301", 1.0) == 0.0:
+            kept["Q204"] = 0.0
+        if pattern.number == 220:
+            count, start, step = int(get("Q241")), get("Q245"), n.get("Q247", 0.0)
+            span = n.get("Q246", 360.0) - start
+            step = step or span / max(1, count if abs(abs(span) - 360.0) < 1e-9 else count - 1)
+            places = list_circle((get("Q216"), get("Q217")), 0.5 * get("Q244"), start, step, count)
+        else:
+            counts = int(get("Q242")), int(get("Q243"))
+            steps = get("Q237"), get("Q238")
+            places = list_grid((get("Q225"), get("Q226")), n.get("Q224", 0.0), steps, counts)
+        first, second = PLANE_AXES[self.it.state.plane]
+        for u, v, _ in places:
+            place = set_level(set_level((0.0, 0.0, 0.0), first, u), second, v)
+            self._drill_over(place, Cycle(cycle.number, {**cycle.values, **kept}))
+        top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
+        if top > course.position[axis]:
+            course.rapid(set_level(course.position, axis, top), (axis,))

@@ -1,4 +1,4 @@
-"""Cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL; others are refused."""
+"""Cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801; others are refused."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from collections.abc import Callable
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import set_level
-from compplan.toolpath.readers.cnc.cycles import Hole, drill
+from compplan.toolpath.readers.cnc.cycles import Hole, drill, list_circle, list_grid
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import DEEP_AXIS
+from compplan.toolpath.readers.cnc.state import DEEP_AXIS, PLANE_AXES
 
 #: Drilling cycles, and whether the tool leaves the hole with a feed.
 DRILLING = {"CYCLE81": False, "CYCLE82": False, "CYCLE83": False, "CYCLE84": True, "CYCLE840": True, "CYCLE85": True,
             "CYCLE86": False, "CYCLE87": False, "CYCLE88": False, "CYCLE89": True}  # fmt: skip
+PATTERNS = {"HOLES1", "HOLES2", "CYCLE801"}
 REFUSED = re.compile(r"CYCLE\d+|POCKET\d|SLOT\d|LONGHOLE|HOLES\d|CONTPRON|CONTDCON")
 #: Calls that say nothing of the path.
 SILENT_CALLS = frozenset((
@@ -37,13 +38,15 @@ class SinumerikCycles:
         """Carry out a cycle, or keep it for the holes that follow; return whether the call is one that is read."""
         if called in SILENT_CALLS:
             return True
-        if called not in DRILLING:
+        if called not in DRILLING and called not in PATTERNS:
             if REFUSED.fullmatch(called):
                 raise InputError(f"{called} is not read; write its moves out in the CAM system")
             return False
         numbers: Numbers = [None if not text or text[0] == '"' else self.evaluate(text) for text in arguments]
         numbers += [None] * (20 - len(numbers))
-        if modal:
+        if called in PATTERNS:
+            self._drill_pattern(called, [number or 0.0 for number in numbers])
+        elif modal:
             self.modal = called, numbers
         else:
             self._drill(called, numbers)
@@ -92,3 +95,21 @@ class SinumerikCycles:
             return numbers[6] * state.feed_scale / 60.0, (numbers[7] or numbers[6]) * state.feed_scale / 60.0
         feed = self.it.motion.feed(0.0)
         return feed, feed
+
+    def _drill_pattern(self, called: str, n: list[float]) -> None:
+        """Carry out HOLES1 (a row), HOLES2 (a circle) and CYCLE801 (a grid) with the modal cycle."""
+        if self.modal is None:
+            raise InputError(f"{called}, and no drilling cycle is called before it (MCALL)")
+        corner, count = (n[0], n[1]), int(n[5])
+        if called == "HOLES1":  # SPCA, SPCO, STA1, FDIS, DBH, NUM
+            places = list_grid(corner, n[2], (n[4], 0.0), (count, 1), n[3])
+        elif called == "HOLES2":  # CPA, CPO, RAD, STA1, INDA, NUM
+            places = list_circle(corner, n[2], n[3], n[4] or 360.0 / max(count, 1), count)
+        else:  # SPCA, SPCO, STA, DIS1, DIS2, NUM1, NUM2
+            places = list_grid(corner, n[2], (n[3], n[4]), (count, int(n[6])))
+        first, second = PLANE_AXES[self.it.state.plane]
+        self.it.contour.refuse_open()
+        for u, v, _ in places:
+            place = set_level(self.it.course.position, first, u * self.it.state.scale)
+            self.it.course.rapid(set_level(place, second, v * self.it.state.scale), (first, second))
+            self.drill_here()
