@@ -1,4 +1,4 @@
-"""KUKA KRL programs (.src, with positions in the .dat beside them): LIN, CIRC and PTP in a base frame.
+"""KUKA KRL programs (.src, with positions in the .dat beside them): LIN, CIRC, SPLINE and PTP in a base frame.
 
 Statements run in their order, loops whose bounds are numbers pass by pass, programs that are called where they stand.
 """
@@ -109,6 +109,7 @@ class _KrlReader:
         self.counters: dict[str, int] = {}
         self.called = ""
         self.last: dict[str, float] = {}
+        self.spline: list[Array] | None = None
 
     def run(self, text: str) -> None:
         """Carry out the first program of the file."""
@@ -379,12 +380,22 @@ class _KrlReader:
     def _move(self, statement: str) -> None:
         statement, _, extra = statement.partition(" WITH ")
         kind, rest = re.match(r"(\w+)\s*(.*)$", statement).groups()  # type: ignore[union-attr]
+        if extra and kind == "SPL":
+            raise InputError("SPL with data of its own (WITH) is not read; give them to the SPLINE")
+        if self.spline is None:
+            self._read_with(extra)
         if kind.endswith("_REL"):
             raise InputError(f"{kind} (relative moves) is not read; write absolute positions")
-        if kind in ("SPLINE", "SPL", "ENDSPLINE"):
-            raise InputError(f"{kind} is not read: the controller's curve between its points is not published; write "
-                             "the path out as LIN")  # fmt: skip
-        self._read_with(extra)
+        if kind == "SPLINE":
+            self.spline = []
+            return
+        if kind == "ENDSPLINE":
+            poses, self.spline = self.spline, None
+            if poses:
+                self.robot.spline(poses, self._speed())
+            return
+        if self.spline is not None and kind != "SPL":
+            raise InputError(f"{kind} within SPLINE is not read, only SPL is")
         parts = split_fields(rest, "{", "}")
         named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
         if kind in ("PTP", "SPTP") and named and named.group(0) not in self.positions:
@@ -398,6 +409,10 @@ class _KrlReader:
             self.robot.rapid(self._pose(numbers))
         elif kind in ("LIN", "SLIN"):
             self.robot.straight(self._pose(numbers), self._speed())
+        elif kind == "SPL":
+            if self.spline is None:
+                raise InputError("SPL outside of SPLINE is not read")
+            self.spline.append(self._pose(numbers))
         else:
             self._circle(numbers, parts[1:])
 

@@ -62,7 +62,7 @@ VALUES = {"SPOS", "SPOSA", "LIMS", "ADIS", "ADISPOS", "OVR", "OVRA", "ACC", "CTO
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
 SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "RNDM", "FA", "DISCL", "FGREF", "TOFFL",
                     "TOFFR", "OMA", "STOLF", "TCARR", *VALUES, *CORNERS))  # fmt: skip
-OF_ARCS = frozenset(("CR", "TURN", *MIDDLES))
+OF_ARCS = frozenset(("CR", "AR", "TURN", *MIDDLES))
 FRAME_WORDS = frozenset(("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR"))
 #: Moves in machine coordinates, which are left out: their places need not be known.
 HOME = re.compile(r"\bSUPA\b|\bG0*1?53\b|\bG7[45]\b")
@@ -141,7 +141,6 @@ class Sinumerik:
         if program.labels is None:
             self.flow.prepare(program)
         it.steady = False
-        it.flow.count_work(len(raw))
         body, comment = lexer.cut_comment(raw)
         if comment and not comment.startswith("$PATH"):
             it.log.happen("comment", it.flow.line, text=comment)
@@ -239,7 +238,7 @@ class Sinumerik:
             it.note("coordinates before any G0 or G1 are read as G1")
         if state.motion in (0.0, 1.0):
             if block.has(OF_ARCS):
-                raise InputError("words of an arc (CR, TURN) in a straight block")
+                raise InputError("words of an arc (CR, AR, TURN) in a straight block")
             if block.has(CENTRES):
                 it.note("I J K in straight moves are not read")
         elif values.get("TURN") and not block.has(POLAR):

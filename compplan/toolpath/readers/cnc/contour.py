@@ -7,11 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, centre_from_radius, combine, cross, dot
+from compplan.toolpath.readers.arcs import Point, arc_about, centre_from_radius, combine, cross, dot
 from compplan.toolpath.readers.cnc.course import Course
 
 #: Angles below this count as none. [rad]
 STRAIGHT = 1e-6
+#: Greatest part of a line that may leave the plane of a corner.
+LEANING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -125,35 +127,130 @@ def join_corner(
     """Return two elements cut back to a corner between them, and what joins them; ValueError if no such corner fits.
 
     Two lines turning by t lose r tan(t / 2) each to a rounding of radius r, and c / (2 cos(t / 2)) to a chamfer of
-    length c. A corner beside an arc is not read. `unit` is that of messages, "" where it depends on the program.
+    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet. `unit` is that of
+    messages, "" where it depends on the program.
     """
-    point = before.end
+    point, normal = before.end, after.normal if after.centre is not None else before.normal
     one, other = before.tangent(point), after.tangent(point)
+    lines = before.centre is None and after.centre is None
     across = cross(one, other)
     turn = math.atan2(math.hypot(*across), dot(one, other))
     if before.axis is not None or after.axis is not None:
         raise ValueError("the tool turns beside a rounded or cut corner, which is not read")
     if turn < STRAIGHT or corner.size == 0.0:
         return before, None, after
-    if before.centre is not None or after.centre is not None:
-        raise ValueError("a rounded or cut corner beside an arc is not read")
     if turn > math.radians(179.9):
         raise ValueError("the path turns back at this corner")
     if corner.size < 0.0:
         raise ValueError(f"a corner of {corner.size:g}{unit}, expected a size above 0")
-    normal = _unit(across)
-    reach = {
-        "ROUND": corner.size * math.tan(0.5 * turn), "LEG": corner.size,
-        "CHAMFER": 0.5 * corner.size / math.cos(0.5 * turn),
-    }[corner.kind]  # fmt: skip
-    shortest = min(math.dist(before.start, point), math.dist(point, after.end))
-    if reach > shortest + 1e-6:
-        raise ValueError(f"a corner of {corner.size:g}{unit} takes {reach:g}{unit} of moves of {shortest:g}{unit}")
-    first, last = combine(1.0, point, -reach, one), combine(1.0, point, reach, other)
-    middle = combine(1.0, first, corner.size, cross(normal, one)) if corner.kind == "ROUND" else None
     feed = before.feed if corner.feed is None else corner.feed
-    joint = Element(first, last, before.named, feed, corner.line, middle, normal)
+    if lines:
+        normal = _unit(across)
+        reach = {
+            "ROUND": corner.size * math.tan(0.5 * turn), "LEG": corner.size,
+            "CHAMFER": 0.5 * corner.size / math.cos(0.5 * turn),
+        }[corner.kind]  # fmt: skip
+        shortest = min(math.dist(before.start, point), math.dist(point, after.end))
+        if reach > shortest + 1e-6:
+            raise ValueError(f"a corner of {corner.size:g}{unit} takes {reach:g}{unit} of moves of {shortest:g}{unit}")
+        first, last = combine(1.0, point, -reach, one), combine(1.0, point, reach, other)
+        middle = combine(1.0, first, corner.size, cross(normal, one)) if corner.kind == "ROUND" else None
+        right_hand = True
+    else:
+        if corner.kind != "ROUND" or max(abs(dot(one, normal)), abs(dot(other, normal))) > LEANING:
+            raise ValueError("a chamfer beside an arc, or a corner out of the plane of its arc, is not read")
+        right_hand = dot(across, normal) > 0.0
+        middle, first, last = _find_rounding(before, after, corner.size, normal, right_hand=right_hand)
+    joint = Element(first, last, before.named, feed, corner.line, middle, normal, right_hand)
     return replace(before, end=first), joint, replace(after, start=last)
+
+
+def _find_rounding(
+    before: Element, after: Element, radius: float, normal: Point, *, right_hand: bool
+) -> tuple[Point, Point, Point]:
+    """Return centre, begin and end of the arc of a radius that touches two elements from inside their corner."""
+    point = before.end
+    u = before.tangent(point)
+    v = cross(normal, u)
+    moved = [_move_inwards(element, point, radius if right_hand else -radius, u, v) for element in (before, after)]
+    places = _meet(moved[0], moved[1])
+    best: tuple[float, Point, Point, Point] | None = None
+    for x, y in places:
+        centre = combine(1.0, combine(1.0, point, x, u), y, v)
+        touches = [_touch(element, centre, normal) for element in (before, after)]
+        if all(_lies_on(e, t) for e, t in zip((before, after), touches, strict=True)):
+            far = math.dist(centre, point)
+            if best is None or far < best[0]:
+                best = far, centre, touches[0], touches[1]
+    if best is None:
+        raise ValueError(f"a rounding of radius {radius:g} does not fit between its elements")
+    return best[1], best[2], best[3]
+
+
+Flat = tuple[str, float, float, float, float]
+
+
+def _move_inwards(element: Element, point: Point, left: float, u: Point, v: Point) -> Flat:
+    """Return an element moved to its left, in the plane: a line (point, direction) or a circle (centre, radius)."""
+    if element.centre is None:
+        t = element.tangent(point)
+        x, y = dot(t, u), dot(t, v)
+        return "line", -y * left, x * left, x, y
+    arm = combine(1.0, element.centre, -1.0, point)
+    size = math.dist(element.centre, point) + (-left if element.right_hand else left)
+    return "circle", dot(arm, u), dot(arm, v), abs(size), 0.0
+
+
+def _meet(one: Flat, other: Flat) -> list[tuple[float, float]]:
+    """Return where two lines or circles of a plane meet."""
+    if one[0] == "line" and other[0] == "line":
+        return []
+    if one[0] == "circle" and other[0] == "circle":
+        dx, dy = other[1] - one[1], other[2] - one[2]
+        apart = math.hypot(dx, dy)
+        if apart < 1e-12:
+            return []
+        along = (apart * apart + one[3] ** 2 - other[3] ** 2) / (2.0 * apart)
+        across = math.sqrt(max(one[3] ** 2 - along**2, 0.0))
+        if abs(along) > one[3] + 1e-9:
+            return []
+        ex, ey = dx / apart, dy / apart
+        return [(one[1] + along * ex - s * across * ey, one[2] + along * ey + s * across * ex) for s in (1.0, -1.0)]
+    line, circle = (one, other) if one[0] == "line" else (other, one)
+    px, py = line[1] - circle[1], line[2] - circle[2]
+    along = px * line[3] + py * line[4]
+    inside = along * along - (px * px + py * py - circle[3] ** 2)
+    if inside < -1e-9:
+        return []
+    root = math.sqrt(max(inside, 0.0))
+    return [(line[1] + t * line[3], line[2] + t * line[4]) for t in (-along + root, -along - root)]
+
+
+def _touch(element: Element, centre: Point, normal: Point) -> Point:
+    """Return where a rounding about a centre touches an element."""
+    if element.centre is None:
+        t = element.tangent(element.start)
+        return combine(1.0, element.start, dot(combine(1.0, centre, -1.0, element.start), t), t)
+    arm = combine(1.0, centre, -1.0, element.centre)
+    arm = combine(1.0, arm, -dot(arm, normal), normal)
+    size, radius = math.hypot(*arm), math.dist(element.centre, element.start)
+    return combine(1.0, element.centre, radius / max(size, 1e-12), arm)
+
+
+def _lies_on(element: Element, place: Point) -> bool:
+    """Return whether a point of an element's line or circle lies within its ends."""
+    if element.centre is None:
+        t = element.tangent(element.start)
+        along = dot(combine(1.0, place, -1.0, element.start), t)
+        return -1e-6 <= along <= math.dist(element.start, element.end) + 1e-6
+    if element.turns > 1:
+        return True
+    whole, part = (
+        abs(arc_about(element.start, end, element.centre, element.normal, right_hand=element.right_hand).sweep)
+        for end in (element.end, place)
+    )
+    near = math.dist(place, element.start) < 1e-6
+    return part <= whole + 1e-6 or near
 
 
 def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) -> tuple[Point, bool] | None:

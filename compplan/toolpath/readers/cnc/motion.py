@@ -273,6 +273,8 @@ class MotionReader:
         elif "CR" in values:
             radius = values["CR"] * state.scale
             centre = find_centre(start, target, normal, radius, self.contour.unit, right_hand=right_hand)
+        elif "AR" in values:
+            centre, target = self._find_opening(block, start, target, right_hand=right_hand)
         elif any("IJK"[axis] in values for axis in PLANE_AXES[plane]):
             centre = state.centre(start, block, plane)
             if state.centres != "incremental":
@@ -313,3 +315,21 @@ class MotionReader:
             raise InputError("CIP has no point on its way, expected I1= J1= K1=")
         arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
         return arc.centre, arc.normal, arc.sweep > 0.0
+
+    def _find_opening(self, block: CncBlock, start: Point, target: Point, *, right_hand: bool) -> tuple[Point, Point]:
+        """Return centre and end of an arc by its opening angle AR, with its end or its centre."""
+        opening, normal = block.values["AR"], PLANE_NORMALS[self.state.plane]
+        if not 0.0 < opening < 360.0:
+            raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
+        angle, flat = math.radians(opening), lambda point: combine(1.0, point, -dot(point, normal), normal)
+        if block.has(CENTRES):
+            centre = self.state.centre(start, block, self.state.plane)
+            arm = combine(1.0, flat(start), -1.0, flat(centre))
+            turn = angle if right_hand else -angle
+            side = (normal[1] * arm[2] - normal[2] * arm[1], normal[2] * arm[0] - normal[0] * arm[2],
+                    normal[0] * arm[1] - normal[1] * arm[0])  # fmt: skip
+            end = combine(1.0, combine(1.0, centre, math.cos(turn), arm), math.sin(turn), side)
+            return centre, combine(1.0, end, dot(target, normal) - dot(end, normal), normal)
+        radius = 0.5 * math.dist(flat(start), flat(target)) / math.sin(0.5 * angle)
+        signed = radius if angle <= math.pi else -radius
+        return find_centre(start, target, normal, signed, self.contour.unit, right_hand=right_hand), target

@@ -23,6 +23,9 @@ SILENT_CALLS = frozenset((
     "INIT", "JERKLIM", "LIMS", "MSG", "RESET", "SETAL", "SETM", "SETMS", "SOFTA", "SPCOF", "SPCON", "START", "STOPRE",
     "VELOLIM", "WAITE", "WAITM", "WAITMC", "WAITS", "WORKPIECE", "WRITE",
 ))  # fmt: skip
+#: Pitches of coarse metric threads by their size. [mm]
+PITCHES = {3: 0.5, 4: 0.7, 5: 0.8, 6: 1.0, 8: 1.25, 10: 1.5, 12: 1.75, 14: 2.0, 16: 2.0, 18: 2.5, 20: 2.5, 22: 2.5,
+           24: 3.0, 27: 3.0, 30: 3.5, 33: 3.5, 36: 4.0, 39: 4.0, 42: 4.5, 45: 4.5, 48: 5.0}  # fmt: skip
 Numbers = list[float | None]
 
 
@@ -84,13 +87,11 @@ class SinumerikCycles:
         """Return feed into and out of a hole in mm/s."""
         state = self.it.state
         if called == "CYCLE84":
-            pitch, speed, back = numbers[8], numbers[10], numbers[11]
-            if not pitch:
-                raise InputError("CYCLE84 by the size of its thread (MPIT) is not read; state the pitch")
-            speed = abs(speed or state.spindle)
-            if speed:
-                lead = abs(pitch) * state.scale / 60.0
-                return lead * speed, lead * abs(back or speed)
+            size, pitch, speed, back = numbers[7], numbers[8], numbers[10], numbers[11]
+            lead = abs(pitch) * state.scale if pitch else PITCHES.get(int(abs(size or 0.0)), 0.0)
+            speed = abs(speed) if speed else state.spindle
+            if lead and speed:
+                return lead * speed / 60.0, lead * abs(back or speed) / 60.0
         if called == "CYCLE85" and numbers[6]:
             return numbers[6] * state.feed_scale / 60.0, (numbers[7] or numbers[6]) * state.feed_scale / 60.0
         feed = self.it.motion.feed(0.0)

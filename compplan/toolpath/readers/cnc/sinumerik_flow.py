@@ -23,7 +23,7 @@ GOTO = r"(.*?)\b(GOTO[FBC]?)\s+(N\s*\d+|[A-Z_]\w*|\d+)\s*"
 DECLARE = re.compile(r"DEF\s+(?:CHAN\s+|NCK\s+)?(REAL|INT|BOOL|CHAR|STRING(?:\[\d+\])?|AXIS|FRAME)\s+(.*)")
 #: Statements of control that are not read.
 REFUSED = {
-    "CASE", "CALL", "PCALL", "EXTCALL", "ISOCALL", "GOTOS", "ID", "IDS", "WHEN", "WHENEVER", "EVERY", "DO", "REDEF",
+    "CALL", "PCALL", "EXTCALL", "ISOCALL", "GOTOS", "ID", "IDS", "WHEN", "WHENEVER", "EVERY", "DO", "REDEF",
     "DEFINE",
 }  # fmt: skip
 
@@ -125,6 +125,8 @@ class SinumerikFlow:
             return self._run_for(rest, program, index)
         if word.startswith("GOTO"):
             return self._find_goto(word, rest, program, index)
+        if word == "CASE":
+            return self._run_case(rest, program, index)
         if word in ("REPEAT", "REPEATB") and rest:
             return self._repeat(word, rest, program, index)
         return index + 1
@@ -150,6 +152,14 @@ class SinumerikFlow:
         value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(first)
         self.values.numbers[key] = counting[index] = value
         return program.partners[index] + 1 if value > self.evaluate(last) else index + 1
+
+    def _run_case(self, rest: str, program: CncProgram, index: int) -> int:
+        expression, cases = self._match(r"(.+?)\s+OF\s+(.*)", rest, "CASE .. OF .. GOTOF label")
+        value = self.evaluate(expression)
+        for constant, how, label in re.findall(r"(\S+)\s+(GOTO[FBC]?)\s+([A-Z_]\w*|N?\d+)", cases):
+            if constant == "DEFAULT" or self.evaluate(constant) == value:
+                return self._find_goto(how, label, program, index)
+        return index + 1
 
     def _find_goto(self, how: str, label: str, program: CncProgram, index: int) -> int:
         """Return the line of a label or block number, forwards (GOTOF), backwards (GOTOB), or both."""
