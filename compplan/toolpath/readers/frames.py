@@ -101,6 +101,21 @@ def stretch(x: float, y: float, z: float) -> Frame:
     return Frame(((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)))
 
 
+def stand_on(first: Point, normal: Point) -> Frame:
+    """Return the frame whose z points along a normal, and x as far as it can along a direction; else ValueError."""
+    length = math.hypot(*normal)
+    if length < 1e-9:
+        raise ValueError("the normal of the plane has no direction")
+    z = normal[0] / length, normal[1] / length, normal[2] / length
+    y = cross(z, first)
+    size = math.hypot(*y)
+    if size < 1e-9 * max(1.0, math.hypot(*first)):
+        raise ValueError("normal and base vector of the plane are parallel")
+    y = y[0] / size, y[1] / size, y[2] / size
+    x = cross(y, z)
+    return Frame(tuple(zip(x, y, z, strict=True)))  # type: ignore[arg-type]
+
+
 def scale_about(centre: Point, scales: Point) -> Frame:
     """Return a scaling of each axis about a point [mm]; negative scales mirror."""
     x, y, z = (centre[axis] * (1.0 - scales[axis]) for axis in range(3))

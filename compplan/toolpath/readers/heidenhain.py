@@ -15,6 +15,7 @@ from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc import heidenhain_words as lexer
 from compplan.toolpath.readers.cnc.contour import Corner
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
+from compplan.toolpath.readers.cnc.heidenhain_approach import Approaches
 from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
@@ -90,6 +91,7 @@ class Klartext:
         self.begun = False
         #: Whether every move from here on calls the cycle (M89).
         self.calls = False
+        self.approaches = Approaches(self.it, self.words)
         self.cycles = HeidenhainCycles(self.it, self.datums, self.words)
         self.points: list[Point] = []
         self.inch = options.unit == "inch"
@@ -333,7 +335,7 @@ class Klartext:
         it, state = self.it, self.it.state
         words, functions = self.words.split(re.sub(r"\([^()]*\)$", "", rest))
         self.words.start_functions(functions)
-        self.words.check_compensation(words)
+        self.words.take_side(words)
         rapid = self.words.take_feed(words)
         if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
             it.note("axes U V W are not read")
@@ -456,7 +458,6 @@ def end_part(dialect: Klartext, rest: str) -> None:
         raise InputError(f"block 'END {rest[:36]}' is not read and may move the tool; post-process without it")
 
 
-APPROACH = "approach of a contour that the control compensates"
 STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "BEGIN": Klartext.begin, "M": Klartext.run_functions,
     "STOP": lambda dialect, rest: dialect.run_functions(rest, stops=True),
@@ -466,6 +467,8 @@ STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "PLANE": lambda dialect, rest: dialect.datums.run_plane(rest), "TRANS": Klartext.shift_datum,
     # contours and cycles
     "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner,
+    "APPR": lambda dialect, rest: dialect.approaches.run_approach(rest),
+    "DEP": lambda dialect, rest: dialect.approaches.run_departure(rest),
     "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
     # nothing of the path
     **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),
@@ -473,7 +476,6 @@ STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     # refused
     "SPL": refuse("splines", "SPL"), "CONTOUR": refuse("contour cycles", "CONTOUR"),
     **{word: refuse("free contours", word) for word in ("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT")},
-    "APPR": refuse(APPROACH, "APPR"), "DEP": refuse(APPROACH, "DEP"),
     "TURNDATA": refuse("turning", "TURNDATA"), "POLARKIN": refuse("polar kinematics", "POLARKIN"),
     "AFC": refuse("adaptive feed", "AFC"),
 }  # fmt: skip

@@ -66,25 +66,41 @@ class Corner:
     modal: bool = False
 
 
+Approach = Callable[[Element], list[Element]]
+
+
 class Contour:
-    """Hold an element that a corner ends until the next one."""
+    """Hold what waits for the next element: an approach, or an element that a corner ends."""
 
     def __init__(self, course: Course, unit: str = " mm") -> None:
         self.course, self.unit = course, unit
         self.held: tuple[Element, Corner] | None = None
+        self.approach: Approach | None = None
+        self.target: Point = (0.0, 0.0, 0.0)
+        self.first = 0
 
     @property
     def position(self) -> Point:
         """Where the next element begins, in the coordinates of the program."""
+        if self.approach is not None:
+            return self.target
         return self.held[0].end if self.held else self.course.position
 
     @property
     def idle(self) -> bool:
         """Whether nothing waits for the next element."""
-        return self.held is None
+        return self.held is None and self.approach is None
+
+    def wait(self, approach: Approach, target: Point, line: int) -> None:
+        """Let an approach to a point wait for the first element of the contour."""
+        self.approach, self.target, self.first = approach, target, line
 
     def add(self, element: Element, corner: Corner | None = None) -> None:
         """Take an element, and the corner at its end."""
+        if self.approach is not None:
+            approach, self.approach = self.approach, None
+            for piece in approach(element):
+                self._put(piece)
         if self.held is not None:
             before, asked = self.held
             self.held = None
@@ -101,12 +117,14 @@ class Contour:
             self._put(element)
 
     def refuse_open(self) -> None:
-        """Refuse a corner that no cut follows; put down what waits for a modal one."""
+        """Refuse a corner or an approach that no cut follows; put down what waits for a modal one."""
         if self.held is not None and self.held[1].modal:
             element, self.held = self.held[0], None
             self._put(element)
         if self.held is not None:
             raise InputError(f"the rounded or cut corner of line {self.held[1].line} has no cutting move after it")
+        if self.approach is not None:
+            raise InputError(f"the approach of line {self.first} has no contour after it")
 
     def _put(self, element: Element) -> None:
         course = self.course

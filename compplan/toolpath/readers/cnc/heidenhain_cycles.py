@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
+from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import PLANE_AXES
+from compplan.toolpath.readers.cnc.state import PLANE_AXES, PLANE_NORMALS
 
 #: Drilling cycles, and whether the tool leaves the hole with the feed; old ones, and the part that states their feed.
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
-            207: True, 209: True, 240: False}  # fmt: skip
+            207: True, 208: False, 209: True, 240: False}  # fmt: skip
 OLD = {1: 5, 2: 4, 17: 3}
 #: Cycles that say nothing of the path.
 SILENT = {13, 32, 239, 332, 392}
@@ -144,7 +147,11 @@ class HeidenhainCycles:
             elif not expand:
                 self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
                 return
-            if depth != 0.0:
+            if cycle.number == 208 and expand and depth != 0.0:
+                self._mill_bore(values, clear, bottom, feed)
+                course.rapid(set_level(course.position, axis, clear), (axis,))
+                course.rapid(set_level(course.position, axis, top), (axis,))
+            elif depth != 0.0:
                 hole = Hole(axis, clear, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
                 drill(course, hole, expand=expand, name=str(cycle.number))
             elif cycle.number not in OLD:
@@ -161,6 +168,24 @@ class HeidenhainCycles:
         feed = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
         back = cycle.values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
         return feed, None if back >= FASTEST else self.to_mm_s(back) if back > 0.0 else feed
+
+    def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
+        """Mill a bore on a helix (cycle 208): from its middle out, down, round the bottom, back to the middle."""
+        radius, course, axis = self.words.radii.get(self.words.tool), self.it.course, self.words.tool_axis
+        if radius is None:
+            raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
+        reach, pitch = 0.5 * values.get("Q335", 0.0) - radius, abs(values.get("Q334", 0.0))
+        if reach <= 0.0 or pitch <= 0.0:
+            raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
+        middle, one = course.position, PLANE_AXES[self.it.state.plane][0]
+        course.line(set_level(middle, one, middle[one] + reach), (), feed)
+        turns = max(1, math.ceil((first - bottom) / pitch - 1e-9))
+        for rounds in (turns, 1):
+            start, end = course.position, set_level(course.position, axis, bottom)
+            centre = set_level(start, one, start[one] - reach)
+            normal = PLANE_NORMALS[self.it.state.plane]
+            self.it.contour.add(Element(start, end, (), feed, self.it.flow.line, centre, normal, True, rounds))
+        course.line(set_level(middle, axis, bottom), (), feed)
 
     def _drill_pattern(self, pattern: Cycle) -> None:
         """Carry out cycles 220 (holes on a circle) and 221 (holes in rows) with the cycle defined before."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 
 from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import cross
 from compplan.toolpath.readers.cnc.heidenhain_words import TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, PLANE_NORMALS
-from compplan.toolpath.readers.frames import NOWHERE, Frame, rotate, shift, stretch
+from compplan.toolpath.readers.frames import NOWHERE, Frame, rotate, shift, stand_on, stretch
 
 AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
 NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
@@ -165,6 +166,15 @@ class KlartextDatums:
             return find_spatial(n["SPA"], n["SPB"], n["SPC"])
         if kind == "EULER":
             return rotate(2, n["EULPR"]).then(rotate(0, n["EULNU"])).then(rotate(2, n["EULROT"]))
+        if kind == "VECTOR":
+            return stand_on((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
+        if kind == "POINTS":
+            one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
+            x = two[0] - one[0], two[1] - one[1], two[2] - one[2]
+            y = three[0] - one[0], three[1] - one[1], three[2] - one[2]
+            if any(one):
+                raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
+            return stand_on(x, cross(x, y))
         if kind == "RELATIV":
             (name, angle), *more = n.items()
             if more or name not in ("SPA", "SPB", "SPC"):

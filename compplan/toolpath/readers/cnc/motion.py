@@ -248,7 +248,7 @@ class MotionReader:
         """Return the direction in which the contour arrives, in the coordinates of the program."""
         if self.contour.held is not None:
             return self.contour.held[0].tangent(self.contour.held[0].end)
-        if self.course.direction is None:
+        if self.course.direction is None or self.contour.approach is not None:
             raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
         return normalise(self.course.frame.invert().turn(self.course.direction))
 
