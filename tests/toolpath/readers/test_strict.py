@@ -71,7 +71,7 @@ def test_doubtful_blocks_are_refused(read, block: str, sentence: str) -> None:
 
 
 GEOMETRY = [
-    "CIP X10 Y10 I1=5 J1=5", "BSPLINE", "SCALE X2", "PLANE SPATIAL SPA+10", "REPEATB L1", "TRANSMIT", "G68.3 X1",
+    "BSPLINE", "SCALE X2 Y3", "PLANE SPATIAL SPA+10", "REPEATB L1", "TRANSMIT", "G68.3 X1",
     "G66 P1",
 ]  # fmt: skip
 
@@ -82,7 +82,7 @@ def test_words_that_change_geometry_or_frames_are_refused(read, word: str) -> No
         read(f"{HEAD}{word}\nG1 X10 F9\n")
 
 
-@pytest.mark.parametrize("word", ["CYCLE800()", "ROT", "MIRROR", "CYCLE832(0.1)", "FFWON SOFT"])
+@pytest.mark.parametrize("word", ["CYCLE800()", "ROT", "MIRROR", "PLANE RESET STAY", "CYCLE832(0.1)", "FFWON SOFT"])
 def test_resets_and_harmless_words_are_read_past(read, word: str) -> None:
     assert length(read(f"{HEAD}{word}\nG1 X10 F9\n")) == 10
 

@@ -14,9 +14,9 @@ from compplan.toolpath.readers.lines import MOST_LINES, read_bounded, split_line
 #: Greatest number of passes of one call, of calls within calls, and of jumps.
 MOST_CALLS = 9999
 DEEPEST = 11
-MOST_JUMPS = 100_000
+MOST_JUMPS = 200_000
 #: Greatest number of letters of blocks that are carried out again by jumps and calls (assumed).
-MOST_LETTERS = 2_000_000
+MOST_LETTERS = 4_000_000
 #: What a line returns where its program ends.
 END = -1
 

@@ -50,7 +50,7 @@ IDENTIFIER = re.compile(r"(?<![A-Z0-9_])[A-Z]{2,}[A-Z0-9_]*")
 MOVES = re.compile(r"(?<![A-Z0-9])([XYZABCIJKUVW]\s*=?\s*[-+.\d]|G0*[0-3](?![\d.]))")
 ARGUMENTS = re.compile(r"[A-Za-z_]{2}\w*\(")
 #: Words that change the frame; words whose whole line is text.
-FRAMES = {"PLANE", "ROTATION", "MIRRORING"}
+FRAMES = re.compile(r"PLANE\b(?!\s+RESET\b)|ROTATION\b|MIRRORING\b")
 TEXT = {"MSG", "WRITE", "PROGRAM", "REM"}
 
 
@@ -234,7 +234,7 @@ class Lexer:
         if re.search(r"[\d.]O", line):
             raise InputError(f"letter O stands in or beside a number in {line[:40]!r}, expected digits")
         if names:
-            moves = self.begun and (not FRAMES.isdisjoint(names) or MOVES.search(IDENTIFIER.sub(" ", line)))
+            moves = self.begun and (FRAMES.search(line) or MOVES.search(IDENTIFIER.sub(" ", line)))
             if names[0] not in TEXT and (moves or ARGUMENTS.search(raw)):
                 raise InputError(f"word {names[0][:20]} is not read and may move the tool; post-process without it")
             self.it.note(f"vendor word {names[0][:20]} is not read")

@@ -15,6 +15,8 @@ from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 
 #: Greatest number of variables.
 MOST_VARIABLES = 10_000
+#: Letters of work that a jump counts as.
+JUMP_LETTERS = 200
 HEAD = re.compile(r"\s*[O:]\s*0*(\d+)\b(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)", re.IGNORECASE)
 SEQUENCE = re.compile(r"\s*(?:/\d?\s*)?N\s*0*(\d+)", re.IGNORECASE)
 LOOP_END = re.compile(r"\s*(?:N\d+\s*)?END\s*([1-9])", re.IGNORECASE)
@@ -157,7 +159,7 @@ class MacroFlow:
 
     def _jump(self, index: int) -> None:
         """Go on at a line; refuse to jump without end."""
-        self.flow.count_jump()
+        self.flow.count_work(JUMP_LETTERS)
         place = self.flow.call.number, self.flow.line
         now = [*self.variables.local[-1].items(), *self.variables.shared.items()]
         if self._passed.get(place) == now:
@@ -179,7 +181,7 @@ class MacroFlow:
 
     def run_macro(self, line: str) -> str | None:
         """Carry out the macro words of a line in capitals; return the block that is left, None without any."""
-        self.flow.count_work(len(line))
+        self.flow.count_work(2 * len(line))
         bare = re.sub(r"^N\s*\d+\s*", "", line)
         try:
             if self._control(bare) or (bare.startswith("#") and self.variables.assign(bare)):
