@@ -125,7 +125,7 @@ def _plan(name: str, way: str, settings: Settings) -> Row | str:
     start = time.process_time()
     try:
         if way == "CAM posture":
-            options = replace(options, strategy="iterated_mirror", posture=None)
+            options = replace(options, strategy="iterated_mirror", posture=replace(options.posture, search=False))
         elif way.startswith("graph"):
             options = replace(options, strategy="iterated_mirror")
         task = build_task(robot, nominal, options)

@@ -20,7 +20,7 @@ RESULTS = {
     "montecarlo": ("montecarlo.json", "report.html"),
     "map": ("map.json", "map_horizontal.png", "map_vertical.png"),
     "identify": ("identify.json", "report.html", "robot/robot.urdf", "robot/elasticity.toml"),
-    "diagnose": ("diagnosis.json", "report.html", "gap.csv", "robot/robot.urdf", "robot_causes/robot.urdf"),
+    "diagnose": ("diagnosis.json", "report.html", "gap.csv", "robot/robot.urdf"),
     "campaign": ("campaign.json", "campaign.csv", "report.html"),
     "learn": ("learn.json", "plan.json", "joints.csv", "plan.html", "report.html", "robot/robot.urdf"),
     "reproduce": ("reproduction.json", "report.html"),
@@ -106,7 +106,7 @@ def read_place(context: click.Context, option: click.Parameter, text: str | None
 
 def take_cam_options(command: Command) -> Command:
     """Give a command the options of what a CAM file does not say by itself."""
-    from compplan.toolpath.readers.machines import list_machines
+    from compplan.toolpath.readers.options import list_machines
 
     machines = ", ".join(list_machines())
     options = (

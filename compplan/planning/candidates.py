@@ -91,7 +91,7 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     finished postures are compared alone, and the program shapes none.
     """
     posture_choice = start.posture_choice
-    if posture_choice is None or posture_choice.settings.weights:
+    if posture_choice is None:
         return start
     if posture_choice.settings.compares:
         start = _compare_presets(start, asked)

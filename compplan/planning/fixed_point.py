@@ -43,7 +43,7 @@ from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import Chain
 from compplan.statics.inertia import build_moving_chain
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.toolpath import interpolate
 
 #: Stated tolerance: force, feed and motion agree where a turn moves the tip by less than this share of the tolerance.

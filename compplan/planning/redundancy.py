@@ -37,7 +37,7 @@ from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath, interpolate
 from compplan.uncertainty.sensitivities import ForceSpread

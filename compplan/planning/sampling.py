@@ -21,7 +21,7 @@ from compplan.planning.task import PlanTask, attain_rows, cutting_runs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corners
 from compplan.toolpath.events import find_halts
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath

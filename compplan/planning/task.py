@@ -23,7 +23,7 @@ from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import build_arm, refine_ik
-from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
+from compplan.statics.stiffness import AttainedPose, attain_pose, chunk_rows
 from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 from compplan.uncertainty.touch_off import TouchedPart
 

@@ -24,7 +24,7 @@ from compplan.simulation.inertia import load_springs
 from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import locate_frames
 from compplan.statics.inertia import build_moving_chain, load_motion
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 
 PATHS = Path(__file__).parents[2] / "paths"
 pytestmark = pytest.mark.usefixtures("graph_alone")

@@ -16,7 +16,7 @@ from compplan.planning.task import attain_rows
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.kinematics import build_loaded_function
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from tests.planning.test_strategies import make_path, make_task
 
 

@@ -13,7 +13,7 @@ from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain
 from compplan.statics.kinematics import SymbolicFrames, locate_symbolic
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import Slopes, split_covariance
 from compplan.uncertainty.sensitivities import (
