@@ -135,6 +135,7 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     taken = _choose_run(preset, [base, *eased], base)
     if judge_gain(preset, taken, first) >= 1.0 - LEAST_GAIN:
         return start
+    taken = taken._replace(time=asked.time(asked.state(taken.start)))
     return _take(start, first, taken, least_time(task))
 
 

@@ -10,6 +10,7 @@ import pytest
 from compplan.job.job import check_job
 from compplan.planning import candidates
 from compplan.planning.feed import time_run
+from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.task import PlanTask
 
@@ -34,7 +35,8 @@ def stand(job: str, preset: str) -> tuple[PlanTask, float]:
     """Return the task of a job with the posture of a preset, and how long its run takes."""
     robot, nominal, options = prepare_job(check_job({**JOBS[job], "posture": {"preset": preset}}, "job.toml"))
     task = build_task(robot, nominal, options)
-    return task, float(time_run(task, task.q_start, options.feed)[1].time[-1])
+    driven = resolve_starts(task, options.feed)
+    return task, float(time_run(driven, driven.q_start, options.feed)[1].time[-1])
 
 
 @pytest.mark.parametrize(
