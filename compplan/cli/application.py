@@ -52,10 +52,7 @@ COMMANDS = {
 
 
 class LazyGroup(click.Group):
-    """Import a command's module only when it is asked for, so that the command line starts fast.
-
-    Each module in `compplan.cli.commands` offers a click command named `command`.
-    """
+    """Import a module of `compplan.cli.commands`, which offers a click command `command`, only when it is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the command names."""
@@ -145,33 +142,27 @@ def run_words(words: list[str]) -> int:
             traceback.print_exc()
         if _received:  # an import that SIGTERM interrupts may turn the exit into an error of its own
             return 128 + _received[0]
-        line, status = describe_fault(error)
-        click.echo(f"error: {line}", err=True)
+        click.echo(f"error: {describe_fault(error)}", err=True)
+        return error.exit_status if isinstance(error, CompplanError) else 2
     return status if isinstance(status, int) else 0
 
 
-def describe_fault(error: Exception) -> tuple[str, int]:
-    """Return the one line that an exception ends with, and the exit status."""
-    said = " ".join(str(error).split())
-    if isinstance(error, CompplanError):
-        return cut(said), error.exit_status
-    if isinstance(error, click.ClickException):
-        return cut(" ".join(error.format_message().split())), 2
-    if isinstance(error, OSError):
-        return cut(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else said), 2
-    if isinstance(error, MemoryError):
-        return "this needs more memory than there is; use fewer waypoints, samples or points", 2
-    if isinstance(error, RuntimeError) and "Symlink loop" in said:
-        return cut(f"a symbolic link leads back to itself: {said.partition(' from ')[2]}"), 2
-    if isinstance(error, RecursionError):
-        return "the input is nested too deeply", 2
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    where = f"{Path(place.filename).name}:{place.lineno}"
-    return cut(f"internal fault {type(error).__name__}: {said} ({where}); {DEBUG}=1 shows where it comes from", 600), 2
-
-
-def cut(line: str, length: int = 2000) -> str:
-    """Shorten the middle of a line that is too long to read."""
+def describe_fault(error: Exception) -> str:
+    """Return the one line that an exception ends with."""
+    text = error.format_message() if isinstance(error, click.ClickException) else str(error)
+    line, length = " ".join(text.split()), 2000
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        line = f"{error.filename}: {error.strerror}"
+    elif isinstance(error, MemoryError):
+        line = "this needs more memory than there is; use fewer waypoints, samples or points"
+    elif isinstance(error, RecursionError):
+        line = "the input is nested too deeply"
+    elif isinstance(error, RuntimeError) and "Symlink loop" in line:
+        line = f"a symbolic link leads back to itself: {line.partition(' from ')[2]}"
+    elif not isinstance(error, CompplanError | click.ClickException | OSError):
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where, length = f"{Path(place.filename).name}:{place.lineno}", 600
+        line = f"internal fault {type(error).__name__}: {line} ({where}); {DEBUG}=1 shows where it comes from"
     return line if len(line) <= length else f"{line[: length // 2]} [...] {line[-length // 2 :]}"
 
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import click
 
-from compplan.cli.options import FOLDER, INPUT, TABLE, json_summary, keep_stated, take_cam_options
-from compplan.cli.terminal import show
+from compplan.cli.options import FOLDER, INPUT, TABLE, Answer, keep_stated, make_command, take_cam_options
 from compplan.errors import InputError
 from compplan.io.tables import write_text
 from compplan.io.tomlfile import check_table, read_named_table
@@ -23,28 +22,29 @@ from compplan.toolpath.toolpath import check_toolpath, resample_toolpath, write_
 TABLES = (".csv", ".txt", "")
 
 
-@click.command(epilog=f"Languages that are read: {', '.join(READERS)}.")
-@click.argument("camfile", type=INPUT)
-@click.option("--out", type=TABLE, required=True, help="The toolpath table to write (CSV).")
-@click.option("--report", type=FOLDER, metavar="DIR",
-              help="Folder for report.html: the path by tool, its box, what was refused or assumed.")  # fmt: skip
-@click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001).")
-@click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer.")
-@click.option("--arc-centres", type=click.Choice(["incremental", "absolute", "reversed"]),
-              help="How I J K count in G-code.")  # fmt: skip
-@click.option("--circle-sense", type=click.Choice(["auto", "right_hand", "left_hand"]), help="Sense of an APT CIRCLE.")
-@take_cam_options
-@click.option("--cam", "cam_file", metavar="FILE", help="TOML file as [cam] of a job; options here come before it.")
-@click.option("--cycles", type=click.Choice(["skip", "expand"]), help="Whether drilling cycles are cut.")
-@click.option("--tilt-angles", type=click.Choice(["spatial"]), help="What cycle 19 (Heidenhain) states.")
-@click.option("--tool-direction", type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
-              help="Where the TCP frame points out.")  # fmt: skip
-@click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note.")
-@json_summary
+@make_command(
+    click.argument("camfile", type=INPUT),
+    click.option("--out", type=TABLE, required=True, help="The toolpath table to write (CSV)."),
+    click.option("--report", type=FOLDER, metavar="DIR",
+                 help="Folder for report.html: the path by tool, its box, what was refused or assumed."),
+    click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001)."),
+    click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer."),
+    click.option("--arc-centres", type=click.Choice(["incremental", "absolute", "reversed"]),
+                 help="How I J K count in G-code."),
+    click.option("--circle-sense", type=click.Choice(["auto", "right_hand", "left_hand"]),
+                 help="Sense of an APT CIRCLE."),
+    take_cam_options,
+    click.option("--cam", "cam_file", metavar="FILE", help="TOML file as [cam] of a job; options here come before it."),
+    click.option("--cycles", type=click.Choice(["skip", "expand"]), help="Whether drilling cycles are cut."),
+    click.option("--tilt-angles", type=click.Choice(["spatial"]), help="What cycle 19 (Heidenhain) states."),
+    click.option("--tool-direction", type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
+                 help="Where the TCP frame points out."),
+    click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note."),
+    epilog=f"Languages that are read: {', '.join(READERS)}.",
+)  # fmt: skip
 def command(
-    camfile: Path, out: Path, report: Path | None, max_step_mm: float | None, as_json: bool, cam_file: str | None,
-    **options: Any,
-) -> None:  # fmt: skip
+    camfile: Path, out: Path, report: Path | None, max_step_mm: float | None, cam_file: str | None, **options: Any
+) -> Answer:
     """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read.
 
     Example: compplan convert part.nc --out part.csv
@@ -71,7 +71,7 @@ def command(
         note = f"{still} cutting moves have no feed: state it with --feed"
         facts = replace(facts, notes=(*facts.notes, note))
     page = _write_page(report, render_toolpath(toolpath, facts) if report is not None else "")
-    show({"schema": 1, "out": str(out), **asdict(facts)}, as_json, [*describe_facts(facts), f"wrote {out}{page}"])
+    return Answer({"schema": 1, "out": str(out), **asdict(facts)}, [*_describe_facts(facts), f"wrote {out}{page}"])
 
 
 def _write_page(folder: Path | None, html: str) -> str:
@@ -83,7 +83,7 @@ def _write_page(folder: Path | None, html: str) -> str:
     return f", {folder / 'report.html'}"
 
 
-def describe_facts(facts: CamFacts) -> list[str]:
+def _describe_facts(facts: CamFacts) -> list[str]:
     """Return the facts about a CAM file as lines for people."""
     lines = [
         f"{facts.file}: {facts.kind}, {facts.lines} lines, unit {facts.unit}",

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from compplan.cli.measured import load_measured, measured_options, registered_parts, settle_questions
-from compplan.cli.options import INPUT, assume_ok, json_summary, out_folder, robot_option
-from compplan.cli.terminal import show, show_progress
+from compplan.cli.options import INPUT, Answer, assume_ok, make_command, out_folder, robot_option
+from compplan.cli.terminal import show_progress
 from compplan.diagnosis import diagnose_campaign
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
@@ -19,20 +19,17 @@ from compplan.reporting.diagnosis import deliver_diagnosis
 from compplan.reporting.diagnosis_text import describe_next, describe_structure, list_effects, list_poses
 
 
-@click.command("diagnose")
-@click.argument("measurements", type=INPUT)
-@robot_option()
-@out_folder
-@click.option("--register", help="Fit these frames in every model: base, tool or base,tool.")
-@click.option("--without", multiple=True, metavar="EFFECT",
-              help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}.")  # fmt: skip
-@measured_options
-@assume_ok
-@json_summary
+@make_command(
+    click.argument("measurements", type=INPUT), robot_option(), out_folder,
+    click.option("--register", help="Fit these frames in every model: base, tool or base,tool."),
+    click.option("--without", multiple=True, metavar="EFFECT",
+                 help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}."),
+    measured_options, assume_ok,
+)  # fmt: skip
 def command(
     measurements: Path, robot_name: str, folder: Path, register: str | None, without: tuple[str, ...],
-    tool: Path | None, instrument: Path | None, target_offset: str | None, assume_ok: bool, as_json: bool,
-) -> None:  # fmt: skip
+    tool: Path | None, instrument: Path | None, target_offset: str | None, assume_ok: bool,
+) -> Answer:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
     Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html;
@@ -54,13 +51,11 @@ def command(
         table = deliver_diagnosis(diagnosis, folder, progress)
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
     what, headline = diagnosis.summary()[0]
-    kind = diagnosis.deliveries[0].kind
-    following = describe_next(table["verdict"], kind, list_poses(table, "in the report"))
-    lines = [
+    todo = describe_next(table["verdict"], diagnosis.deliveries[0].kind, list_poses(table, "in the report"))
+    return Answer(table, [
         *(f"assumed to be meant: {question}" for question in asked),
         f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),
-        *format_figures(diagnosis.list_figures()), *list_notes(diagnosis.fit.problem.campaign.notes),
+        *format_figures(diagnosis.list_figures()), *list_notes(campaign.notes),
         f"wrote diagnosis.json, report.html, {folders} to {folder}",
-        f"next: {following.replace('OUT/robot', str(folder / 'robot'))}",
-    ]  # fmt: skip
-    show(table, as_json, lines)
+        f"next: {todo.replace('OUT/robot', str(folder / 'robot'))}",
+    ])  # fmt: skip

@@ -9,8 +9,8 @@ import click
 from rich.markup import escape
 
 from compplan.cli.doctor import Remark, examine_installation, examine_log, examine_robot
-from compplan.cli.options import json_summary, robot_option
-from compplan.cli.terminal import format_table, show
+from compplan.cli.options import Answer, make_command, robot_option
+from compplan.cli.terminal import format_table
 from compplan.errors import InputError
 from compplan.io.provenance import describe_origin
 from compplan.robot import load_robot
@@ -20,11 +20,11 @@ from compplan.toolpath.readers import list_suffixes
 COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow"}
 
 
-@click.command("doctor")
-@click.argument("target", required=False)
-@robot_option("Robot that the log was taken on: folder or shipped robot.", required=False)
-@json_summary
-def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
+@make_command(
+    click.argument("target", required=False),
+    robot_option("Robot that the log was taken on: folder or shipped robot.", required=False),
+)
+def command(target: str | None, robot_name: str | None) -> Answer:
     """Look at TARGET and say what is odd: a robot (folder or name) or a measurement log; without it the installation.
 
     Example: compplan doctor measurements.csv --robot ur10
@@ -41,25 +41,25 @@ def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
     else:
         findings = examine_installation()
     summary = {"findings": [asdict(finding) for finding in findings], "made_by": describe_origin()}
-    show(summary, as_json, describe_findings(findings))
+    return Answer(summary, _describe_findings(findings))
 
 
 def _refuse_others(target: str | None) -> None:
     """Refuse what another command takes, and name that."""
-    suffix = "" if target is None else Path(target).suffix.lower()
     if target is None or Path(target).is_dir():
         return
+    suffix = Path(target).suffix.lower()
     if suffix == ".toml":
         sentence = f"is no robot folder and no log; if it is a job: compplan plan {target} --out out"
-    elif suffix in list_suffixes():
-        sentence = (f"is a CAM file; compplan convert {target} --out path.csv writes its toolpath, "
-                    f"compplan init job.toml --robot ROBOT --toolpath {target} writes a job for it")  # fmt: skip
-    else:
-        return
-    raise InputError(sentence, file=target)
+        raise InputError(sentence, file=target)
+    if suffix in list_suffixes():
+        sentence = f"is a CAM file; compplan convert {target} --out path.csv writes its toolpath, "
+        raise InputError(
+            f"{sentence}compplan init job.toml --robot ROBOT --toolpath {target} a job for it", file=target
+        )
 
 
-def describe_findings(findings: list[Remark]) -> list[str]:
+def _describe_findings(findings: list[Remark]) -> list[str]:
     """Return the findings as lines for people."""
     rows = []
     for finding in findings:

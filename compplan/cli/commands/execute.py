@@ -7,17 +7,15 @@ from pathlib import Path
 import click
 import numpy as np
 
-from compplan.cli.options import INPUT, json_summary, out_table, robot_option
-from compplan.cli.terminal import show
+from compplan.cli.options import INPUT, Answer, make_command, out_table, robot_option
 from compplan.io.provenance import describe_origin
 
 
-@click.command("execute")
-@click.argument("program", type=INPUT)
-@robot_option("Robot folder or name; [motion] of its controller.toml is executed.")
-@out_table
-@json_summary
-def command(program: Path, robot_name: str, out: Path, as_json: bool) -> None:
+@make_command(
+    click.argument("program", type=INPUT),
+    robot_option("Robot folder or name; [motion] of its controller.toml is executed."), out_table,
+)  # fmt: skip
+def command(program: Path, robot_name: str, out: Path) -> Answer:
     """Execute the instructions of PROGRAM as the controller does: blends, speed, drives that lag.
 
     Example: compplan execute program.csv --robot ur10 --out executed.csv
@@ -36,4 +34,4 @@ def command(program: Path, robot_name: str, out: Path, as_json: bool) -> None:
     }  # fmt: skip
     speed = f"tip at most {summary['fastest_mm_s']:.4g} mm/s"
     head = f"{summary['rows']} rows in {summary['duration_s']:.3f} s, {speed}"
-    show(summary, as_json, [head, *(f"note: {note}" for note in executed.notes), f"wrote {out}"])
+    return Answer(summary, [head, *(f"note: {note}" for note in executed.notes), f"wrote {out}"])

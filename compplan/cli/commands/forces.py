@@ -4,26 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from compplan.cli.options import INPUT, json_summary, out_folder
-from compplan.cli.terminal import show, show_progress
+from compplan.cli.options import INPUT, Answer, make_job_command, out_folder
+from compplan.cli.terminal import show_progress
 from compplan.errors import InputError
 from compplan.process.force_models import FORCE_MODELS
 
+if TYPE_CHECKING:
+    from compplan.job.job import Job
 
-@click.command(epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.")
-@click.argument("job", type=INPUT)
-@out_folder
-@click.option("--log", type=INPUT, help="Measured forces: CSV with s_mm or t_s, the length or the time cut so far, and "
-              "fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.")  # fmt: skip
-@click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, which a "
-              "job then names as its materials; process.toml of a robot folder takes the level instead, which later "
-              "plans read.")  # fmt: skip
-@json_summary
-def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_json: bool) -> None:
+
+@make_job_command(
+    out_folder,
+    click.option("--log", type=INPUT, help="Measured forces: CSV with s_mm or t_s, the length or the time cut so far, "
+                 "and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too."),
+    click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, which a "
+                 "job then names as its materials; process.toml of a robot folder takes the level instead, which later "
+                 "plans read."),
+    epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.",
+)  # fmt: skip
+def command(job: Job, folder: Path, log: Path | None, table: Path | None) -> Answer:
     """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
 
     stock.stl is what a cutter leaves of the stock, part frame, mm.
@@ -31,16 +34,14 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     Example: compplan forces examples/forces/pocket.toml --out out
     """
     from compplan.job.force_prediction import predict_forces
-    from compplan.job.operations import load_one_job
     from compplan.process.learned_force import FILE as LESSON
     from compplan.reporting.forces import write_coefficients, write_forces, write_level
 
     if table is not None and log is None:
         raise InputError("--write needs --log, the measured forces")
-    checked = load_one_job(job)
     with show_progress() as announce:
         announce("forces: engagement and wrench along the path")
-        found = predict_forces(checked, log)
+        found = predict_forces(job, log)
         if table is not None:
             (write_level if table.name == LESSON else write_coefficients)(found, table)
         announce("write: forces.json, forces.csv, report.html")
@@ -50,7 +51,7 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
         hint = f'in a job: [process] materials = "{table.name}", material = "measured"'
         lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
     left = ", stock.stl" if "engagement" in summary else ""
-    show(summary, as_json, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])
+    return Answer(summary, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])
 
 
 def _describe(summary: Mapping[str, Any]) -> Iterator[str]:

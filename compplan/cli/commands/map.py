@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 import numpy as np
 
-from compplan.cli.options import complete_robots, json_summary, out_folder
-from compplan.cli.terminal import show, show_progress
+from compplan.cli.options import Answer, complete_robots, make_command, out_folder
+from compplan.cli.terminal import show_progress
 from compplan.effects import robot_effects
 from compplan.errors import InputError
 from compplan.reporting.map import write_map
@@ -20,24 +20,24 @@ from compplan.robot import load_robot
 MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 
 
-@click.command()
-@click.argument("robot", shell_complete=complete_robots)
-@out_folder
-@click.option("--posture", type=click.Choice(POSTURES), default="down", show_default=True,
-              help="How the tool points; straight: wrist joints at zero.")  # fmt: skip
-@click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,
-              help="Force on the tool, base axes. [N]")  # fmt: skip
-@click.option("--moment", nargs=3, type=float, default=(0.0, 0.0, 0.0), show_default=True,
-              help="Moment on the tool at the TCP, base axes. [Nm]")  # fmt: skip
-@click.option("--height-mm", type=float, default=500.0, show_default=True, help="Height of the horizontal plane.")
-@click.option("--azimuth-deg", type=float, default=0.0, show_default=True, help="Direction of the vertical plane.")
-@click.option("--points", type=click.IntRange(5, 1000), default=100, show_default=True, help="Points along each side.")
-@click.option("--reduced", help="Robot folder of a reduced model to compare with; by default it is fitted.")
-@json_summary
+@make_command(
+    click.argument("robot", shell_complete=complete_robots), out_folder,
+    click.option("--posture", type=click.Choice(POSTURES), default="down", show_default=True,
+                 help="How the tool points; straight: wrist joints at zero."),
+    click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,
+                 help="Force on the tool, base axes. [N]"),
+    click.option("--moment", nargs=3, type=float, default=(0.0, 0.0, 0.0), show_default=True,
+                 help="Moment on the tool at the TCP, base axes. [Nm]"),
+    click.option("--height-mm", type=float, default=500.0, show_default=True, help="Height of the horizontal plane."),
+    click.option("--azimuth-deg", type=float, default=0.0, show_default=True, help="Direction of the vertical plane."),
+    click.option("--points", type=click.IntRange(5, 1000), default=100, show_default=True,
+                 help="Points along each side."),
+    click.option("--reduced", help="Robot folder of a reduced model to compare with; by default it is fitted."),
+)  # fmt: skip
 def command(
     robot: str, folder: Path, posture: str, force: tuple[float, ...], moment: tuple[float, ...], height_mm: float,
-    azimuth_deg: float, points: int, reduced: str | None, as_json: bool,
-) -> None:  # fmt: skip
+    azimuth_deg: float, points: int, reduced: str | None,
+) -> Answer:  # fmt: skip
     """Draw how far ROBOT yields: under the worst unit force and under a given wrench, over two planes.
 
     Example: compplan map kuka_kr270 --force 0 0 -800 --out out
@@ -57,4 +57,5 @@ def command(
         result = map_robot(loaded, settings, None if reduced is None else load_robot(reduced))
         progress("pictures and report")
         write_map(result, folder)
-    show(result.summary(), as_json, [*result.lines(), f"wrote {folder / 'map.json'}, {folder / 'report.html'}"])
+    wrote = f"wrote {folder / 'map.json'}, {folder / 'report.html'}"
+    return Answer(result.summary(), [*result.lines(), wrote])

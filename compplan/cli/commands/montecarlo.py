@@ -4,37 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from compplan.cli.options import INPUT, json_summary, out_folder
-from compplan.cli.terminal import format_table, show, show_progress
+from compplan.cli.options import Answer, make_job_command, out_folder, split_names
+from compplan.cli.terminal import format_table, show_progress
 from compplan.errors import InputError
 from compplan.job.names import ONLINE, STRATEGIES
 
+if TYPE_CHECKING:
+    from compplan.job.job import Job
 
-@click.command()
-@click.argument("job", type=INPUT)
-@click.option("--samples", type=click.IntRange(2, 10_000_000), default=1000, show_default=True,
-              help="Number of samples.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of everything.")
-@out_folder
-@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one a core.")
-@click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute.")
-@click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out of "
-              f"{', '.join((*STRATEGIES, *ONLINE))}.")  # fmt: skip
-@click.option("--replicates", type=click.IntRange(2, 1024), default=8, show_default=True,
-              help="Independent replicates.")  # fmt: skip
-@click.option("--waypoints", type=click.IntRange(2, 5_000_000), default=2500, show_default=True,
-              help="A longer path is thinned evenly to this many waypoints.")  # fmt: skip
-@click.option("--no-sensitivity", is_flag=True, help="Leave out the sensitivity analysis.")
-@click.option("--discard", is_flag=True, help="Take away finished samples of another study in OUT first.")
-@json_summary
+
+@make_job_command(
+    click.option("--samples", type=click.IntRange(2, 10_000_000), default=1000, show_default=True,
+                 help="Number of samples."),
+    click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of everything."),
+    out_folder,
+    click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one a core."),
+    click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute."),
+    click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out "
+                 f"of {', '.join((*STRATEGIES, *ONLINE))}."),
+    click.option("--replicates", type=click.IntRange(2, 1024), default=8, show_default=True,
+                 help="Independent replicates."),
+    click.option("--waypoints", type=click.IntRange(2, 5_000_000), default=2500, show_default=True,
+                 help="A longer path is thinned evenly to this many waypoints."),
+    click.option("--no-sensitivity", is_flag=True, help="Leave out the sensitivity analysis."),
+    click.option("--discard", is_flag=True, help="Take away finished samples of another study in OUT first."),
+)  # fmt: skip
 def command(
-    job: Path, folder: Path, workers: int | None, scheduler: str | None, as_json: bool, strategies: str | None,
-    waypoints: int, no_sensitivity: bool, discard: bool, **design: Any,
-) -> None:  # fmt: skip
+    job: Job, folder: Path, workers: int | None, scheduler: str | None, strategies: str | None, waypoints: int,
+    no_sensitivity: bool, discard: bool, **design: Any,
+) -> Answer:  # fmt: skip
     """Let strategies cut JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
 
     Samples are kept in OUT/samples: an interrupted study goes on where it stopped when it is run again.
@@ -42,7 +44,6 @@ def command(
     Example: compplan montecarlo paths/isf_cone.toml --samples 200 --seed 1 --out out
     """
     from compplan.io.transaction import lock_folder
-    from compplan.job.operations import load_one_job
     from compplan.reporting.montecarlo import write_study
     from compplan.studies.job_study import study_job
     from compplan.studies.runner import Settings
@@ -50,23 +51,21 @@ def command(
 
     if workers and scheduler:
         raise InputError("--workers and --scheduler are both given, choose one")
-    checked = load_one_job(job)
-    names = [name.strip() for name in (strategies or "").split(",") if name.strip()]
+    names = list(split_names(strategies))
     if strategies is not None and (not names or len(set(names)) < len(names)):
         raise InputError(f"--strategies is {strategies!r}, expected names with commas, each once")
-    settings = Settings(**design)
     with lock_folder(folder), show_progress() as announce:
         study = study_job(
-            checked, settings, folder, strategies=names, most_waypoints=waypoints, sensitivity=not no_sensitivity,
+            job, Settings(**design), folder, strategies=names, most_waypoints=waypoints, sensitivity=not no_sensitivity,
             discard=discard, workforce=Workers(workers, scheduler), announce=announce, progress=announce.count,
         )  # fmt: skip
         announce("report")
         files = write_study(study, folder)
     wrote = f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}"
-    show(study.summary, as_json, [*describe_study(study.summary), wrote])
+    return Answer(study.summary, [*_describe_study(study.summary), wrote])
 
 
-def describe_study(summary: Mapping[str, Any]) -> list[str]:
+def _describe_study(summary: Mapping[str, Any]) -> list[str]:
     """Return rms and greatest deviation of every strategy."""
     rows = []
     for name, figures in summary["strategies"].items():

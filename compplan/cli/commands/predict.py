@@ -8,8 +8,7 @@ import click
 import numpy as np
 
 from compplan.cli.measured import load_measured, measured_options
-from compplan.cli.options import INPUT, json_summary, out_table, robot_option
-from compplan.cli.terminal import show
+from compplan.cli.options import INPUT, Answer, make_command, out_table, robot_option
 from compplan.io.provenance import describe_origin
 from compplan.measurement.checks import check_unit, list_notes
 from compplan.measurement.registration import folder_registration, parse_parts
@@ -17,17 +16,15 @@ from compplan.robot import load_robot
 from compplan.simulation.predict import predict_campaign, write_prediction
 
 
-@click.command("predict")
-@click.argument("measurements", type=INPUT)
-@robot_option()
-@out_table
-@click.option("--register", default=None, help="Fit these frames to the campaign first: base, tool or base,tool.")
-@measured_options
-@json_summary
+@make_command(
+    click.argument("measurements", type=INPUT), robot_option(), out_table,
+    click.option("--register", help="Fit these frames to the campaign first: base, tool or base,tool."),
+    measured_options,
+)  # fmt: skip
 def command(
     measurements: Path, robot_name: str, out: Path, register: str | None, instrument: Path | None,
-    tool: Path | None, target_offset: str | None, as_json: bool,
-) -> None:  # fmt: skip
+    tool: Path | None, target_offset: str | None,
+) -> Answer:  # fmt: skip
     """Predict what the instrument should see in every row of MEASUREMENTS, if the robot folder were the whole truth.
 
     Example: compplan predict later.csv --robot out/robot --out prediction.csv
@@ -48,4 +45,4 @@ def command(
         "notes": list(campaign.notes), "made_by": describe_origin(),
     }  # fmt: skip
     head = [f"{len(campaign)} rows; measured positions differ by {summary['rms_mm']:.3f} mm rms"] if known else []
-    show(summary, as_json, [*head, *list_notes(campaign.notes), f"wrote {out}"])
+    return Answer(summary, [*head, *list_notes(campaign.notes), f"wrote {out}"])

@@ -6,17 +6,14 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.options import json_summary, out_folder
-from compplan.cli.terminal import show, show_progress
+from compplan.cli.options import Answer, make_command, out_folder
+from compplan.cli.terminal import show_progress
 from compplan.reproduce import PAPERS, reproduce_paper
 from compplan.reproduce.page import summarise_reproduction, write_reproduction
 
 
-@click.command()
-@click.argument("paper", metavar="|".join(PAPERS))
-@out_folder
-@json_summary
-def command(paper: str, folder: Path, as_json: bool) -> None:
+@make_command(click.argument("paper", metavar="|".join(PAPERS)), out_folder)
+def command(paper: str, folder: Path) -> Answer:
     """Compute what a paper states, and show it beside the paper's figures.
 
     Example: compplan reproduce johra2022 --out out
@@ -32,5 +29,4 @@ def command(paper: str, folder: Path, as_json: bool) -> None:
         unit = f" {row.unit}" if row.unit and row.ours is not None else ""
         lines.append(f"{row.quantity}: paper {row.paper}, ours {ours}{unit}: {row.verdict}")
     counts = ", ".join(f"{count} {verdict}" for verdict, count in summary["verdicts"].items())
-    wrote = f"wrote {folder / 'reproduction.json'}, {folder / 'report.html'}"
-    show(summary, as_json, [*lines, counts, wrote])
+    return Answer(summary, [*lines, counts, f"wrote {folder / 'reproduction.json'}, {folder / 'report.html'}"])

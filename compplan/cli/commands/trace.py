@@ -6,18 +6,17 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.options import INPUT, json_summary, out_folder, robot_option
-from compplan.cli.terminal import show, show_progress
+from compplan.cli.options import INPUT, Answer, make_command, out_folder, robot_option
+from compplan.cli.terminal import show_progress
 
 
-@click.command("trace")
-@click.argument("logs", nargs=-1, required=True, type=INPUT, metavar="LOG...")
-@click.option("--program", "programs", multiple=True, required=True, type=INPUT,
-              help="Program of a log: one a log, in order, or one for all.")  # fmt: skip
-@robot_option()
-@out_folder
-@json_summary
-def command(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: str, folder: Path, as_json: bool) -> None:
+@make_command(
+    click.argument("logs", nargs=-1, required=True, type=INPUT, metavar="LOG..."),
+    click.option("--program", "programs", multiple=True, required=True, type=INPUT,
+                 help="Program of a log: one a log, in order, or one for all."),
+    robot_option(), out_folder,
+)  # fmt: skip
+def command(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: str, folder: Path) -> Answer:
     """Hold each LOG of executed joints against its program: write trace.json, robot/ and report.html.
 
     Example: compplan trace run1.csv run2.csv --program p1.csv --program p2.csv --robot ur10 --out out
@@ -33,12 +32,10 @@ def command(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: str,
         summary = write_trace(traced, folder)
     without, left = summary["left_without_model_mm"], summary["left_mm"]
     parts = ", ".join(f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in summary["parts"].items())
-    lines = [
+    return Answer(summary, [
         f"across the programmed path: {without['median']:.3g} mm median, {without['p95']:.3g} mm 95 %",
         f"across the executed path:   {left['median']:.3g} mm median, {left['p95']:.3g} mm 95 %, "
         f"rows not fitted to ({summary['model']})",
-        f"causes: {parts}",
-        *(f"note: {note}" for note in summary["notes"]),
+        f"causes: {parts}", *(f"note: {note}" for note in summary["notes"]),
         f"wrote trace.json, robot, report.html to {folder}",
-    ]
-    show(summary, as_json, lines)
+    ])  # fmt: skip
