@@ -26,7 +26,7 @@ DEBUG = "COMPPLAN_DEBUG"
 #: Threads of numeric libraries, unless the environment says otherwise: one, for many small matrices gain nothing from
 #: more, and on a busy machine threads that wait for one another take six times the processor time.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: What each command is for, by the name of its file in `compplan.cli.commands`.
+#: What each command is for, in the order of the help.
 COMMANDS = {
     "plan": "from a job to a corrected robot program",
     "compare": "every strategy side by side, in the cell as modelled and in cells that differ",
@@ -49,10 +49,24 @@ COMMANDS = {
     "init": "write a commented job, a robot folder from a URDF, or an empty measurement log",
     "doctor": "what is odd about the installation, a robot folder or a log",
 }
+#: The commands of each module of `compplan.cli.commands`.
+MODULES = {
+    "plan": ("plan", "post", "place", "compare", "forces"), "study": ("montecarlo", "map", "reproduce"),
+    "measure": ("identify", "diagnose", "predict", "campaign", "learn"),
+    "program": ("convert", "execute", "trace", "calibration"), "setup": ("init", "doctor", "view"),
+}  # fmt: skip
+
+
+def load_command(name: str) -> click.Command:
+    """Import and return a command."""
+    put_off()  # loads numpy, as every command does, and therefore not before
+    module = next(module for module, names in MODULES.items() if name in names)
+    command: click.Command = getattr(importlib.import_module(f"compplan.cli.commands.{module}"), f"run_{name}")
+    return add_verbosity(command)
 
 
 class LazyGroup(click.Group):
-    """Import a module of `compplan.cli.commands`, which offers a click command `command`, only when it is asked for."""
+    """Import the module of a command only when it is asked for, so that the command line starts fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the command names."""
@@ -60,11 +74,7 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return a command."""
-        if cmd_name not in COMMANDS:
-            return None
-        put_off()  # loads numpy, as every command does, and therefore not before
-        command: click.Command = importlib.import_module(f"compplan.cli.commands.{cmd_name}").command
-        return add_verbosity(command)
+        return load_command(cmd_name) if cmd_name in COMMANDS else None
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; another process that is gone is an error like any other, not a reader that has left."""

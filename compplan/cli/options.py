@@ -57,7 +57,7 @@ class ResultPath(click.Path):
         return path
 
 
-class Answer(NamedTuple):
+class CommandResult(NamedTuple):
     """What a command ends with: what --json prints, the lines for people, and what was not as asked for."""
 
     summary: Mapping[str, Any]
@@ -78,9 +78,9 @@ posture_kept = click.option(
 
 
 def make_command(*options: Callable[[Any], Any], epilog: str | None = None) -> Callable[[Any], click.Command]:
-    """Make the command `command` of a function that returns an `Answer`, with these options and --json."""
+    """Make the command `command` of a function that returns an `CommandResult`, with these options and --json."""
 
-    def make(function: Callable[..., Answer]) -> click.Command:
+    def make(function: Callable[..., CommandResult]) -> click.Command:
         @wraps(function)
         def run(as_json: bool, **values: Any) -> None:
             answer = function(**values)
@@ -107,7 +107,7 @@ def make_job_command(
         help="A key of the job in place of the file's, as TOML: --set plan.tolerance_mm=0.05; may be repeated.",
     )  # fmt: skip
 
-    def make(function: Callable[..., Answer]) -> click.Command:
+    def make(function: Callable[..., CommandResult]) -> click.Command:
         @wraps(function)
         def run(
             job: Path,
@@ -115,7 +115,7 @@ def make_job_command(
             robot_instead: str | None = None,
             keep: str | None = None,
             **values: Any,
-        ) -> Answer:
+        ) -> CommandResult:
             from compplan.job.job import load_job
             from compplan.job.operations import settle_job
 

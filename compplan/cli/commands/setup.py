@@ -1,46 +1,39 @@
-"""`compplan init`: write a commented job, a robot folder from a URDF, or an empty measurement log."""
+"""Begin and look: `init` writes a job, a robot folder or a log, `doctor` looks at one, `view` shows a result."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import shutil
 import sys
+import time
 import tomllib
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import tomli_w
 
-from compplan.cli.options import INPUT, add_options, robot_option
-from compplan.cli.terminal import show, show_progress
+from compplan.cli.options import INPUT, CommandResult, add_options, make_command, robot_option
+from compplan.cli.terminal import format_table, show, show_progress
 from compplan.controllers.writers import WRITERS, list_languages
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.post import read_post
 from compplan.errors import CompplanError, InputError, UnknownNameError
-from compplan.io.tables import write_text
+from compplan.io.provenance import describe_origin
+from compplan.io.tables import read_text, write_text
 from compplan.io.transaction import replace_folder
-from compplan.job.called_tools import ANY_FEED, describe_assumed, read_called_tools
-from compplan.job.commented_job import (
-    choose_process,
-    mount_tool,
-    number_tools,
-    set_force,
-    set_place,
-    shorten_job,
-    write_job_text,
-)
-from compplan.job.profile import write_profile_text
-from compplan.measurement.template import write_log_text
 from compplan.robot import Robot, load_robot, read_robot_folder
 from compplan.robot.brands import CONTROLLERS
 from compplan.robot.folder_template import TURNS, build_skeleton
 from compplan.robot.rating import Rating
 from compplan.toolpath.readers import find_reader, list_suffixes
-from compplan.toolpath.readers.lines import read_bounded
-from compplan.toolpath.reading import read_toolpath
+
+if TYPE_CHECKING:
+    from compplan.cli.doctor import Remark
 
 #: Pitch of the example cone that shows what force the arm bears. [mm]
 FEW_TURNS_MM = 5.0
@@ -74,7 +67,7 @@ FORMS = {
     click.option("--out", type=INPUT, help="Folder of the robot, or file of the log or template."),
     click.option("--schema", is_flag=True, help="Print the JSON schema of a job, and write nothing."),
 )  # fmt: skip
-def command(words: tuple[str, ...], **options: Any) -> None:
+def run_init(words: tuple[str, ...], **options: Any) -> None:
     """Write a job FILE (default job.toml) in which every key is explained; a shop profile; a robot folder; a log.
 
     With a robot, the part is put where the arm reaches its path, the tool leaves the flange straight, and the forces
@@ -110,6 +103,8 @@ def command(words: tuple[str, ...], **options: Any) -> None:
         file = _write_new(out or Path(f"{language}.jinja"), read_post(language))
         lines = [f'wrote {file}; next: [output] templates = {{ {language} = "{file.name}" }}']
     elif form == "profile":
+        from compplan.job.profile import write_profile_text
+
         file = out or Path("shop.toml")
         robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
         language = "csv" if robot is None else _native_language(robot)
@@ -118,6 +113,8 @@ def command(words: tuple[str, ...], **options: Any) -> None:
     elif robot_name is None:
         raise InputError("init log needs --robot: its joints are columns")
     else:
+        from compplan.measurement.template import write_log_text
+
         file = _refuse_existing(out or Path("measurements.csv"))
         write_text(file, write_log_text(load_robot(robot_name)))
         lines = [f"wrote {file}; next, when it is filled in: compplan doctor {file} --robot {robot_name}"]
@@ -144,6 +141,9 @@ def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
 
 
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
+    from compplan.job.called_tools import describe_assumed, read_called_tools
+    from compplan.job.commented_job import choose_process, mount_tool, number_tools, shorten_job, write_job_text
+
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":
         raise InputError(f"a job is a file that ends in .toml, not {str(file)!r}")
@@ -180,6 +180,7 @@ def _place_part(text: str, file: Path) -> tuple[str, str]:
 
     A toolpath that cannot be read as the text has it leaves the part where it is: it may need what the job says of it.
     """
+    from compplan.job.commented_job import set_place
     from compplan.job.job import check_job
     from compplan.job.operations import split_job
     from compplan.planning.plan import job_robot
@@ -199,6 +200,7 @@ def _place_part(text: str, file: Path) -> tuple[str, str]:
 
 def _ease_force(text: str, file: Path) -> str:
     """Lower the force of a job's text to what its arm bears; it stays where the path cannot be followed."""
+    from compplan.job.commented_job import set_force
     from compplan.job.job import check_job
     from compplan.planning.first_force import bearable_share
     from compplan.process.force_models.isf import IsfProcess
@@ -224,6 +226,10 @@ def _round_down(value: float) -> float:
 
 def _check_toolpath(path: Path) -> None:
     """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
+    from compplan.job.called_tools import ANY_FEED
+    from compplan.toolpath.readers.lines import read_bounded
+    from compplan.toolpath.reading import read_toolpath
+
     if not path.is_file():
         raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
     if path.suffix.lower() == ".csv":
@@ -293,3 +299,103 @@ def _refuse_existing(path: Path) -> Path:
 
 def _line(key: str, value: str) -> str:
     return tomli_w.dumps({key: value}).rstrip("\n")
+
+
+#: How a state looks on a terminal.
+COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow"}
+
+
+@make_command(
+    click.argument("target", required=False),
+    robot_option("Robot that the log was taken on: folder or shipped robot.", required=False),
+)
+def run_doctor(target: str | None, robot_name: str | None) -> CommandResult:
+    """Look at TARGET and say what is odd: a robot (folder or name) or a measurement log; without it the installation.
+
+    Example: compplan doctor measurements.csv --robot ur10
+    """
+    from compplan.cli.doctor import examine_installation, examine_log, examine_robot
+
+    _refuse_others(target)
+    if target is not None and Path(target).is_file():
+        findings = examine_log(Path(target), None if robot_name is None else load_robot(robot_name))
+    elif target is not None and Path(target).suffix.lower() == ".csv":
+        raise InputError("measurement log not found", file=Path(target))
+    elif target is not None and robot_name is not None:
+        raise InputError(f"--robot is the robot of a log, but {target!r} is no log: name one robot")
+    elif target is not None or robot_name is not None:
+        findings = examine_robot(load_robot(target if target is not None else str(robot_name)))
+    else:
+        findings = examine_installation()
+    summary = {"findings": [asdict(finding) for finding in findings], "made_by": describe_origin()}
+    return CommandResult(summary, _describe_findings(findings))
+
+
+def _refuse_others(target: str | None) -> None:
+    """Refuse what another command takes, and name that."""
+    if target is None or Path(target).is_dir():
+        return
+    suffix = Path(target).suffix.lower()
+    if suffix == ".toml":
+        sentence = f"is no robot folder and no log; if it is a job: compplan plan {target} --out out"
+        raise InputError(sentence, file=target)
+    if suffix in list_suffixes():
+        sentence = f"is a CAM file; compplan convert {target} --out path.csv writes its toolpath, "
+        raise InputError(
+            f"{sentence}compplan init job.toml --robot ROBOT --toolpath {target} a job for it", file=target
+        )
+
+
+def _describe_findings(findings: list[Remark]) -> list[str]:
+    """Return the findings as lines for people."""
+    from rich.markup import escape
+
+    rows = []
+    for finding in findings:
+        said = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
+        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(said)))
+    odd = sum(finding.state == "odd" for finding in findings)
+    count = f"{odd} odd of {len(findings)} looked at" if odd else f"nothing odd; {len(findings)} looked at"
+    return [*format_table(rows), count]
+
+
+@click.command()
+@click.argument("out", type=INPUT)
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port on 127.0.0.1.")
+@click.option("--open/--no-open", "opened", default=True, help="Open the page in the browser.")
+def run_view(out: Path, port: int, opened: bool) -> None:
+    """Show OUT, a folder of compplan plan or diagnose: the arm along the path, or measured poses.
+
+    A plan of several tools has a view for each, at ports one after the other. Ctrl-C ends them.
+
+    Example: compplan view out
+    """
+    from compplan.reporting.view.server import HOST, start_server
+
+    viewers = []
+    for place, folder in enumerate(list_shown(out)):
+        with show_progress() as progress:
+            progress("the viewer starts")
+            viewers.append(start_server(folder, port + place))
+        address = f"http://{HOST}:{port + place}"
+        show({}, False, [f"{folder} at {address}, Ctrl-C ends it"])
+        if opened:
+            click.launch(address)
+    try:
+        while True:
+            time.sleep(3600.0)
+    except KeyboardInterrupt:
+        for viewer in viewers:
+            viewer.stop()
+
+
+def list_shown(out: Path) -> list[Path]:
+    """Return the folders that are shown: that of each tool where a plan has several, each at a port of its own."""
+    file = out / "plan.json"
+    try:
+        data = json.loads(read_text(file)) if file.is_file() else {}
+    except ValueError:  # the viewer says what is wrong with the folder
+        data = {}
+    tools = data.get("tools", []) if isinstance(data, dict) else []
+    folders = [out / tool["folder"] for tool in tools if isinstance(tool, dict) and isinstance(tool.get("folder"), str)]
+    return folders or [out]
