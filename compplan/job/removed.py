@@ -21,6 +21,7 @@ REMOVED = {
     "coupling": "the force is that of the tool on its path; delete it",
     "stability": "state [process] tool_mode, a plan notes the limit of depth",
     "posture.weights.stability": "delete it",
+    "output.splines": "programs are lines and arcs; delete it",
     "surface": CAM,
     "tool_beam": CAM,
     "process.part": CAM,

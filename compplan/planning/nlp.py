@@ -76,6 +76,13 @@ class Solution(NamedTuple):
     multipliers: Mapping[str, Array]  #: Multipliers of the rows of each limit. Shapes (k, r).
     active: Mapping[str, NDArray[np.bool_]]  #: Stations at which each limit is active, by name. Shapes (k,).
 
+    @property
+    def time(self) -> float:
+        """Time along the runs. [s]"""
+        root, along = np.sqrt(self.square), self.problem.along
+        parts = [(slice(a, b), slice(a + 1, b + 1)) for a, b in self.problem.runs]
+        return float(sum((2.0 * (along[b] - along[a]) / (root[a] + root[b])).sum() for a, b in parts))
+
 
 @dataclass(frozen=True)
 class PathProgram:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.limits import sample_use
-from compplan.controllers.readback.robot import read_joints
+from compplan.controllers.readback.joint_table import read_joints
 from compplan.job.job import LimitsTable
 from compplan.planning.checks import _check_jerk
 from compplan.planning.feed import FeedRequest, time_run

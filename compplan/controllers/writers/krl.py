@@ -60,11 +60,8 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
     The joint program repeats the plan waypoint by waypoint, from arrays in .dat files. The linear one has plain motion
     lines (LIN, CIRC) through the geometry that the controller believes; its positions count from the part frame
-    ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. Where splines are asked
-    for, lines and arcs are those of the spline planner (SLIN, SCIRC), one by one: a block of them stops wherever the
-    curvature changes, and the curve of SPL is not published. A rail counts as
+    ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. A rail counts as
     coupled: $BASE stands still while it moves; where joints carry the part, $BASE moves with it (EK).
-    Files end lines with CR LF.
     """
     order_joints(program, ARM, "KRL")
     can = program.tcp is not None and program.status is not None
@@ -115,8 +112,8 @@ def _format_target(program: Program, move: WrittenMove, columns: list[int]) -> s
     assert program.status is not None
     turns = turn_bits(program.joints[move.row, columns].tolist())
     words = f"S {program.status[move.row]},T {turns}{_external(program, move.row)}"
-    planner, target = "S" if program.splines else "", f"{{{_place(move.place)},{words}}}"
-    return f"{planner}CIRC {{{_place(move.via)}}},{target}" if move.via else f"{planner}LIN {target}"
+    target = f"{{{_place(move.place)},{words}}}"
+    return f"CIRC {{{_place(move.via)}}},{target}" if move.via else f"LIN {target}"
 
 
 def _fold_lines(lines: list[str]) -> list[str]:

@@ -47,7 +47,7 @@ class WrittenMove(NamedTuple):
     """A move of a program, in the numbers of a language."""
 
     row: int  #: Row of the program that it ends at.
-    kind: str  #: "joint", "line", "arc" or "curve".
+    kind: str  #: "joint", "line" or "arc".
     stops: bool  #: Whether the robot stops at its end.
     swings: bool  #: Whether it is a joint move among lines because the configuration changes.
     feed: float  #: [mm/s]
@@ -176,8 +176,7 @@ def list_moves(program: Program, form: ProgramForm, *, linear: bool) -> list[Wri
     n = len(program)
     alone, stops = program.alone(linear=linear), program.stops(linear=linear)
     arcs = program.arcs & ~alone if linear else np.zeros(n, bool)
-    kind = np.where(program.curves, "curve", np.where(arcs, "arc", "line"))
-    kind = np.where(alone | (not linear), "joint", kind)
+    kind = np.where(alone | (not linear), "joint", np.where(arcs, "arc", "line"))
     places = form.numbers(program.positions).tolist() if linear else [[]] * n
     through = form.numbers(program.via_positions[arcs]).tolist() if arcs.any() else []
     vias = dict(zip(np.flatnonzero(arcs).tolist(), through, strict=True))

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.controllers.shapes import find_coefficients
 from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.krl import turn_bits
@@ -72,15 +71,14 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     Positions count from the part frame, set by TRANS and AROT on top of G500; X Y Z are the tool tip, A2 B2 C2 (ORIRPY)
     turn the flange about x, the fixed y and the fixed z. The tool's offset is correction D1 of a tool of the cell
     (lengths in Z, Y and X for G17), which the program fills where the job asks for that; its turn is part of the
-    programmed orientation. Cutting moves are G1 in CP travel with their feed (G94, mm/min), arcs are CIP, cubics POLY
-    over the interval from 0 to 1 (A2 B2 C2, which have no PO of their own, turn evenly over it: assumed), rapid moves
+    programmed orientation. Cutting moves are G1 in CP travel with their feed (G94, mm/min), arcs are CIP, rapid moves
     and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below 0). A sliding joint is the axis
     E1. Names of axes and the transformation are the machine's: check them.
     """
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.tcp is None or program.status is None:
         raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
-    fitted, points = fit_moves(program, curves=program.splines).program, most or FORM.most
+    fitted, points = fit_moves(program).program, most or FORM.most
     tool = np.eye(4) if program.tool is None else program.tool
 
     def state_poses(poses: Array) -> Array:
@@ -141,13 +139,6 @@ def _format_move(part: Part, move: WrittenMove, middle: list[float]) -> str:
     code, through = "G1", ""
     if move.kind == "arc":
         code, through = "CIP", " I1=AC({:.5f}) J1=AC({:.5f}) K1=AC({:.5f})".format(*middle)
-    elif move.kind == "curve":
-        assert program.bend is not None
-        travelled = np.array(move.place[:3]) - np.array(part.every[move.row - 1].place[:3])
-        second, third = find_coefficients(travelled, 1e3 * program.bend[move.row])
-        terms = zip("XYZ", move.place, second.tolist(), third.tolist(), strict=False)
-        words[:3] = [f"PO[{name}]=({end:.5f},{two:.6f},{three:.6f})" for name, end, two, three in terms]
-        code, through = "POLY", " PL=1"
     cam = program.write_comment_line(move.row, ";")
     return f"{number}{code} {' '.join(words)}{through} F{move.feed * 60.0:.3f}{exact}{cam}"
 

@@ -33,10 +33,10 @@ from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
 from compplan.diagnosis.validation.held_out import Folds, HeldOut
 from compplan.diagnosis.validation.mixture import (
     SMALL,
-    build_state,
     hold_out_stack,
     is_built,
     list_options,
+    mixed_state,
     solve_option,
     stack_options,
 )
@@ -100,7 +100,7 @@ def deliver_robot(
     # predicted better, are worth one case of 128; and nothing goes out whose stated error is not below the nominal one
     better = held.of(seen).rms < (1.0 - NEGLIGIBLE) * before.rms and stated.of(seen).rms < before.rms
     better = better and held.of(seen).selection_bonus(before, folds.pose[seen]) < 1.0 - SURE
-    state = build_state(fit, blend.values(fit.search.equations.p), blend.claimed()) if better else nominal
+    state = mixed_state(fit, blend.values(fit.search.equations.p), blend.claimed()) if better else nominal
     if not better or not stands(problem, state):
         known = state_uncertainty(fit, every, nominal, plain, good, rivals)
         return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known)

@@ -24,10 +24,9 @@ from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
-from compplan.diagnosis.search.state import Fit, FitState, idle, move_registration, stands
+from compplan.diagnosis.search.state import Fit, FitState, build_state, stands
 from compplan.diagnosis.validation.held_out import Folds, HeldOut, fit_frames, predict_gap
 from compplan.diagnosis.validation.sparse import average_stays, posterior_of, solve_sparse
-from compplan.effects.checks import limit_sizes
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
@@ -47,35 +46,6 @@ def stack_weights(residuals: Array) -> Array:
     root = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T
     found = nnls(np.vstack([root, np.ones((1, len(gram)))]), np.append(np.zeros(len(gram)), 1.0))[0]
     return np.asarray(found / found.sum())
-
-
-def build_state(fit: Fit, values: Array, first: Sequence[int]) -> FitState:
-    """Put the value of each column, shape (p,), into the exact model.
-
-    `first` are the signatures whose form is kept where several share a column: claims.
-    """
-    equations, left = fit.search.equations, values.copy()
-    claimed = sorted(set(first), key=lambda n: -len(equations.columns(n)))
-    rest = [n for n, s in enumerate(equations.signatures) if n not in first and is_built(s)]
-    effects, kept, registration = list(fit.problem.fixed), dict[str, float](), fit.state.registration
-    for number in [*claimed, *rest]:
-        signature, columns = equations.signatures[number], equations.columns(number)
-        if signature.name == REGISTRATION:
-            registration = move_registration(registration, signature, left[columns] * signature.scale)
-            continue
-        if number not in claimed and idle(equations, columns, left):
-            continue
-        part = left[columns]
-        if signature.positive:
-            part = np.maximum(part, 0.0)
-        sizes = limit_sizes(fit.problem.robot, signature, part * signature.scale)
-        if signature.least:
-            sizes = np.maximum(sizes, signature.least)
-        if part.any():
-            kept |= {equations.names[c]: float(size) for c, size in zip(columns, sizes, strict=True)}
-            effects.append(signature.effect(sizes))
-        left[columns] = 0.0
-    return replace(fit.state, effects=tuple(effects), values=kept, registration=registration)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +126,7 @@ def is_faithful(fit: Fit, one: SolvedOption) -> bool:
     values = one.posterior.values(equations.p)
     used = np.flatnonzero(values)
     linear = (equations.observed[0] - equations.designs[0][..., used] @ values[used]) * source.sigma
-    state = build_state(fit, values, [claim.signature for claim in one.option.claims])
+    state = mixed_state(fit, values, [claim.signature for claim in one.option.claims])
     if not stands(fit.problem, state):
         return False
     gap = predict_gap(fit, register_again(fit, state, fit.state.use))
@@ -171,7 +141,7 @@ def hold_out_stack(folds: Folds, blend: StackedModel) -> HeldOut:
     place = {number: k for k, (number, _) in enumerate(folds.without_fold)}
 
     def build(number: int, _: NormalEquations) -> tuple[Fit, FitState]:
-        return folds.fit, build_state(folds.fit, *blend.without(place[number]))
+        return folds.fit, mixed_state(folds.fit, *blend.without(place[number]))
 
     held = folds.hold_out_states(build)
     chance = float(blend.weights @ [one.chance for one in blend.solved])
@@ -292,6 +262,13 @@ def _hold_out(
 ) -> SolvedOption:  # fmt: skip
     chance = rate_chance(folds, option.claims)
     return SolvedOption(option, posterior, variance, np.array(values), chance, chance * predict_folds(folds, values))
+
+
+def mixed_state(fit: Fit, values: Array, claims: Sequence[int]) -> FitState:
+    """Put the values of a mixture, shape (p,), into the exact model, the widest of its claims first."""
+    equations = fit.search.equations
+    claimed = sorted(set(claims), key=lambda n: -len(equations.columns(n)))
+    return build_state(fit, values, claimed, [n for n, s in enumerate(equations.signatures) if is_built(s)])
 
 
 def is_built(signature: Signature) -> bool:

@@ -91,8 +91,8 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
     settings, robot = problem.settings, problem.robot
     rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step, reconfigure=settings.reconfigure)
     coarse = fill_lattice(problem, stations, build_options(problem, stations))
-    own = {**({"travel": 1.0} if settings.motion.stated and settings.preset == "accurate" else {}), **settings.weights}
-    weights = choose_weights(settings.preset, least_level(coarse, rungs), own)
+    travel = settings.motion.stated and settings.preset == "accurate"
+    weights = choose_weights(settings.preset, least_level(coarse, rungs), travel=travel)
     if coarse.usable.any():  # none is where the part is out of reach, which the search says
         reached = coarse.q[coarse.usable]
         rungs = replace(rungs, price=price_motion(problem.chain, reached, robot.prismatic, settings.motion))
@@ -159,7 +159,7 @@ def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> Po
     to stand as well as was asked for, or as the choice does.
     """
     settings = problem.settings
-    if problem.robot.nq < 6 or settings.weights:
+    if problem.robot.nq < 6:
         return posture_choice
     leans = np.abs(np.stack([posture_choice.spin, posture_choice.lead, posture_choice.lean])).max()
     if leans < STILL and not posture_choice.changes and not len(problem.arm.held):  # the plain posture itself

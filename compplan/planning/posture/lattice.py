@@ -178,23 +178,20 @@ def orient_tool(
     return rotation.reshape(*shape, 3, 3)
 
 
-def orient_options(
-    nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options
-) -> tuple[Array, Array]:
-    """Return orientations (k g, 3, 3) and extra axes (k g, h) of all options at stations (k,)."""
+def fill_lattice(
+    problem: PostureProblem, stations: NDArray[np.int_], options: Options, position: Array | None = None
+) -> Lattice:
+    """Solve the inverse kinematics of every node at stations (k,) and measure it.
+
+    `position` (k, 3) [m] is where the stations lie, those of the path if left out.
+    """
+    arm, settings, nominal = problem.arm, problem.settings, problem.nominal
     k, g = len(stations), options.spin.shape[1]
     spin, lead, lean = (np.broadcast_to(v, (k, g)) for v in (options.spin, options.lead, options.lean))
     held = np.broadcast_to(options.held, (k, g, options.held.shape[2])).reshape(k * g, -1)
-    return orient_tool(nominal, tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3), held
-
-
-def fill_lattice(problem: PostureProblem, stations: NDArray[np.int_], options: Options) -> Lattice:
-    """Solve the inverse kinematics of every node at stations (k,) and measure it."""
-    arm, settings, nominal = problem.arm, problem.settings, problem.nominal
-    k, g = len(stations), options.spin.shape[1]
-    rotation, held = orient_options(nominal, problem.tool_x, stations, options)
-    position = np.repeat(nominal.position[stations], g, axis=0)
-    q = solve_branches(arm, position, rotation, held).reshape(k, g, -1, problem.chain.nq)
+    rotation = orient_tool(nominal, problem.tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3)
+    place = np.repeat(nominal.position[stations] if position is None else position, g, axis=0)
+    q = solve_branches(arm, place, rotation, held).reshape(k, g, -1, problem.chain.nq)
     q = _wrap_into_limits(q, arm)
     reached = np.isfinite(q[..., 0])
     reason = np.where(reached, USABLE, OUT_OF_REACH).astype(np.int8)
@@ -207,7 +204,7 @@ def fill_lattice(problem: PostureProblem, stations: NDArray[np.int_], options: O
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(
         problem.chain, q[rows], problem.wrench[stations][rows[0]], limits=arm.robot.arm_limits,
-        uncertainty=settings.known, measure=settings.measure, axes=settings.axes, margin=settings.limit_margin,
+        uncertainty=settings.known, axes=settings.axes, margin=settings.limit_margin,
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)

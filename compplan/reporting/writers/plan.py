@@ -316,7 +316,7 @@ def make_program(plan: Plan) -> Program:
     asked = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
     return replace(
         program, tolerance=output.bound_fit(plan.task.tolerance), coarser=coarser, corner_shift=shift, asked=asked,
-        cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines, splines=output.splines,
+        cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines,
         pieces=_shift_pieces(plan, before, after), **zones,
     )  # fmt: skip
 
@@ -329,7 +329,7 @@ def _shift_pieces(plan: Plan, before: int, after: int) -> Pieces:
     last = before + len(plan.task)
     whole = np.r_[np.arange(before), ends + before, last + np.arange(after)]
     kinds = np.r_[np.full(before, LINE), np.where(kind >= 0, kind + before, kind), np.full(after, LINE)]
-    return {(True, False): (whole, kinds)}
+    return {True: (whole, kinds)}
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:
