@@ -57,7 +57,7 @@ CALM = 0.5
 LONGEST = 8000
 #: Eased runs that are tried at most, and waypoints times runs.
 ROUNDS, WORK = 14, 40_000
-#: Target of the band from one pair of rounds to the next until it takes too long, least share of it that is left to vibration.
+#: Target of the band from one pair of rounds to the next until it takes too long, and its least share for vibration.
 LOWER, LEAST_ROOM = 0.86, 0.2
 #: Exponent g, and the least and greatest change of a factor in one round.
 GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
