@@ -11,9 +11,8 @@ from click.testing import CliRunner
 from compplan.cli.commands import map as map_command
 from compplan.cli.commands.map import command
 from compplan.errors import InputError
-from compplan.reporting.maps.maps import map_deflection
 from compplan.reporting.maps.reach import ELBOWS, POSTURES, Plane, make_plane, reach_plane, stand_of_arm, working_limits
-from compplan.reporting.maps.survey import MapSettings, map_robot
+from compplan.reporting.maps.survey import MapSettings, map_deflection, map_robot
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium

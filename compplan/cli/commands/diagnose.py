@@ -16,8 +16,7 @@ from compplan.io.display import format_figures
 from compplan.measurement.checks import list_notes
 from compplan.measurement.registration import parse_parts
 from compplan.reporting.diagnosis import deliver_diagnosis
-from compplan.reporting.diagnosis_text import describe_structure
-from compplan.reporting.effect_text import list_effects
+from compplan.reporting.diagnosis_text import describe_next, describe_structure, list_effects, list_poses
 
 
 @click.command("diagnose")
@@ -50,9 +49,11 @@ def command(
         progress("questions")
         asked = settle_questions(robot, campaign, parts, assume_ok, events=True)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
-        table, opening = deliver_diagnosis(diagnosis, folder, progress)
+        table = deliver_diagnosis(diagnosis, folder, progress)
+    folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
     what, headline = diagnosis.summary()[0]
-    following = opening.next.replace("listed below", "listed in the report")
+    kind = diagnosis.deliveries[0].kind
+    following = describe_next(table["verdict"], kind, list_poses(table, "in the report"))
     lines = [
         *(f"assumed to be meant: {question}" for question in asked),
         f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),

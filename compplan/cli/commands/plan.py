@@ -61,8 +61,8 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     from compplan.job.operations import split_job
     from compplan.planning.checks import state_notes
     from compplan.planning.plan import plan_job
-    from compplan.planning.result import summarise_plan
-    from compplan.reporting.plan_text import format_plan
+    from compplan.planning.result import replace_said, summarise_plan
+    from compplan.reporting.plan_summary import format_plan
     from compplan.reporting.writers.plan import deliver_plan, note_programs
 
     jobs = split_job(job)
@@ -89,7 +89,7 @@ def _deliver_all(plans: Sequence[Plan], folder: Path, name: str, *, as_json: boo
     """Write the plans of several tools together, say so, and return them with what their files say."""
     from compplan.planning.operations import summarise_operations
     from compplan.reporting.operations import deliver_operations, describe_operations, describe_order
-    from compplan.reporting.plan_text import count_notes, format_stops
+    from compplan.reporting.plan_summary import count_notes, format_stops
 
     read, files = deliver_operations(plans, folder, name)
     summary = summarise_operations(read, name)
