@@ -26,11 +26,10 @@ from compplan.job.profile import apply_profile
 from compplan.job.removed import refuse_removed
 from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools, place_cutter
-from compplan.process.force_law import turns_with_travel
+from compplan.process.force_law import Process, turns_with_travel
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.learned_force import LearnedForce
-from compplan.process.material_library import apply_material
-from compplan.process.wrench import Process
+from compplan.process.materials import apply_material
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
@@ -128,8 +127,6 @@ class PostureTable(StrictTable):
     """[posture]: objective of the redundant degree of freedom, and freedom of the tool axis."""
 
     preset: Literal["accurate", "error_band", "smooth", "fast"] = "accurate"
-    weights: dict[str, Annotated[float, Field(le=1e9)]] = Field(default_factory=dict)
-    measure: Literal["expected", "p95"] = "expected"
     wrench_uncertainty: float = Field(default=0.1, ge=0.0, le=2.0)
     compliance_uncertainty: float = Field(default=0.1, ge=0.0, le=2.0)
     joint_zero_uncertainty_deg: float = Field(default=0.0, ge=0.0, le=10.0)

@@ -15,7 +15,7 @@ from compplan.io.quantities import format_length, format_mm, format_mm_change, f
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.part import LearnedPart
-from compplan.learning.residual import Residual, residual_file
+from compplan.learning.representable import Residual, residual_file
 from compplan.process.learned_force import FILE as PROCESS
 from compplan.process.learned_force import write_learned_force
 from compplan.reporting.charts import draw_curves
@@ -66,7 +66,7 @@ def _write_updated(update: LearnedPart, folder: Path) -> None:
     elif source is not None and (source / PROCESS).is_file():
         shutil.copyfile(source / PROCESS, folder / PROCESS)
     name = residual_file(update.robot, update.job)
-    if update.lesson.taken:
+    if update.lesson.taken and update.residual is not None:
         file_name = f"learned_{update.job.file.stem}.csv" if name is None else name.name
         _write_residual(update.residual, update.robot, folder / file_name)
 

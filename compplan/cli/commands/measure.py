@@ -31,7 +31,7 @@ from compplan.identification.parameters import LINK_TERMS
 from compplan.io.parsing import LEAST_SIGMA_MM
 from compplan.io.provenance import describe_origin
 from compplan.measurement.checks import check_unit, list_notes
-from compplan.measurement.fit.robust import LOSSES
+from compplan.measurement.fit.least_squares import LOSSES
 from compplan.measurement.registration import folder_registration, parse_parts
 from compplan.robot import load_robot
 
@@ -100,11 +100,9 @@ def run_diagnose(
 ) -> CommandResult:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
-    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html;
-    where named causes alone and all that a calibration finds are both worth a folder, DIR/robot is the one that
-    predicts better, and DIR/robot_causes or DIR/robot_calibrated the other.
+    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html.
 
-    Example: compplan diagnose docs/notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
+    Example: compplan diagnose notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
     """
     from compplan.diagnosis import diagnose_campaign
     from compplan.io.display import format_figures
@@ -122,14 +120,13 @@ def run_diagnose(
         asked = settle_questions(robot, campaign, parts, assume_ok, events=True)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
         table = deliver_diagnosis(diagnosis, folder, progress)
-    folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
     what, headline = diagnosis.summary()[0]
-    todo = describe_next(table["verdict"], diagnosis.deliveries[0].kind, list_poses(table, "in the report"))
+    todo = describe_next(table["verdict"], diagnosis.delivery.kind, list_poses(table, "in the report"))
     return CommandResult(table, [
         *(f"assumed to be meant: {question}" for question in asked),
         f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),
         *format_figures(diagnosis.list_figures()), *list_notes(campaign.notes),
-        f"wrote diagnosis.json, report.html, {folders} to {folder}",
+        f"wrote diagnosis.json, report.html, robot/ to {folder}",
         f"next: {todo.replace('OUT/robot', str(folder / 'robot'))}",
     ])  # fmt: skip
 
@@ -263,7 +260,7 @@ def run_learn(
     """
     from compplan.learning.measured_path import reach_of
     from compplan.learning.part import learn_from_part
-    from compplan.learning.surface import read_surface
+    from compplan.learning.scan import read_surface
     from compplan.measurement.instrument import read_instrument
     from compplan.reporting.learn import write_learning
 

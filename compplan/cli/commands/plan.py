@@ -61,8 +61,9 @@ def run_plan(job: Job, folder: Path) -> CommandResult:
 def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     """Plan a job, a plan for each tool that it calls, and write what came of it; `note` is added to the first."""
     from compplan.job.operations import split_job
+    from compplan.planning.checks import state_notes
     from compplan.planning.plan import plan_job
-    from compplan.planning.result import replace_said, summarise_plan
+    from compplan.planning.result import summarise_plan
     from compplan.reporting.plan_summary import format_plan
     from compplan.reporting.writers.plan import deliver_plan, note_programs
 
@@ -70,7 +71,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     with show_progress(STAGES) as announce:
         for one in jobs:
             plan = note_programs(plan_job(one, progress=announce))
-            plans.append(replace_said(plan, (note, *plan.notes)) if note and not plans else plan)
+            plans.append(plan.add_checks(state_notes([note]), first=True) if note and not plans else plan)
             announce("95 % band: where the true tip is")
             _ = plans[-1].promise, plans[-1].mismatch
         if len(jobs) == 1:
@@ -228,16 +229,15 @@ def run_compare(job: Job, folder: Path) -> CommandResult:
 
     Example: compplan compare paths/circle_500mm.toml --out out
     """
-    from compplan.planning.compare import summarise_comparison
     from compplan.reporting.compare import write_comparison
-    from compplan.studies.comparison import compare_job
+    from compplan.studies.job_study import compare_job
 
     with show_progress() as announce:
         comparison = compare_job(job, announce=announce)
         announce("write: compare.json, report.html")
         files = write_comparison(comparison, folder)
     wrote = f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}"
-    return CommandResult(summarise_comparison(comparison), [*_describe_strategies(comparison), wrote])
+    return CommandResult(comparison.to_dict(), [*_describe_strategies(comparison), wrote])
 
 
 def _describe_strategies(comparison: Comparison) -> list[str]:
@@ -305,9 +305,8 @@ def _describe(summary: Mapping[str, Any]) -> Iterator[str]:
            f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
     if "engagement" in summary:
         cut = summary["engagement"]
-        deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
-        shakes = f"ripple up to {ripple:.3g} N" if ripple > 0.0 else "no ripple: the edges balance"
-        yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, {shakes}"
+        deep, wide = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"]
+        yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm"
     if "log" in summary:
         fit = summary["log"]
         yield (f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "

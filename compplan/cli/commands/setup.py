@@ -113,7 +113,7 @@ def run_init(words: tuple[str, ...], **options: Any) -> None:
     elif robot_name is None:
         raise InputError("init log needs --robot: its joints are columns")
     else:
-        from compplan.measurement.template import write_log_text
+        from compplan.measurement.reading import write_log_text
 
         file = _refuse_existing(out or Path("measurements.csv"))
         write_text(file, write_log_text(load_robot(robot_name)))
@@ -193,8 +193,8 @@ def _place_part(text: str, file: Path) -> tuple[str, str]:
         return text, f"the part has the default place, its path was not tried ({error})"
     if found is None:
         return text, "no place was found from which this robot reaches the whole path; choose a larger one, or turn it"
-    position = [round(1e3 * float(value), 1) + 0.0 for value in found.position]
-    why = "amid the places from which the arm reaches the path" if found.tried else "before the arm, not tried"
+    position = [round(1e3 * float(value), 1) + 0.0 for value in found[0]]
+    why = "amid the places from which the arm reaches the path" if found[1] else "before the arm, not tried"
     return set_place(text, position, f"assumed: {why}; put yours"), f"the part stands at {position} mm (assumed: {why})"
 
 

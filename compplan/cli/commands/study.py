@@ -140,7 +140,7 @@ def run_reproduce(paper: str, folder: Path) -> CommandResult:
 
     Example: compplan reproduce johra2022 --out out
     """
-    from compplan.reproduce.page import summarise_reproduction, write_reproduction
+    from compplan.reproduce.paper import summarise_reproduction, write_reproduction
 
     with show_progress() as progress:
         progress(f"figures of {paper}")
