@@ -8,9 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 
 @dataclass(frozen=True)
@@ -83,21 +82,13 @@ class Signature:
 
 
 class EffectModel(Protocol):
-    """Interface of the module of an effect."""
+    """Interface of the module of an effect; `apply` and `fold` (`compplan.effects`) are not in every one."""
 
     name: str
     words: str
 
     def signatures(self, at: Linearization) -> Iterable[Signature]:
         """List the signatures of the possible places and forms in a campaign."""
-        ...
-
-    def apply(self, model: ForwardModel, effect: Effect) -> ForwardModel:
-        """Put the effect into a model, exactly."""
-        ...
-
-    def fold(self, robot: Robot, effect: Effect) -> Robot | None:
-        """Write the effect into URDF and springs; None where they cannot express it (effects.toml then holds it)."""
         ...
 
 

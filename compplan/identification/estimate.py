@@ -54,8 +54,8 @@ class Estimate:
         state: What the fitted model says about the rows.
         system: The linearised problem there.
         weights: Robust weight of each row. Shape (n,).
-        noise: Standard deviation that the residuals show over the stated one: position, orientation, encoders.
-            Shape (3,).
+        noise: Standard deviation that the residuals show over the stated one: position, orientation, encoders. Shape
+            (3,).
         clustered: Whether neighbouring residuals agree more than noise does; intervals then come from groups of poses.
         iterations: Steps that were taken.
     """
@@ -120,15 +120,9 @@ def estimate_parameters(
     structure: FreeRobot, campaign: Campaign, *, registration: Registration | None = None,
     loss: str = "least_squares", reference: str = "absolute", sigma: str = "residuals",
 ) -> Estimate:  # fmt: skip
-    """Estimate the free parameters of a structure from every row of a log.
+    """Estimate the free parameters of a structure from every row of a log; loss, reference and sigma as in `Rows`.
 
-    Args:
-        structure: Robot and free parameters.
-        campaign: The measured rows.
-        registration: Frames of the campaign; its `parts` are fitted along. Base frame and TCP if left out.
-        loss: As in `Rows`.
-        reference: As in `Rows`.
-        sigma: As in `Rows`.
+    The `parts` of the registration are fitted along; base frame and TCP are known if it is left out.
 
     Raises:
         InputError: If no parameter can be told, or there are fewer rows than parameters.
@@ -188,13 +182,10 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
 def leave_poses_out(
     rows: Rows, estimate: Estimate, free: NDArray[np.bool_] | None = None, system: System | None = None
 ) -> HeldOutRows:
-    """Refit without each block of poses and predict it.
+    """Refit without each block of poses, weights and noise of the estimate held, and predict it.
 
-    Args:
-        rows: The measured rows; under its reference "difference", rows of a pose are compared with each other only.
-        estimate: The fitted state: weights and noise.
-        free: Which parameters are refitted; those of the estimate if left out. Shape (p,).
-        system: The linearised problem at the fitted state; the estimate's own if left out. Shape (n, m, p).
+    Parameters `free` (p,) and linearised problem `system` are the estimate's if left out. Under the rows' reference
+    "difference", rows of a pose are compared with each other only.
     """
     return predict_left_out(
         estimate.system if system is None else system, estimate.noise, estimate.weights,
@@ -218,12 +209,9 @@ PREFERENCE = {
 
 @dataclass(frozen=True)
 class Inseparable:
-    """Parameters that the data cannot tell, alone or apart from others.
+    """A parameter that is held at its nominal value, those that move the measured pose in the same way, and why.
 
-    Attributes:
-        held: The parameter that is held at its nominal value.
-        together_with: Parameters that move the measured pose in the same way; empty if it cannot be determined at all.
-        reason: Why, in a sentence.
+    `together_with` is empty if it cannot be determined at all.
     """
 
     held: str
@@ -248,15 +236,7 @@ def find_inseparable(information: Array, parameters: Sequence[Parameter]) -> NDA
 def explain_held(
     log: Campaign, state: RowState, information: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_]
 ) -> tuple[Inseparable, ...]:
-    """Name every parameter that is held, what it cannot be determined apart from, and why.
-
-    Args:
-        log: The measured rows.
-        state: What the model says about them.
-        information: Information matrix. Shape (p, p).
-        parameters: All parameters, frames included.
-        free: Which of them are free. Shape (p,).
-    """
+    """Name every parameter that is held, what it cannot be determined apart from, and why."""
     sizes = np.array([parameter.size for parameter in parameters])
     found = []
     for k, mates in find_mates(information, sizes, free):

@@ -22,11 +22,10 @@ from compplan.job.profile import apply_profile
 from compplan.job.removed import refuse_removed
 from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools, place_cutter
-from compplan.process.force_law import turns_with_travel
+from compplan.process.force_law import Process, turns_with_travel
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.learned_force import LearnedForce
-from compplan.process.material_library import apply_material
-from compplan.process.wrench import Process
+from compplan.process.materials import apply_material
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable

@@ -1,4 +1,7 @@
-"""What a robot folder can hold of an update: its parameters, their uncertainty, and what remains for the path."""
+"""What a robot folder can hold of an update, and the file of what a path has learned beyond its robot.
+
+URDF and springs hold some parameters, effects others; what neither holds stays with the path.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from compplan.effects import EFFECTS, Effect
+from compplan.effects import Effect, fold_effect
 from compplan.effects.checks import check_effect
 from compplan.effects.signature import pack_parameters
 from compplan.errors import CompplanError
@@ -42,7 +45,7 @@ class Learned(NamedTuple):
 def apply_update(
     robot: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
 ) -> tuple[Robot, Array]:
-    """Put what was learned into a robot folder, counterparts together, and its uncertainty.
+    """Put what was learned into a robot folder; also return how much of each value it holds now. Shape (p,). [SI]
 
     What URDF and springs cannot say becomes an effect of the folder. What neither holds (the tool of a job, a spring
     below zero) stays with the path; its mean counts as not known, m m^T.
@@ -53,9 +56,6 @@ def apply_update(
         values: Posterior means about the folder. Shape (p,). [SI]
         covariance: Posterior covariance. Shape (p, p).
         own_tool: Whether the tool is the folder's, not the job's.
-
-    Returns:
-        The robot, and how much of each value it holds now. Shape (p,). [SI]
     """
     held: list[Array] = []
     for unknown, own in split_unknowns(known.unknowns, values):
@@ -80,7 +80,7 @@ def fit_representable(robot: Robot, unknown: Unknown, own: Array) -> tuple[Robot
     if unknown.joint is not None and unknown.joint not in joints:
         return robot, np.zeros(len(own))
     effect = Effect(unknown.effect, unknown.joint, unknown.axis, pack_parameters(unknown.keys, own, unknown.fixed))
-    folded = EFFECTS[unknown.effect].fold(robot, effect)
+    folded = fold_effect(robot, effect)
     if folded is None:
         return add_effect(robot, effect, own)
     if unknown.effect in SPRINGS:

@@ -1,4 +1,4 @@
-"""Scans of a cut part (STL, PLY, XYZ, tables without a head), and the nominal surface of their points."""
+"""Scans of a cut part (STL, PLY, XYZ, tables without a head), and the nominal surface that its points should lie on."""
 
 from __future__ import annotations
 

@@ -15,7 +15,6 @@ from compplan.measurement.campaign import Campaign
 from compplan.measurement.observations import Observations, along
 from compplan.measurement.registration import CONTACTS, PARTS, Registration
 from compplan.robot import Array
-from compplan.robot.pose import apply_twist
 
 #: Along and about which axes a frame moves.
 TURNS: tuple[str, ...] = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -143,7 +142,7 @@ def fit_registration(
         registration = replace(registration, contacts=campaign.sights.names, places=places)
     for _ in range(STEPS):
         step = _step(seen, registration)
-        registration = _move(registration, step)
+        registration = move_frames(registration, step, seen.turned is not None)
         if np.abs(step).max(initial=0.0) < SETTLED:
             break
     return registration
@@ -202,24 +201,16 @@ def _base_rotation(R: Array, turned: Array) -> Array:
 
 
 def _step(rows: _Seen, frames: Registration) -> Array:
-    """Take one weighted Gauss-Newton step: base twist (6), then a twist per tool (6 each), then places (3 each)."""
+    """Take one weighted Gauss-Newton step, in the order of `move_frames`."""
     n, base, local = len(rows.p), frames.base, frames.tool[rows.tool_of]
-    first = 6 if "base" in frames.parts else 0
-    places = first + (6 * len(frames.tool) if "tool" in frames.parts else 0)
-    size = places + (3 * len(frames.places) if CONTACTS in frames.parts else 0)
     point = rows.p + np.einsum("nij,nj->ni", rows.R, local[:, :3, 3])
     seen = point @ base[:3, :3].T + base[:3, 3]
-    own = rows.R @ local[:, :3, :3]
-    world = base[:3, :3] @ own
-    residual, jacobian = np.zeros((n, 6)), np.zeros((n, 6, size))
+    parts = frame_columns(frames, seen, rows.R, rows.tool_of, rows.turned is not None, rows.sights)
+    jacobian, residual = np.concatenate(parts, axis=2), np.zeros((n, 6))
+    size = jacobian.shape[2]
     residual[:, :3] = rows.measured - seen
-    if first:
-        jacobian[:, :3, :3], jacobian[:, :3, 3:6], jacobian[:, 3:, 3:6] = np.eye(3), -_cross(seen), np.eye(3)
-    for k in range((places - first) // 6):
-        of, at = rows.tool_of == k, first + 6 * k
-        jacobian[of, :3, at : at + 3], jacobian[of, 3:, at + 3 : at + 6] = world[of], world[of]
     if rows.turned is not None:
-        known = np.isfinite(rows.turned).all((1, 2))
+        known, world = np.isfinite(rows.turned).all((1, 2)), base[:3, :3] @ rows.R @ local[:, :3, :3]
         residual[known, 3:] = Rotation.from_matrix(rows.turned[known] @ np.swapaxes(world[known], 1, 2)).as_rotvec()
         jacobian[~known, 3:] = 0.0
     else:
@@ -227,43 +218,17 @@ def _step(rows: _Seen, frames: Registration) -> Array:
     residual[:, 3:] *= ANGLE_WEIGHT
     jacobian[:, 3:] *= ANGLE_WEIGHT
     if rows.sights is not None:
-        sighted, slopes = rows.sights.seen, jacobian[:, :3].copy()
-        slopes[:, :, :first] = 0.0
-        slopes[:, :, first:places] = base[:3, :3].T @ slopes[:, :, first:places]
-        if size > places:
-            slopes[:, :, places:] = -rows.sights.place_slopes().reshape(n, 3, -1)
-        slopes = along(rows.sights.directions(point, frames.places), slopes)
+        sighted = rows.sights.seen
+        slopes = along(rows.sights.directions(point, frames.places), base[:3, :3].T @ jacobian[:, :3])
         residual[:, :3] = np.where(sighted[:, None], rows.sights.gap(point, frames.places), residual[:, :3])
         jacobian[:, :3] = np.where(sighted[:, None, None], slopes, jacobian[:, :3])
     length = np.linalg.norm(residual, axis=1)
     knee = 3.0 * max(float(np.median(length)), 1e-9)
     root = np.sqrt(np.minimum(1.0, knee / np.maximum(length, 1e-12)))
     a, b = (jacobian * root[:, None, None]).reshape(-1, size), (residual * root[:, None]).reshape(-1)
-    if rows.sights is not None and size > places:
+    if rows.sights is not None and CONTACTS in frames.parts:
         sure = rows.sights.known
-        weight = rows.sigma / sure.sigma
-        own = sure.slopes(frames.places).reshape(len(sure), size - places)
-        slopes = np.hstack([np.zeros((len(sure), places)), own])
+        weight, own = rows.sigma / sure.sigma, sure.slopes(frames.places).reshape(len(sure), 3 * len(frames.places))
+        slopes = np.hstack([np.zeros((len(sure), size - 3 * len(frames.places))), own])
         a, b = np.vstack([a, slopes * weight[:, None]]), np.r_[b, sure.gap(frames.places) * weight]
     return np.asarray(np.linalg.lstsq(a, b, rcond=1e-10)[0])
-
-
-def _move(frames: Registration, step: Array) -> Registration:
-    """Move the fitted frames by a step."""
-    used, base, tools = 0, frames.base, frames.tool.copy()
-    if "base" in frames.parts:
-        base, used = apply_twist(step[:6]) @ base, 6
-    if "tool" in frames.parts:
-        for k in range(len(tools)):
-            tools[k] = tools[k] @ apply_twist(step[used : used + 6])
-            used += 6
-    places = frames.places
-    if CONTACTS in frames.parts:
-        places = places + step[used:].reshape(-1, 3)
-    return replace(frames, base=base, tool=tools, places=places)
-
-
-def _cross(vectors: Array) -> Array:
-    x, y, z = vectors.T
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], axis=-2)

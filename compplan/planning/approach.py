@@ -16,7 +16,7 @@ from compplan.planning.timing import ease, ease_duration
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import select_waypoints
 

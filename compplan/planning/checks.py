@@ -19,7 +19,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from compplan.controllers.readback.robot import JointTable, read_joints
+from compplan.controllers.readback.joint_table import JointTable, read_joints
 from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED, Bending

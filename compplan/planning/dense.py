@@ -32,7 +32,7 @@ from compplan.planning.task import (
     pose_equations,
 )
 from compplan.robot import Array
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.toolpath import pick_even
 
 LOG = logging.getLogger(__name__)

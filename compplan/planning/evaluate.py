@@ -20,7 +20,7 @@ from compplan.simulation.simulated_robot import (
     run_simulated_robot,
     touch_cell,
 )
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.toolpath import interpolate
 
 #: Waypoints that are judged in a cell with other compliances.

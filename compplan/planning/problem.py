@@ -49,7 +49,6 @@ class PlanningProblem:
     released: NDArray[np.bool_] | None = None
     #: Tip that the correction is counted from, `position` if left out. Shape (k, 3). [m]
     programmed: Array | None = None
-    speed: Array | float = 0.5  #: Share of the programmed feed at which the solver begins. Shape (k,) or one number.
 
     def __len__(self) -> int:
         return len(self.position)
@@ -168,6 +167,7 @@ class Cost:
     name: ClassVar[str]
     formula: ClassVar[str]
     timed: ClassVar[bool] = False
+    most: float = np.inf  #: Bound of its sum over the stations.
 
     def __str__(self) -> str:
         return self.formula

@@ -9,10 +9,10 @@ import numpy as np
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.deflection import DAMPING
 from compplan.planning.task import PlanTask
+from compplan.process.cutting import CuttingForce, edge_wrenches
 from compplan.process.engagement import Engagement
 from compplan.process.force_models.end_mill import EndMillProcess, ToolModeTable
 from compplan.process.materials import Coefficients
-from compplan.process.milling import THINNEST, edge_wrenches
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.chain import Chain, jacobian, load_elements, locate_frames
@@ -20,6 +20,8 @@ from compplan.statics.elastic import load_hessian, solve_equilibrium
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import pick_even
 
+#: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
+THINNEST = 1e-4
 #: Waypoints that are looked at.
 TRIED = 400
 
@@ -167,12 +169,12 @@ def describe_depth_limit(task: PlanTask, q: Array) -> str:
         return ""
     rows, process = pick_even(np.flatnonzero(touches), PLACES), cutting.process
     there = np.clip(np.searchsorted(task.nominal.arc_length, cutting.arc[rows] - 1e-12), 0, len(task.nominal) - 1)
-    spindle, tool, axes = process.spindle(), process.tool_mode, path_axes(task.nominal)[there]
-    feed = spindle.feed_per_tooth(task.nominal.feed[there])
-    gains = spindle.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
+    tool, axes = process.tool_mode, path_axes(task.nominal)[there]
+    feed = process.feed_per_tooth(task.nominal.feed[there])
+    gains = process.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
     modes = [Modes(own.omega, own.tip, np.full(len(own.omega), DAMPING)).turn(way).join(tool)
              for own, way in zip(find_modes(dynamics, q[there], MODES), axes, strict=True)]  # fmt: skip
-    period = 1.0 / (spindle.speed * spindle.teeth)
+    period = 1.0 / (process.spindle_rpm / 60.0 * process.teeth)
     limits = np.array([compute_depth_limit(b, period, own) for b, own in zip(gains, modes, strict=True)])
     worst = int(limits.argmin())
     depth = float(cutting.engagement.axial[rows[worst]])

@@ -1,7 +1,7 @@
 """What a compensation strategy is told: the robot model, the nominal path, the predicted wrench, the limits.
 
-Every strategy gets the same task and answers with a `Command`. `attain` is the one place where the planner's model of
-the robot predicts where the loaded tool goes; effects of the robot's folder (effects.toml) enter there alone.
+Every strategy gets the same task and answers with a `Command`. `attain_rows` is the one place where it is predicted
+where the loaded tool goes; effects of the robot's folder (effects.toml) enter there alone.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import build_arm, refine_ik
-from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
+from compplan.statics.stiffness import AttainedPose, attain_pose, chunk_rows
 from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 from compplan.uncertainty.touch_off import TouchedPart
 
@@ -222,6 +222,11 @@ class PlanTask:
         """First and last waypoint of every run of the cut from rest to rest."""
         return cutting_runs(np.r_[False, self.nominal.rapid[1:]], self.rests)
 
+    @cached_property
+    def moving_runs(self) -> list[tuple[int, int]]:
+        """Runs along which the wanted tip moves; in the others it turns where it is."""
+        return [(first, last) for first, last in self.runs if self.nominal.steps[first:last].any()]
+
     @property
     def axis_free(self) -> bool:
         """Tell whether the tool axis follows from the tip: four joints (palletisers, SCARA) cannot choose it."""
@@ -284,36 +289,31 @@ class Command:
     status: str = "solved"  #: "solved" or "infeasible".
     failures: Mapping[int, str] = field(default_factory=dict)  #: Waypoints that fail, and the limit that stops each.
     solve_time: float = 0.0  #: Wall time in the solver. [s]
-    facts: Mapping[str, Any] = field(default_factory=dict)  #: Further numbers worth keeping.
+    nlp: Mapping[str, Any] = field(default_factory=dict)  #: What the nonlinear program came to, as plan.json holds it.
+    lead: Array | float = 0.0  #: What it adds to the positions of the links for lost motion. Shape (n, nq). [rad or m]
 
-
-def attain(task: PlanTask, q: Array) -> AttainedPose:
-    """Predict with the planner's own model where the loaded tool goes, and how that answers to the joints q (n, nq)."""
-    loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias, theta=task.theta)
-    return task.see_pose(_add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded)
-
-
-def _add_effects(task: PlanTask, q: Array, rows: NDArray[np.int_], loaded: AttainedPose) -> AttainedPose:
-    """Put what the effects of the folder do in the place of the model without them; inertia bends on top of it."""
-    position, rotation = (part[rows] for part in attain_with_effects(task.robot, q, task.wrench, task.step_time))
-    if task.bias is not None:
-        still = attain_pose(task.chain, q[rows], task.wrench[rows], slope=False)
-        position = position + loaded.position - still.position
-        rotation = loaded.rotation @ np.swapaxes(still.rotation, 1, 2) @ rotation
-    return AttainedPose(position, rotation, loaded.jacobian)
+    @property
+    def links(self) -> Array:
+        """Joint positions that its links go to. Shape (n, nq). [rad or m]"""
+        return self.q - self.lead
 
 
 def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
     """Predict what the pose equations of some waypoints (k,) hold: the loaded tool, in rapid moves the unloaded one.
 
     q (n, nq) is the command of the whole path, on which effects with a memory depend; without `slope` the derivative is
-    zero, and cheaper.
+    zero, and cheaper. Effects of the folder take the place of the model without them; inertia bends on top of them.
     """
     bias = None if task.bias is None else task.bias[rows]
     loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias, theta=task.theta[rows])
     task.theta[rows] = loaded.theta
     if task.robot.effects:
-        loaded = _add_effects(task, q, rows, loaded)
+        position, rotation = (part[rows] for part in attain_with_effects(task.robot, q, task.wrench, task.step_time))
+        if bias is not None:
+            still = attain_pose(task.chain, q[rows], task.wrench[rows], slope=False)
+            position = position + loaded.position - still.position
+            rotation = loaded.rotation @ np.swapaxes(still.rotation, 1, 2) @ rotation
+        loaded = loaded._replace(position=position, rotation=rotation)
     loaded = task.see_pose(loaded)
     rapid = np.flatnonzero(~task.compensated[rows])
     if not len(rapid):
@@ -349,13 +349,13 @@ def _crossings(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -
     return pairs if task.spin_free else [*pairs, (y, attained.rotation[:, :, 0])]
 
 
-def check_limits(task: PlanTask, q: Array, facts: Mapping[str, Any] | None = None) -> Command:
+def check_limits(task: PlanTask, q: Array) -> Command:
     """Make a command of joint positions, and name the waypoints that leave a limit or that the arm does not reach."""
     outside = np.maximum(task.robot.lower - q, q - task.robot.upper)
     too_far = measure_correction(task, q) > task.max_correction + AT_CORRECTION
     failing = np.flatnonzero(task.missed | (outside > 1e-9).any(axis=1) | (too_far & task.compensated))
     failures = name_failures(task, q, failing)
-    return Command(q, "infeasible" if failures else "solved", failures, facts=facts or {})
+    return Command(q, "infeasible" if failures else "solved", failures)
 
 
 def measure_correction(task: PlanTask, q: Array) -> Array:

@@ -224,11 +224,7 @@ def solve_exact_pose(
         if near[i]:
             start = 3.0 * (theta - before) + earlier if i > 2 and near[i - 1] and near[i - 2] else 2.0 * theta - before
         try:
-            earlier, before, theta = (
-                before,
-                theta,
-                _settle(judge, data, rigid[i], load[i], more[i], start, tolerance),
-            )
+            earlier, before, theta = (before, theta, _settle(judge, data, rigid[i], load[i], more[i], start, tolerance))
         except ConvergenceError as error:
             message = f"{error} at waypoint {i} under {np.linalg.norm(load[i, :3]):.3g} N"
             raise ConvergenceError(

@@ -25,7 +25,7 @@ from compplan.effects import (
     robot_effects,
     solve_model_poses,
 )
-from compplan.effects.batch import attain_positions
+from compplan.effects.attained import attain_positions
 from compplan.effects.folding import base_joint
 from compplan.effects.forward_model import Attained, ForwardModel
 from compplan.effects.signature import pack_parameters

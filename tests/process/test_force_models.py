@@ -16,7 +16,6 @@ from compplan.process.force_models import FORCE_MODELS
 from compplan.process.force_models.friction_stir import FrictionStirProcess
 from compplan.process.force_models.grinding import GrindingProcess
 from compplan.process.force_models.isf_regression import (
-    UNCERTAINTY,
     IsfRegressionProcess,
     find_step_down,
     find_wall_angle,
@@ -207,7 +206,7 @@ def test_both_readings_of_the_regression_are_said_and_lie_inside_its_spread() ->
     assert found is not None
     read, other = (float(number) for number in found.groups())
     assert nominal.wrench[:, 2].max() == pytest.approx(read, rel=0.03)
-    assert read < other < read * (1 + 1.96 * UNCERTAINTY)
+    assert read < other < read * (1 + 1.96 * IsfRegressionProcess.uncertainty)
 
 
 @pytest.mark.parametrize("angle", [30.0, 45.0, 60.0])

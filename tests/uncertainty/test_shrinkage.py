@@ -173,7 +173,7 @@ def test_a_diagnosis_says_which_parts_of_its_folder_are_in_doubt(nominal: Robot)
     assert 0.0 < robot.visited.spread**2 < 0.8 * np.average(off**2, weights=weight)
     assert not {e.place for e in sure} & {(p.effect, p.joint, p.axis) for p in robot.visited.parts}
     # what stays without them are the names, as the folder holds them
-    held = [e for e in found.deliveries[0].state.effects if e.place in {one.place for one in sure}]
+    held = [e for e in found.delivery.state.effects if e.place in {one.place for one in sure}]
     bare, q = keep_share(robot, robot.visited, 0.0), campaign.q[:4]
     assert np.abs(tip(bare, q) - tip(fold_effects(nominal, held), q)).max() < 2e-6
 

@@ -25,6 +25,7 @@ from compplan.measurement.frames import fit_registration
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.measurement.registration import campaign_gap, fitted_parts
 from compplan.robot import Array, Robot, Spring
+from compplan.robot.mounting import mounted_tool
 from compplan.statics.chain import build_chain, jacobian, locate_frames
 from compplan.statics.elastic import spring_torque
 from compplan.statics.elements import ELASTIC_AXES
@@ -62,34 +63,18 @@ CHECKS = CheckSettings()
 
 
 class QuestionRows(NamedTuple):
-    """Rows that the questions are asked of, in order; n of them.
-
-    Attributes:
-        campaign: The rows.
-        position: TCP that the nominal robot predicts, base frame. Shape (n, 3). [m]
-        rotation: Its orientation. Shape (n, 3, 3).
-
-    """
+    """Rows that the questions are asked of, and the TCP that the nominal robot predicts. Shapes (n, 3), (n, 3, 3)."""
 
     campaign: Campaign
     position: Array
     rotation: Array
 
-    @property
-    def measured(self) -> Array:
-        """Measured target. Shape (n, 3). [m]."""
-        return self.campaign.position
-
 
 @dataclass(frozen=True)
 class Question:
-    """Something to ask before anything is fitted.
+    """Something to ask before anything is fitted: what it is about, and a sentence with the figure that shows it.
 
-    Attributes:
-        about: What it is about, in a word or two.
-        sentence: What is odd, with the figure that shows it, and what may be meant.
-        event: Whether an event of the campaign explains it, which a diagnosis can model: nothing has to be answered.
-
+    `event` tells whether an event of the campaign explains it, which a diagnosis can model: nothing has to be answered.
     """
 
     about: str
@@ -98,16 +83,7 @@ class Question:
 
 
 def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str] = ()) -> list[Question]:
-    """Look for mistakes that have to be settled before a gap is explained.
-
-    Args:
-        robot: The nominal robot.
-        campaign: What was measured.
-        register: Frames that nobody knows, of "base" and "tool".
-
-    Returns:
-        Questions, the most basic first; none where nothing is odd.
-    """
+    """Return questions that have to be settled before a gap is explained, the most basic first."""
     sighted = ask_sights(robot, campaign, register)
     if sighted:
         return [sighted]
@@ -126,8 +102,9 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
     if far:
         gap = typical_gap(robot, rows.campaign, parts, [*known, *conventions], 0.5)
         if gap > NO_EFFECT:
-            frames = ask_target(rows, register) or ask_frames(rows, register)
-            questions.insert(0, frames or Question("gap", _too_large(gap)))
+            said = f"the median gap is {_mm(gap)}, which no effect of a robot explains"
+            beyond = Question("gap", f"{said}; check units, tool, frames and the signs and zeros of the joints")
+            questions.insert(0, ask_target(rows, register) or ask_frames(rows, register) or beyond)
     return questions
 
 
@@ -171,9 +148,10 @@ def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Que
 def ask_unit(rows: QuestionRows) -> Question | None:
     """Compare distances between targets with those that the joints say."""
     half = len(rows.position) // 2
-    here, there = np.arange(half), np.arange(half) + half
-    expected = np.linalg.norm(rows.position[there] - rows.position[here], axis=1)
-    seen = np.linalg.norm(rows.measured[there] - rows.measured[here], axis=1)
+    expected, seen = (
+        np.linalg.norm(place[half : 2 * half] - place[:half], axis=1)
+        for place in (rows.position, rows.campaign.position)
+    )
     if expected.max(initial=0.0) < NO_EFFECT:
         return None
     far = expected >= np.median(expected)
@@ -190,7 +168,7 @@ def ask_unit(rows: QuestionRows) -> Question | None:
 
 def ask_hand(rows: QuestionRows) -> Question | None:
     """Compare the best rigid placement with the best mirrored one (Kabsch, both determinants)."""
-    proper, mirrored = (_placement_rms(rows.position, rows.measured, mirror) for mirror in (False, True))
+    proper, mirrored = (_placement_rms(rows.position, rows.campaign.position, mirror) for mirror in (False, True))
     if proper > NO_EFFECT and mirrored < CONVINCING * proper:
         return Question(
             "left-handed frame",
@@ -202,13 +180,13 @@ def ask_hand(rows: QuestionRows) -> Question | None:
 
 def ask_step(rows: QuestionRows) -> Question | None:
     """Compare the rows with those one row earlier and one row later, inside runs."""
-    still = _placement_rms(rows.position, rows.measured, False)
+    still = _placement_rms(rows.position, rows.campaign.position, False)
     if still < NO_EFFECT:
         return None
     same_run = np.diff(rows.campaign.run_index) == 0
     before, after = slice(None, -1), slice(1, None)
     for name, mine, theirs in (("earlier", after, before), ("later", before, after)):
-        shifted = _placement_rms(rows.position[mine][same_run], rows.measured[theirs][same_run], False)
+        shifted = _placement_rms(rows.position[mine][same_run], rows.campaign.position[theirs][same_run], False)
         if shifted < CONVINCING * still:
             return Question(
                 "rows out of step",
@@ -222,7 +200,7 @@ def ask_target(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask for the target where the gap is one vector of the TCP frame."""
     if "tool" in register or rows.campaign.target_offset is not None:
         return None
-    gap = rows.measured - rows.position
+    gap = rows.campaign.position - rows.position
     own = np.einsum("nji,nj->ni", rows.rotation, gap)
     offset = np.median(own, axis=0)
     left = float(np.median(np.linalg.norm(own - offset, axis=1)))
@@ -238,13 +216,13 @@ def ask_target(rows: QuestionRows, register: Sequence[str]) -> Question | None:
 
 def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask for a registration where one makes the gap small."""
-    gap = float(np.median(np.linalg.norm(rows.measured - rows.position, axis=1)))
+    gap = float(np.median(np.linalg.norm(rows.campaign.position - rows.position, axis=1)))
     for parts in (("base",), ("base", "tool")):
         if set(parts) <= set(register):
             continue
         frames = fit_registration(rows.campaign, rows.position, rows.rotation, parts)
         expected = frames.locate_targets(rows.campaign, rows.position, rows.rotation)
-        left = float(np.median(np.linalg.norm(rows.measured - expected, axis=1)))
+        left = float(np.median(np.linalg.norm(rows.campaign.position - expected, axis=1)))
         if left < CONVINCING * gap and left < NO_EFFECT:
             return Question(
                 "frames",
@@ -257,7 +235,7 @@ def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
 def ask_moment_point(robot: Robot, rows: QuestionRows) -> Question | None:
     """Tell whether the moments are those of a force at the TCP, taken about the flange."""
     chain = build_chain(robot)
-    lever = rows.position - _flange(robot, rows)
+    lever = -np.einsum("nij,j->ni", rows.rotation, np.linalg.inv(mounted_tool(robot))[:3, 3])
     force, moment = rows.campaign.wrench[:, :3], rows.campaign.wrench[:, 3:]
     about_flange = np.cross(lever, force)
     size = float(np.sqrt(np.mean(about_flange**2)))
@@ -279,9 +257,9 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
 
     Residuals against the rigid robot are fitted by geometry, zeros and frames (with priors), and by a compliance
     c_j >= 0 of every joint: r = ... + sum_j c_j J_j (t_weight + t_load)_j. Reversed deviations fit with both loads
-    reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot are not
-    seen: they look like another compliance. Without loads springs are a small part of what is there: those of the wrong
-    sign have to be as sure beside none as beside right ones.
+    reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot look
+    like another compliance. Without loads, springs of the wrong sign have to be as sure beside none as beside right
+    ones.
     """
     shapes = shape_elastics(robot, rows.campaign, register)
     if not (np.abs(shapes.weight).any() or np.abs(shapes.load).any()):
@@ -317,7 +295,7 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
     chain = build_chain(robot)
     turn = jacobian(chain, locate_frames(chain, rows.campaign.q))[:, :3, chain.joint_elements]
     velocity = np.einsum("nij,nj->ni", turn, rows.campaign.speed)[path]
-    gap = (rows.measured - rows.position)[path]
+    gap = (rows.campaign.position - rows.position)[path]
     gap = gap - np.median(gap, axis=0)
     late = float(np.sum(velocity * gap) / max(np.sum(velocity**2), 1e-300))
     left = float(np.sum((gap - late * velocity) ** 2) / max(np.sum(gap**2), 1e-300))
@@ -333,9 +311,9 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
 def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask about runs whose poses lie on the nominal robot while those of others, under the same load, lie far off it.
 
-    Frames are fitted to each run by itself, so that no shift between runs counts. Controllers with an accurate model of
-    the arm correct poses of programs; poses that were jogged by hand are not. A frame or a tool that moves inside a
-    run is an event, which the diagnosis models.
+    Controllers with an accurate model of the arm correct poses of programs; poses that were jogged by hand are not.
+    Frames are fitted to each run by itself. A frame or a tool that moves inside a run is an event, which the diagnosis
+    models.
     """
     campaign, parts = rows.campaign, tuple(dict.fromkeys(("base", *register)))
     found: list[tuple[float, float, str, NDArray[np.int_], Array]] = []
@@ -378,15 +356,9 @@ def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
 def find_event(rows: QuestionRows, run: NDArray[np.int_], gap: Array, most: float) -> str:
     """Return the event in a run that explains its gap: a frame or a tool that moved, at once or steadily; else empty.
 
-    The gap is fitted by a motion of the base frame (6 values) and a shift of the target on the flange (3) that hold in
-    the whole run, and, where that leaves too much, by one of these from a row on or growing from row to row. A
-    second event is looked for where one leaves too much.
-
-    Args:
-        rows: The rows.
-        run: Rows of the run. Shape (k,).
-        gap: Measured minus expected positions, the run's frame fitted. Shape (k, 3). [m]
-        most: Root mean square that the event may leave. [m]
+    The gap (k, 3) of the run's rows is fitted by a motion of the base frame (6 values) and a shift of the target on the
+    flange (3) that hold in the whole run, and, where that leaves more than `most` (rms, m), by one or two of these from
+    a row on or growing from row to row.
     """
     campaign = rows.campaign
     poses = 3 * len(np.unique(campaign.pose[run]))
@@ -421,13 +393,7 @@ def find_event(rows: QuestionRows, run: NDArray[np.int_], gap: Array, most: floa
 
 
 def _robust_rms(design: Array, gap: Array, values: int) -> float:
-    """Return what a linear model leaves of a gap, as root mean square of a pose whatever gross errors add. [m]
-
-    Args:
-        design: Motion by each parameter. Shape (k, 3, p).
-        gap: The gap. Shape (k, 3). [m]
-        values: Independent values that the gap holds.
-    """
+    """Return what a linear model (k, 3, p) leaves of a gap (k, 3) of so many values, whatever gross errors add. [m]"""
     weight = np.ones(len(gap))
     for _ in range(CHECKS.robust_rounds):
         columns = (weight[:, None, None] * design).reshape(-1, design.shape[2])
@@ -456,24 +422,6 @@ def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
     return float(np.sqrt(np.median(distance**2)))
 
 
-def _flange(robot: Robot, rows: QuestionRows) -> Array:
-    """Locate the flange: the TCP moved back along the fixed joints that carry the tool. Shape (n, 3). [m]"""
-    pose = np.eye(4)
-    links = [joint.child for joint in robot.joints]
-    first = links.index(robot.flange) + 1 if robot.flange in links else len(links)
-    for joint in robot.joints[first:]:
-        pose = pose @ joint.placement
-    back = np.linalg.inv(pose)[:3, 3]
-    return np.asarray(rows.position + np.einsum("nij,j->ni", rows.rotation, back))
-
-
-def _too_large(gap: float) -> str:
-    return (
-        f"the median gap is {_mm(gap)}, which no effect of a robot explains; check units, tool, frames and the signs"
-        " and zeros of the joints"
-    )
-
-
 def _mm(length: float) -> str:
     return f"{length * 1e3:.3g} mm"
 
@@ -485,11 +433,8 @@ GEOMETRY = 2e-3
 class ElasticShapes(NamedTuple):
     """What the sign test fits, in units of the noise, what geometry can explain taken off; k equations.
 
-    Attributes:
-        residual: Measured minus rigid. Shape (k,).
-        weight: Deflection per unit compliance of each joint, under weights. Shape (k, nq).
-        load: The same under external loads. Shape (k, nq).
-
+    `residual` is measured minus rigid (k,), `weight` and `load` the deflection per unit compliance of each joint (k,
+    nq).
     """
 
     residual: Array
@@ -498,13 +443,7 @@ class ElasticShapes(NamedTuple):
 
 
 def shape_elastics(robot: Robot, campaign: Campaign, register: Sequence[str]) -> ElasticShapes:
-    """State what springs of every joint would do to the rows of a campaign; unknown frames are fitted first.
-
-    Args:
-        robot: The robot, whose own springs and effects are left out.
-        campaign: The rows.
-        register: Frames that nobody knows: "base", "tool".
-    """
+    """State what springs of every joint would do to the rows of a campaign, its own springs left out, frames fitted."""
     own = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
     frames_of = tuple(Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in ELASTIC_AXES)
     bare = replace(robot, springs=own + frames_of, link_elasticities=(), gravity=robot.real_gravity, effects=())

@@ -56,8 +56,8 @@ class Prior:
         spread: Background standard deviation of each column at tau = 1, in units of its scale. Shape (p,).
         free: Columns that every model fits freely (registration). Shape (p,).
         slab: Variance of claimed columns, 0 where nothing is claimed. Shape (p,).
-        loose: Classes that no other class resembles and that may be of any size: what an unknown cause follows. Their
-            tau is in noise floors, half-Cauchy. Shape (classes,), or (0,) for none.
+        loose: Classes that no other resembles and that may be of any size, tau in noise floors, half-Cauchy: what an
+            unknown cause follows. Shape (classes,), or (0,) for none.
     """
 
     background: NDArray[np.int_]
@@ -146,13 +146,8 @@ def find_posterior(
 ) -> Posterior:
     """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
 
-    Args:
-        equations: The products.
-        prior: The prior.
-        hyper: Noise and background to begin with.
-        fit: Whether to fit them.
-        steps: Most steps of the fit.
-        shared: Whether rows of a stay may share an error.
+    `hyper` is what they begin with, `steps` the most of the fit; `shared` tells whether rows of a stay may share an
+    error.
     """
     channels, loose, variance = equations.channels, _loose(prior, hyper), _Variance(prior)
     wide = (prior.free | (prior.slab > 0))[prior.active]
@@ -274,10 +269,9 @@ def _hyperprior(
 ) -> tuple[float, Array]:  # fmt: skip
     """Return log prior of noise and background, and its gradient.
 
-    Noise has the chi-square likelihood of the degrees of freedom that its estimate rests on: what repeats do not show
-    is no noise, but an error that stays share. Shared errors and backgrounds are half-Cauchy, and the classes of one
-    robot resemble each other (assumed: an error as large as the noise, a background as large as its class's scale, is
-    no surprise).
+    Noise has the chi-square likelihood of the degrees of freedom that its estimate rests on. Shared errors and
+    backgrounds are half-Cauchy, and the classes of one robot resemble each other (assumed: an error as large as the
+    noise, a background as large as its class's scale, is no surprise).
     """
     witnesses = np.array([ch.witnesses for ch in channels])
     factor = np.exp(-hyper.log_noise)

@@ -102,13 +102,10 @@ class Pool:
 
 
 def list_moves(robot: Robot, campaign: Campaign, seed: int = SEED) -> tuple[Campaign, tuple[MeasuringMove, ...]]:
-    """Lay out candidate moves as the continuation of a campaign.
+    """Lay out candidate moves as the continuation of a campaign: its first rows, then theirs; and list the moves.
 
     Poses stay within the joint limits, no lower and no nearer to the base axis than the campaign went; loads stay
     within the largest load of the campaign. Whether cables and surroundings allow a pose is not known here.
-
-    Returns:
-        A campaign that begins with the first rows of the old one, and the moves among its rows.
     """
     random = np.random.default_rng(seed)
     poses = draw_poses(robot, campaign, MOVES.poses, random)

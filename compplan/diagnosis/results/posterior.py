@@ -9,7 +9,7 @@ noise variance. Claim and alternatives have weights 1 and exp(-d / 2), normalise
 (-a, b) where this holds the claim, by (0, b) where it does not, and adds w m m^T with m that difference.
 
 What held-out poses show beyond noise and parameters is unexplained. A conformal step widens both until the band holds
-those poses.
+those poses. Intervals of named effects hold given that these, and no others, are present.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from compplan.diagnosis.data.channels import group_poses
-from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, NEGLIGIBLE, ROUNDING, SAMPLE
+from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, NEGLIGIBLE, SAMPLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION, in_background
 from compplan.diagnosis.evidence.evidence import TAU_SCALE
 from compplan.diagnosis.results.verdict import Verdict
@@ -111,19 +111,25 @@ def state_uncertainty(
     return free_base(fit.problem.robot, stated) if adrift else stated
 
 
-def state_sizes(fit: Fit, named: Sequence[Claim], calibration: float) -> Uncertainty:
-    """State how surely the sizes of named effects are known where these effects, and no others, are present.
+def state_sizes(fit: Fit, named: Sequence[Claim], calibration: float) -> tuple[Uncertainty, set[int]]:
+    """State how surely the sizes of named effects are known where these, and no others, are present.
 
-    Args:
-        fit: The fit.
-        named: Claims of the effects.
-        calibration: Factor of all deviations that makes bands hold poses left out.
+    `calibration` is the factor of all deviations that makes bands hold poses left out.
+
+    Returns:
+        Their covariance, and the signatures whose 95 % region excludes zero: with values v and covariance C,
+        v^T C^-1 v above the 95 % point of chi-square.
     """
     fitted = with_claims(_with_usual_classes(fit), named, background=True)
-    present = replace(fit.state, values=dict.fromkeys(fit.search.equations.names, 1.0))
-    known = _collect(fitted, named, present)
+    equations, posterior = fitted.search.equations, fitted.model.posterior
+    known = _collect(fitted, named, replace(fit.state, values=dict.fromkeys(equations.names, 1.0)))
     unknowns, factor = spread_unknowns(known.unknowns, known.moment)
-    return Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration)
+    told = set()
+    for claim in named:
+        columns = equations.columns(claim.signature)
+        if 2.0 * posterior.loss_without(columns) > calibration**2 * chdtri(len(columns), 1.0 - LEVEL):
+            told.add(claim.signature)
+    return Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration), told
 
 
 def _with_usual_classes(fit: Fit) -> Fit:
@@ -215,14 +221,9 @@ def _model_covariance(fitted: Fit, known: _Known) -> Array:
 
 
 def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
-    """Find the distance over which errors that are left forget themselves, from pairs of poses. [m]
+    """Find the distance over which errors that are left (n, 3) forget themselves, from pairs of places (n, 3). [m]
 
     Least squares of r_i . r_j against a exp(-d_ij^2 / 2 l^2) over pairs of different poses, a >= 0 free.
-
-    Args:
-        place: Where the target stood. Shape (n, 3). [m]
-        left: What is left of it. Shape (n, 3). [m]
-        pose: Pose of each row. Shape (n,).
     """
     _, index, count = np.unique(pose, return_inverse=True, return_counts=True)
     index = index.reshape(-1)
@@ -271,13 +272,9 @@ def name_alternatives(verdict: Verdict) -> dict[int, tuple[AlternativeEffect, ..
 def explain_otherwise(
     fit: Fit, state: FitState, mean: Array, rivals: Mapping[int, Sequence[AlternativeEffect]]
 ) -> list[Explanation]:
-    """Find what the robot would be under the rivals of the claims that may be true.
+    """Find what the robot would be under the rivals of the claims that may be true, by signature.
 
-    Args:
-        fit: The fit.
-        state: What the folder holds.
-        mean: Posterior mean of every column, in units of its scale. Shape (p,).
-        rivals: Rivals of each claim, by its signature.
+    `mean` is the posterior mean of every column, in units of its scale. Shape (p,).
     """
     equations, found = fit.search.equations, []
     for number, others in rivals.items():
@@ -303,22 +300,6 @@ def explain_otherwise(
             if weight / total >= NEGLIGIBLE:
                 found.append(replace(one, weight=weight / total))
     return found
-
-
-def excludes_zero(effect: Effect, sizes: Uncertainty) -> bool:
-    """Tell whether the 95 % region of an effect's parameters excludes zero; True where no uncertainty is stated.
-
-    With values v and their covariance C: v^T C^-1 v above the 95 % point of chi-square.
-    """
-    for unknown, rows in split_unknowns(sizes.unknowns, np.arange(len(sizes.width), dtype=float)):
-        if (unknown.effect, unknown.joint, unknown.axis) == tuple(effect.place):
-            keys = [key.partition("#") for key in unknown.keys]
-            values = [np.atleast_1d(effect.parameters.get(name, 0.0))[int(item or 0)] for name, _, item in keys]
-            spread = sizes.spread[rows.astype(int)]
-            covariance = spread @ spread.T
-            covariance += ROUNDING * np.diag(np.diag(covariance))
-            return bool(values @ np.linalg.solve(covariance, values) > chdtri(len(values), 1.0 - LEVEL))
-    return True
 
 
 def state_change(robot: Robot, effect: Effect, sizes: Uncertainty) -> dict[str, Any]:

@@ -1,7 +1,9 @@
-"""Where a gap lies: by place and by what it follows, from the posterior that the names come from, and over the rows.
+"""Where a gap lies: by place and by what it follows, and over the rows.
 
 By place and factor: `shares`. By direction, run, time, load and region: how much of the sum of squares lies there,
-before and after. Intervals hold 95 %.
+before and after. Intervals hold 95 %. A trace is the error that a named joint makes at every row against what it
+follows, everything else that is explained taken out: a soft spring shows as a line over load, lost motion as two
+levels, a gear error as a wave over the joint's angle.
 """
 
 from __future__ import annotations
@@ -13,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LISTED, SAMPLE, SEED
-from compplan.diagnosis.results.delivery import CALIBRATED
 from compplan.diagnosis.results.shares import (
     UNEXPLAINED,
     Share,
@@ -40,16 +41,7 @@ RESOLVED = 6
 
 @dataclass(frozen=True, eq=False)
 class Division:
-    """How a gap spreads over the rows.
-
-    Attributes:
-        rms: Deviation of the nominal model over the rows used, 3D. [m]
-        by_axis: Share along x, y, z of the base, and along the tool's z.
-        by_run: One entry a run: rows, rms before and after, share, mean deviation.
-        by_time: One entry a stretch of the log, in order.
-        by_load: One entry a level of external force.
-        by_region: One entry a region of the workspace.
-    """
+    """How a gap spreads over the rows: rms of the nominal model [m], by axis, and by run, time, load and region."""
 
     rms: float
     by_axis: dict[str, Share]
@@ -66,14 +58,12 @@ class Split:
     Attributes:
         shares: Shares of places and factors.
         spread: How the gap spreads over the rows.
-        by_approach: By joint: how far the point moves when the joint's last move turns round.
         traces: Errors that the named joints make, over what they follow; for pictures.
-        small_errors: The gap divided among the errors of the robot that goes out, where that is a mixture.
+        small_errors: The gap divided among the errors of the robot that goes out; None where the nominal one does.
     """
 
     shares: Shares
     spread: Division
-    by_approach: dict[str, dict[str, float]]
     traces: tuple[Trace, ...] = ()
     small_errors: SmallErrors | None = None
 
@@ -98,7 +88,6 @@ class Split:
             "by_run": spread.by_run,
             "by_time": spread.by_time,
             "by_load": spread.by_load,
-            "by_approach": self.by_approach,
             "by_region": spread.by_region,
         }
 
@@ -112,25 +101,15 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
     return Split(
         divide_gap(diagnosis, seed),
         spread_gap(diagnosis.robot, campaign, before, after, used, seed),
-        measure_play(diagnosis),
         trace_findings(diagnosis),
-        divide_small_errors(diagnosis, seed) if diagnosis.deliveries[0].kind == CALIBRATED else None,
+        divide_small_errors(diagnosis, seed),
     )
 
 
 def spread_gap(
     robot: Robot, campaign: Campaign, before: Array, after: Array, used: NDArray[np.bool_], seed: int = SEED
 ) -> Division:
-    """Spread a gap over direction, runs, time, load and region.
-
-    Args:
-        robot: The nominal robot.
-        campaign: The measurement log.
-        before: Measured minus expected by the nominal robot, base axes. Shape (n, 3). [m]
-        after: The same by the updated robot. Shape (n, 3). [m]
-        used: Rows that count. Shape (n,).
-        seed: Seed of the groups and draws.
-    """
+    """Spread a gap over direction, runs, time, load and region; shapes (n, 3) [m], (n, 3), (n,)."""
     rng = np.random.default_rng(seed)
     rows = np.flatnonzero(used)
     rows = rows[:: -(-len(rows) // SAMPLE)]
@@ -151,33 +130,11 @@ def spread_gap(
     )
 
 
-def measure_play(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
-    """Tell for each joint how far it stands apart when approached from either side, as the posterior holds it."""
-    equations, posterior = diagnosis.doubt.search.equations, diagnosis.doubt.model.posterior
-    found = {}
-    for number, signature in enumerate(equations.signatures):
-        if signature.name != "backlash" or signature.joint is None:
-            continue
-        at = np.flatnonzero(posterior.columns == equations.columns(number)[0])
-        if not len(at):
-            continue
-        unit = "lost_motion_mm" if signature.keys[0].endswith("_m") else "lost_motion_mrad"
-        size = 1e3 * float(signature.scale[0])
-        error = size * float(np.sqrt(posterior.covariance[at[0], at[0]]))
-        found[signature.joint] = {
-            unit: round(size * float(posterior.mean[at[0]]), 6), "standard_error": round(error, 6)
-        }  # fmt: skip
-    return found
-
-
 class GapTable:
     """Sums of squared deviation over parts of the rows, with intervals over drawn blocks.
 
-    Args:
-        before: Measured minus expected by the nominal robot. Shape (n, 3). [m]
-        after: The same by the updated robot. Shape (n, 3). [m]
-        block: Group of poses of each row, counted from 0. Shape (n,).
-        draws: How often each draw holds each group. Shape (draws, groups).
+    `block` is the group of poses of each row, `draws` how often each draw holds each group. Shapes (n,), (draws,
+    groups).
     """
 
     def __init__(self, before: Array, after: Array, block: NDArray[np.int_], draws: Array) -> None:
@@ -261,16 +218,16 @@ NEAR_AXIS = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """The error of one joint over the rows that show it; k rows.
+    """The error of one joint over the k rows that show it.
 
     Attributes:
         place: The joint.
         effect: The effect that stays in.
         driver: What the error is drawn over. Shape (k,). [`driver_unit`]
-        error: Error that the joint makes. Shape (k,). [`error_unit`]
+        error: Error that the joint makes. Shape (k,). [`error_unit`, "mrad" or "mm"]
         driver_name: What the driver is.
         driver_unit: Its unit.
-        error_unit: "mrad" or "mm".
+        error_unit: Unit of the error.
     """
 
     place: str

@@ -7,9 +7,14 @@ row (three of a position),
 
     similarity^2 = max(sum (u_i . r_i)^2 - F / (c - 1) sum |r_i - (u_i . r_i) u_i|^2, 0) / sum |m_i|^2,
 
-the share of its motion that is left along it beyond chance. It is evaluated in every channel in which the claim moves
-more than the noise, with and without the unmodelled errors in the residual, since these may fit the rest of a wrong
-effect; the largest value counts.
+the share of its motion that is left along it beyond chance: the largest of every channel in which the claim moves more
+than the noise, with and without the unmodelled errors in the residual, since these may fit the rest of a wrong effect.
+
+A vocabulary of hundreds of effects explains part of any smooth error. Errors that no effect makes are drawn: a wave,
+step, kink or parabola of one or two quantities that the campaign varies, along a direction of the base or of the tool,
+or as a rotation of a link; the best effect explains the share e of their squares, frames and other claims fitted beside
+it. With E = (squares explained - number of parameters) / (squares that the other claims leave - noise) of a claim,
+P(e >= E) over the draws is its spurious-fit probability.
 """
 
 from __future__ import annotations
@@ -55,18 +60,12 @@ class Evidence:
     Attributes:
         margin: Log posterior odds against the best model without it, unmodelled errors in both.
         plain: The same without unmodelled errors.
-        floors: Motion that it explains, in noise floors.
-        part: Motion that it explains over the gap.
-        left: Residual beyond the noise floor over the gap.
-        spurious: Spurious-fit probability (`validation.spurious_fit`).
+        spurious: Spurious-fit probability (`rate_spurious_fits`).
         similarity: Residual along the claim's own motion beyond chance, over that motion (`rate_similarities`).
     """
 
     margin: float
     plain: float
-    floors: float
-    part: float
-    left: float
     spurious: float
     similarity: float
 
@@ -108,13 +107,7 @@ def rate_similarities(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, floa
 
 
 def measure_similarity(left: Array, motion: Array, pose: NDArray[np.int_]) -> float:
-    """Return the residual along a motion beyond chance, over the motion; 0 where nothing moves.
-
-    Args:
-        left: Residual of each row, in units of the noise. Shape (r, c), c at least 2.
-        motion: Motion by the claim. Shape (r, c).
-        pose: Pose of each row. Shape (r,).
-    """
+    """Return the residual (r, c) along a motion (r, c) beyond chance, over the motion; 0 where nothing moves."""
     length = np.linalg.norm(motion, axis=1)
     moves = length > ROUNDING * length.max(initial=0.0)
     if not moves.any():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from compplan.planning.problem import Cost, Station
 
@@ -18,11 +19,13 @@ class Time(Cost):
 
     weight: float  #: w against the other costs.
     reference: float  #: T_0. [s]
+    most: float = np.inf  #: Bound of w T / T_0.
     name = "time"
     timed = True
 
     def __str__(self) -> str:
-        return f"{self.weight:g} T / T_0"
+        bound = "" if np.isinf(self.most) else f" (<= {self.most:g})"
+        return f"{self.weight:g} T / T_0{bound}"
 
     def term(self, station: Station) -> ca.SX:
         """Return the share of the time to the next station."""

@@ -26,7 +26,7 @@ from compplan.planning.executed import bound_zones, describe_unfollowed
 from compplan.planning.result import Plan, summarise_plan
 from compplan.reporting.writers.recording import write_plan_cell
 from compplan.robot import Array
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.events import ENDING, Event, find_halts
 from compplan.toolpath.toolpath import WRENCH_HEADERS
@@ -316,7 +316,7 @@ def make_program(plan: Plan) -> Program:
     asked = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
     return replace(
         program, tolerance=output.bound_fit(plan.task.tolerance), coarser=coarser, corner_shift=shift, asked=asked,
-        cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines, splines=output.splines,
+        cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines,
         pieces=_shift_pieces(plan, before, after), **zones,
     )  # fmt: skip
 
@@ -329,7 +329,7 @@ def _shift_pieces(plan: Plan, before: int, after: int) -> Pieces:
     last = before + len(plan.task)
     whole = np.r_[np.arange(before), ends + before, last + np.arange(after)]
     kinds = np.r_[np.full(before, LINE), np.where(kind >= 0, kind + before, kind), np.full(after, LINE)]
-    return {(True, False): (whole, kinds)}
+    return {True: (whole, kinds)}
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:
