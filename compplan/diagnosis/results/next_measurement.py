@@ -31,7 +31,6 @@ from compplan.diagnosis.validation.probability import TEMPER
 from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model
-from compplan.effects.signature import Signature
 from compplan.measurement.poses.exchange import grow_choice, settle_choice
 from compplan.measurement.poses.information import odds_gains, weight_rows
 from compplan.robot import Array
@@ -170,22 +169,14 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
             if not used & {int(c) for c in columns}:
                 continue
             found = probe_signature(at, signature)
-        for k in fresh:
-            column = int(columns[k])
-            done.add(column)
-            for channel, design in zip(equations.source, designs, strict=True):
-                design[:, :, column] = _motion(found, k, channel.name) * equations.scale[column] / channel.noise.sigma
+        motions = {"position": found.twist[:, :3], "orientation": found.twist[:, 3:], "encoder": found.encoder}
+        for channel, design in zip(equations.source, designs, strict=True):
+            motion = motions.get(channel.name)
+            if motion is not None:
+                own = equations.scale[columns[fresh]] / channel.noise.sigma
+                design[:, :, columns[fresh]] = motion[:, :, fresh] * own
+        done.update(columns[fresh].tolist())
     return designs
-
-
-def _motion(signature: Signature, k: int, channel: str) -> Array:
-    if channel == "position":
-        return signature.twist[:, :3, k]
-    if channel == "orientation":
-        return signature.twist[:, 3:, k]
-    if signature.encoder is None or channel == "distance":
-        return np.zeros((len(signature.twist), 1))
-    return signature.encoder[:, :, k]
 
 
 def weight_columns(fit: Fit, designs: Sequence[Array]) -> Array:
