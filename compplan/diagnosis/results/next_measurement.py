@@ -23,11 +23,11 @@ from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
 from compplan.diagnosis.evidence.candidates import offered_signatures
 from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves, probe_signature
 from compplan.diagnosis.results.result import Diagnosis, place_table
-from compplan.diagnosis.results.verdict import REFUSED, Verdict
-from compplan.diagnosis.search.search import SHIFTS, TRIED, Claim, Model
+from compplan.diagnosis.results.verdict import NAMING, Verdict
+from compplan.diagnosis.search.search import SEARCH, SHIFTS, Claim, Model
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import find_alternatives, is_comparable
-from compplan.diagnosis.validation.probability import TEMPER
+from compplan.diagnosis.validation.probability import MAP
 from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model
@@ -122,7 +122,7 @@ def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
     for claim in (c for c in model.claims if c.signature not in small):
         finding = judged.get(claim.signature)
         # claims that errors without a name explain as well are improbable
-        probability = REFUSED if finding is None else finding.probability
+        probability = NAMING.refused if finding is None else finding.probability
         rivals = find_alternatives(fit, claim.signature) if finding is None else finding.rivals
         rest = search.without(model.claims, claim)
         reduced = search.model(rest, model.posterior.hyper, fit=False)
@@ -134,9 +134,9 @@ def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
                 best.setdefault(_place(fit, gain.signature), Claim(gain.signature, gain.size))
         place = _place(fit, claim.signature)
         alike = [rival.place for rival in rivals if rival.alike and rival.place in best]
-        for rival in alike[:TRIED]:
+        for rival in alike[: SEARCH.tried]:
             other = search.model((*rest, best[rival]), model.posterior.hyper, fit=False)
-            odds = np.clip((here.score - other.score) / TEMPER, 0.0, logit(SURE))
+            odds = np.clip((here.score - other.score) / MAP.temper, 0.0, logit(SURE))
             yield Pair(place, rival, here, other, float(odds))
         if probability < SURE:
             odds = float(logit(probability))
@@ -194,7 +194,7 @@ def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> 
         picked, information = pick_moves(predict_difference(pair, design, own), pair.log_odds)
         if picked:
             probability = float(expit(abs(pair.log_odds)))
-            gain = expected_gain(pair.log_odds, information / TEMPER, TEMPER)
+            gain = expected_gain(pair.log_odds, information / MAP.temper, MAP.temper)
             chosen = tuple(own[k] for k in picked)
             found.append(Proposal((pair.first, pair.second), kind, chosen, probability, gain, information))
     best = max((proposal.gain for proposal in found), default=0.0)
@@ -227,7 +227,7 @@ def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], floa
     worth = weight_rows(odds_gains, shown.covariance, shown.rows, 1.0, shown.mean)
 
     def gain_of(information: float) -> float:
-        return expected_gain(log_odds, information / TEMPER, TEMPER)
+        return expected_gain(log_odds, information / MAP.temper, MAP.temper)
 
     picked: list[int] = []
     information = 0.0

@@ -17,11 +17,11 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import ROUNDING, STEPS, rank_evidence
-from compplan.diagnosis.evidence.evidence import FIRST_STEPS, START, Prior, find_posterior
+from compplan.diagnosis.evidence.evidence import EVIDENCE, Prior, find_posterior
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations
 from compplan.diagnosis.evidence.proposals import LEAST_RANGE
-from compplan.diagnosis.search.search import WORTHWHILE, Model, Search, add_claim
+from compplan.diagnosis.search.search import SEARCH, Model, Search, add_claim
 from compplan.diagnosis.search.state import Fit
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Signature
@@ -268,15 +268,17 @@ def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text
     )
     prior = _loosen(fit, equations, members)
     hyper = fit.model.posterior.hyper
-    hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))
+    hyper = Hyper(
+        hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), EVIDENCE.start)])
+    )
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
     search = Search(equations, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
-    model = _search_again(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
+    model = _search_again(search, search.model(fit.model.claims, hyper, steps=EVIDENCE.first_steps))
     if model.claims:
         # several claims together may fit one unmodelled error: start once more without claims, classes one noise floor
         grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
-        other = _search_again(search, search.model([], grown, steps=FIRST_STEPS))
-        model = other if other.score > model.score + WORTHWHILE else model
+        other = _search_again(search, search.model([], grown, steps=EVIDENCE.first_steps))
+        model = other if other.score > model.score + SEARCH.worthwhile else model
     return RevisedProbabilities(search, model, tuple(driver for driver, _ in kinds), members)
 
 
@@ -301,7 +303,7 @@ def _search_again(search: Search, model: Model) -> Model:
         best = _leave_out(search, here)
         if best.score <= here.score:
             best = add_claim(search, model)
-            if best.score < model.score + WORTHWHILE:
+            if best.score < model.score + SEARCH.worthwhile:
                 return model
         fitted = search.model(best.claims, best.posterior.hyper, steps=STEPS)
         if fitted.score <= model.score:
