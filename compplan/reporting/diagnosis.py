@@ -243,9 +243,9 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
             "The error that the named joint makes at every row, everything else explained taken out: a soft spring is "
             "a sloped line, lost motion two levels, a gear error a wave."
         )
-        blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
-    blocks.append(Fold("By run, time, load, direction and region", _list_splits(split)))
-    return Section("Where it lies", blocks)
+        blocks.append(page.Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
+    blocks.append(page.Fold("By run, direction and region", _list_splits(split)))
+    return page.Section("Where it lies", blocks)
 
 
 def _list_splits(split: Split) -> list[Block]:
@@ -258,23 +258,16 @@ def _list_splits(split: Split) -> list[Block]:
         return f"{format_number(float(pair[0]), 4)} to {format_number(float(pair[1]), 4)}"
 
     end, spread = ["rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], split.spread
-    times = [
-        [f"{e['rows_from']} to {e['rows_to']}", reach(e["time_s"]) if "time_s" in e else "–", *tail(e)]
-        for e in spread.by_time
-    ]
-    loads = [[reach(e["force_N"]), *tail(e)] for e in spread.by_load]
     regions = [[reach(e["reach_mm"]), reach(e["height_mm"]), *tail(e)] for e in spread.by_region]
     axes = [
         [name.replace("_", " "), format_percent(s.share), f"{format_percent(s.low)} to {format_percent(s.high)}"]
         for name, s in spread.by_axis.items()
     ]
     return [
-        DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
-        DataTable(["rows of the log", "time [s]", *end], times, "By time."),
-        *([DataTable(["force [N]", *end], loads, "By load.")] if len(loads) > 1 else []),
-        DataTable(["reach [mm]", "height [mm]", *end], regions,
-                  "By region: distance from the axis of the base, and height."),
-        DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
+        page.DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
+        page.DataTable(["reach [mm]", "height [mm]", *end], regions,
+                   "By region: distance from the axis of the base, and height."),
+        page.DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
     ]  # fmt: skip
 
 
