@@ -1,6 +1,6 @@
 """Sinumerik 840D: what each of its words does, one line a word, and its frames.
 
-A new word is one line of `WORDS`: a G code by its number, any other by its name; see `readers.gcode` for what it may be.
+A new word is one line of `WORDS`: a G code by its number, any other by its name; `readers.gcode` says what it may be.
 """
 
 from __future__ import annotations
