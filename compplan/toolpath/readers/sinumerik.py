@@ -88,7 +88,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """
     reader = Sinumerik(file, options)
     reader.run(text)
-    return reader.it.finish(name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
+    return reader.it.log.finish(file, name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
 
 
 class Sinumerik:
