@@ -25,7 +25,7 @@ from benchmarks.contestants import frames_of, read_truth
 from benchmarks.diagnosis import list_cases, name_of
 from compplan.diagnosis.campaign_diagnosis import _register, find_conventions
 from compplan.diagnosis.results import verdict as judged
-from compplan.diagnosis.search.fit import fit_effects, polish_fit
+from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.state import Fit, Problem
 from compplan.diagnosis.validation import probability, unmodelled
 from compplan.effects import robot_effects
@@ -93,7 +93,7 @@ def fit_case(case: Path) -> Fit:
     parts = fitted_parts(campaign, frames_of(read_truth(case)))
     conventions = find_conventions(robot, campaign, parts)
     problem = Problem(robot, campaign, parts, (), (*robot_effects(robot), *conventions))
-    return polish_fit(fit_effects(problem, _register(problem, campaign)[0], lambda text: None))
+    return fit_effects(problem, _register(problem, campaign)[0], lambda text: None)
 
 
 def answer(fit: Fit, doubt: unmodelled.RevisedProbabilities) -> dict[str, Any]:

@@ -106,7 +106,7 @@ def read_place(context: click.Context, option: click.Parameter, text: str | None
 
 def take_cam_options(command: Command) -> Command:
     """Give a command the options of what a CAM file does not say by itself."""
-    from compplan.toolpath.readers.machines import list_machines
+    from compplan.toolpath.readers.options import list_machines
 
     machines = ", ".join(list_machines())
     options = (

@@ -121,8 +121,6 @@ class PostureTable(StrictTable):
     """[posture]: objective of the redundant degree of freedom, and freedom of the tool axis."""
 
     preset: Literal["accurate", "error_band", "smooth", "fast"] = "accurate"
-    weights: dict[str, Annotated[float, Field(le=1e9)]] = Field(default_factory=dict)
-    measure: Literal["expected", "p95"] = "expected"
     wrench_uncertainty: float = Field(default=0.1, ge=0.0, le=2.0)
     compliance_uncertainty: float = Field(default=0.1, ge=0.0, le=2.0)
     joint_zero_uncertainty_deg: float = Field(default=0.0, ge=0.0, le=10.0)

@@ -127,15 +127,19 @@ class UpdateModel:
         return columns, force, field
 
 
-def possible_band(
-    slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own, path: Array | None = None, size: float = LEAST
+def expect_deviations(
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own, path: Array | None = None
 ) -> Array:
-    """Return how far folder, force, clamping and instrument let the points be off, with 95 %. Shape (b,). [m]"""
-    path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
-    model = UpdateModel(slopes, known, own, max(size, known.smooth), known.scale, path)
-    blocks = _with_run(model, _blocks(prior_of(model), len(slopes.rows)), own.part)[gathered.row]
-    blocks = blocks + gathered.variance[:, None, None] * np.eye(3)
-    return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
+    """Return the covariance of the points by folder, force, clamping and instrument. Shape (3 b, 3 b). [m^2]"""
+    k, b = len(slopes.rows), len(gathered.row)
+    path = None if path is None else path.reshape(3 * k, -1)
+    prior = prior_of(UpdateModel(slopes, known, own, max(LEAST, known.smooth), known.scale, path))
+    run = (known.repeatability or 0.0) * np.tile(np.eye(3), (k, 1))
+    loose = np.hstack([own.part.reshape(3 * k, -1), run])
+    rows = (3 * gathered.row[:, None] + np.arange(3)).ravel()
+    every = (prior + loose @ loose.T)[np.ix_(rows, rows)] + np.diag(np.repeat(gathered.variance, 3))
+    counts = gathered.counts
+    return np.einsum("aij,ajbk,bkl->aibl", counts, every.reshape(b, 3, b, 3), counts, optimize=True).reshape(3 * b, -1)
 
 
 def learn_part(
@@ -169,9 +173,9 @@ def learn_part(
     taken, reason = _decide(model, plain, float(seen), held)
     k = len(slopes.rows)
     prior = prior_of(model)
-    before = band_radius(_with_run(model, _blocks(prior, k), own.following))
+    before = band_radius(_with_run(model, take_blocks(prior, k), own.following))
     seen_before, seen_after = (_band_seen(model, covariance, gathered) for covariance in (prior, state.tip))
-    following = _with_run(model, _blocks(state.tip, k), own.following)
+    following = _with_run(model, take_blocks(state.tip, k), own.following)
     learned = vars(state) if taken else {**vars(state), "covariance": known.covariance}
     return ModelUpdate(
         **learned, taken=taken, reason=reason, open=_reduce_covariance(state.tip if taken else prior).reshape(k, 3, -1),
@@ -314,14 +318,14 @@ def _is_chance(model: UpdateModel, gathered: Gathered) -> bool:
     return bool(square.sum() <= chdtri(n, share) and square.max() <= chdtri(1, share / n))
 
 
-def _blocks(matrix: Array, k: int) -> Array:
+def take_blocks(matrix: Array, k: int) -> Array:
     """Return the 3x3 blocks on the diagonal. Shape (k, 3, 3)."""
     return np.asarray(matrix.reshape(k, 3, k, 3)[np.arange(k), :, np.arange(k), :])
 
 
 def _band_seen(model: UpdateModel, covariance: Array, gathered: Gathered) -> Array:
     """Return the band in the directions that the points tell. Shape (b,). [m]"""
-    blocks = _with_run(model, _blocks(covariance, len(model.slopes.rows)), model.own.following)[gathered.row]
+    blocks = _with_run(model, take_blocks(covariance, len(model.slopes.rows)), model.own.following)[gathered.row]
     return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
 
 

@@ -45,7 +45,7 @@ class Learned(NamedTuple):
 def apply_update(
     robot: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
 ) -> tuple[Robot, Array]:
-    """Put what was learned into a robot folder, counterparts together, and its uncertainty.
+    """Put what was learned into a robot folder; also return how much of each value it holds now. Shape (p,). [SI]
 
     What URDF and springs cannot say becomes an effect of the folder. What neither holds (the tool of a job, a spring
     below zero) stays with the path; its mean counts as not known, m m^T.
@@ -56,9 +56,6 @@ def apply_update(
         values: Posterior means about the folder. Shape (p,). [SI]
         covariance: Posterior covariance. Shape (p, p).
         own_tool: Whether the tool is the folder's, not the job's.
-
-    Returns:
-        The robot, and how much of each value it holds now. Shape (p,). [SI]
     """
     held: list[Array] = []
     for unknown, own in split_unknowns(known.unknowns, values):

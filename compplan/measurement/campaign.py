@@ -159,14 +159,7 @@ class Campaign(Shown):
         return bool(self.is_load(np.ptp(np.percentile(wrench, (3, 97), axis=0), axis=0)[None])[0])
 
     def is_load(self, wrench: Array) -> NDArray[np.bool_]:
-        """Tell which wrenches (or changes of one) are more than the sensor's noise; the one answer to "loaded?".
-
-        Args:
-            wrench: Wrenches. Shape (n, 6). [N, N m]
-
-        Returns:
-            Shape (n,).
-        """
+        """Tell which wrenches, (n, 6) [N, N m], or changes of one are more than the sensor's noise. Shape (n,)."""
         force = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1)
         moment = np.linalg.norm(np.nan_to_num(wrench[:, 3:]), axis=1)
         share = SAME_LOAD * self.load_scale

@@ -86,10 +86,7 @@ def read_instrument(file: Path) -> InstrumentFile:
 def read_observations(table: Table, position: Array, instrument: InstrumentFile | None) -> ObservedRows | None:
     """Read the columns contact, reading, dir and distance of a log; None where it has none of them.
 
-    Args:
-        table: The log.
-        position: Its positions, NaN where there are none. Shape (n, 3). [m]
-        instrument: What the instrument file says, if there is one.
+    position: positions of the log, NaN where there are none, (n, 3) [m].
 
     Raises:
         InputError: With file and line, if a row says two things at once, or not all that belongs to one.
@@ -176,11 +173,7 @@ def _drop_lonely(
 ) -> tuple[Observations, list[str]]:
     """Drop labels whose rows are so few that the unknown place takes all that they tell, and say so.
 
-    Args:
-        table: The log, for the error.
-        sights: What it says.
-        tied: Labels whose place known distances tell something of.
-        measured: Rows with a position. Shape (n,).
+    tied: labels whose place known distances tell something of; measured: rows with a position, (n,).
 
     Raises:
         InputError: If no row is left that tells anything.

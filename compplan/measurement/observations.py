@@ -79,6 +79,10 @@ class Observations:
         picked = {name: getattr(self, name)[rows] for name in ("kind", "contact", "origin", "direction", "value")}
         return replace(self, **picked)
 
+    def repeat(self, times: int) -> Observations:
+        """Return the rows so many times, one after the other."""
+        return self.take(np.tile(np.arange(len(self.kind)), times))
+
     def without(self, rows: NDArray[np.bool_]) -> Observations:
         """Forget what some rows saw. Shape of `rows`: (n,)."""
         return replace(self, kind=np.where(rows, POSITION, self.kind), contact=np.where(rows, -1, self.contact))
@@ -95,9 +99,7 @@ class Observations:
     def gap(self, point: Array, places: Array) -> Array:
         """Return seen minus expected as a vector, along the direction where one number was seen; NaN for positions.
 
-        Args:
-            point: Measured point that a model expects, base frame. Shape (n, 3). [m]
-            places: Places of the contacts, base frame. Shape (contacts, 3). [m]
+        point: measured point that a model expects, (n, 3); places: of the contacts, (contacts, 3); base frame. [m]
         """
         away = self._away(point, places)
         along = self.directions(point, places)
@@ -124,8 +126,7 @@ class Observations:
     def start_places(self, point: Array) -> Array:
         """Find places to begin with: means of contacts, zeros of readings, centres of spheres. Shape (contacts, 3). [m]
 
-        Args:
-            point: Measured point that a model expects, base frame, NaN where it is unknown. Shape (n, 3). [m]
+        point: measured point that a model expects, base frame, NaN where it is unknown. Shape (n, 3). [m]
         """
         places = np.zeros((len(self.names), 3))
         known = np.isfinite(point).all(axis=1)

@@ -40,12 +40,7 @@ def take_greedily(worth: Worth, count: int) -> list[int]:
 
 
 def settle_choice(worth: Worth, taken: Sequence[int]) -> list[tuple[int, float]]:
-    """Exchange what is taken, and order it by what each adds to those before it; also return what that is.
-
-    Args:
-        worth: What every candidate is worth beside some.
-        taken: Candidates to begin with.
-    """
+    """Exchange what is taken, and order it by what each adds to those before it; also return what that is."""
     chosen = exchange_taken(worth, taken)
     grown = grow_choice(lambda order: worth([chosen[k] for k in order])[chosen], len(chosen))
     return [(chosen[k], gain) for k, gain in grown]
@@ -71,36 +66,22 @@ def exchange_taken(worth: Worth, taken: Sequence[int]) -> list[int]:
 def weight_rows(gain: Gain, covariance: Array, rows: Array, noise: float, mean: Array | None = None) -> Worth:
     """Tell what every measurement is worth beside some that are taken, for an exchange.
 
-    Args:
-        gain: The aim.
-        covariance: Before any of them. Shape (P, P).
-        rows: Derivatives of each measurement. Shape (m, c, P).
-        noise: Variance of each component.
-        mean: Before any of them; zero if left out. Shape (P,).
+    covariance before any of them, (P, P), and mean, (P,), zero if left out; rows: derivatives of each measurement,
+    (m, c, P); noise: variance of each component.
     """
     before = np.zeros(len(covariance)) if mean is None else mean
     return lambda taken: gain(*explain_rows(before, covariance, rows[taken], noise), rows)
 
 
 def learn_rows(covariance: Array, rows: Array, noise: float) -> Array:
-    """Return the covariance after measurements, one after the other.
-
-    Args:
-        covariance: Shape (P, P).
-        rows: Derivatives of each measurement. Shape (m, c, P).
-        noise: Variance of each of its components.
-    """
+    """Return the covariance, (P, P), after measurements with derivatives (m, c, P) and a variance of each component."""
     return explain_rows(np.zeros(len(covariance)), covariance, rows, noise)[1]
 
 
 def explain_rows(mean: Array, covariance: Array, rows: Array, noise: float) -> tuple[Array, Array]:
     """Return what is left of a difference m, H m being what measurements show of it, and its covariance after them.
 
-    Args:
-        mean: The difference, such as of two explanations. Shape (P,).
-        covariance: Shape (P, P).
-        rows: Derivatives of each measurement. Shape (m, c, P).
-        noise: Variance of each of its components.
+    mean: (P,); covariance: (P, P); rows: derivatives of each measurement, (m, c, P); noise: variance of a component.
     """
     for H in rows:
         along = covariance @ H.T
@@ -118,14 +99,7 @@ def _innovate(covariance: Array, rows: Array, noise: float) -> tuple[Array, Arra
 
 
 def measure_gains(covariance: Array, rows: Array, weight: Array, noise: float) -> Array:
-    """Return what each measurement would take off the trace of S W. Shape (m,).
-
-    Args:
-        covariance: Shape (P, P).
-        rows: Derivatives of each measurement. Shape (m, c, P).
-        weight: What the covariance is weighed with, W. Shape (P, P).
-        noise: Variance of each component.
-    """
+    """Return what each measurement, rows (m, c, P), would take off the trace of S W, both (P, P). Shape (m,)."""
     along, inner = _innovate(covariance, rows, noise)
     outer = np.einsum("mip,mjp->mij", (along.reshape(-1, len(weight)) @ weight).reshape(along.shape), along)
     return np.asarray(np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2))
@@ -134,24 +108,14 @@ def measure_gains(covariance: Array, rows: Array, weight: Array, noise: float) -
 def odds_gains(mean: Array, covariance: Array, rows: Array, noise: float = 1.0) -> Array:
     """Return d^T (H S H^T + R)^-1 d / 2, d = H m: the expected log likelihood ratio of each measurement. Shape (m,).
 
-    Args:
-        mean: Difference of two explanations, m. Shape (P,).
-        covariance: Mean of their covariances, S. Shape (P, P).
-        rows: Derivatives of each measurement, H. Shape (m, c, P).
-        noise: Variance of each component.
+    mean m: difference of two explanations, (P,); covariance S: mean of theirs, (P, P); rows H: (m, c, P).
     """
     d, inner = rows @ mean, _innovate(covariance, rows, noise)[1]
     return np.asarray(0.5 * np.einsum("mc,mc->m", d, np.linalg.solve(inner, d[..., None])[..., 0]))
 
 
 def take_clear(batches: Iterable[Array], clear: Callable[[Array], NDArray[np.bool_]], count: int) -> Array:
-    """Take postures from batches until enough of them are clear. Shape (<= count, nq). [rad or m]
-
-    Args:
-        batches: Postures that were drawn. Shape (k, nq) each. [rad or m]
-        clear: Tells which the arm can take. Shape (k, nq) -> (k,).
-        count: How many are wanted.
-    """
+    """Take postures from batches, (k, nq) each, until `count` of them are clear. Shape (<= count, nq). [rad or m]"""
     found: list[Array] = []
     for batch in batches:
         found.append(batch[clear(batch)])

@@ -8,7 +8,7 @@ by engines of their own. Sentences without a figure, such as a remark of a reade
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +26,7 @@ from compplan.planning.deflection import FOLLOWED, Bending
 from compplan.planning.evaluate import Evaluation, Margins, find_part
 from compplan.planning.executed import ExecutedPath, bound_executed
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
+from compplan.planning.stability import find_buckling
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown
 from compplan.robot import Array
@@ -66,8 +67,6 @@ LEAN = float(np.radians(0.05))
 SAMPLE = 1e-3
 #: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
-
-
 #: Severities: the plan is not confirmed; it has to be settled before the machine moves; a remark.
 STOP, SETTLE, REMARK = "stop", "settle", "note"
 
@@ -281,6 +280,12 @@ def _angle(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
 
 
+def _check_each_joint(name: str, joints: JointTable, use: Array, limit: float, says: str) -> list[Check]:
+    """Check a figure of every joint; `says` what a failed check says of joint and figure."""
+    return [Check(name, float(value), limit, says.format(joint=joint, value=value))
+            for joint, value in zip(joints.names, use, strict=True)]  # fmt: skip
+
+
 def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
     """Joints stay within the limits that the robot folder states, in place and in time."""
     limits, step = job.limits, np.diff(time)
@@ -299,15 +304,14 @@ def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job
         return checks
     moved = np.abs(np.diff(q, axis=0))
     use = (moved / np.maximum(step, 1e-12)[:, None] / joints.velocity / limits.velocity_scale).max(axis=0)
-    checks += [Check("joint velocity, share of robot.urdf", float(use[j]), ROUNDED,
-                     f"{name} moves {use[j]:.3g} times as fast as robot.urdf allows")
-               for j, name in enumerate(joints.names)]  # fmt: skip
+    checks += _check_each_joint("joint velocity, share of robot.urdf", joints, use, ROUNDED,
+                                "{joint} moves {value:.3g} times as fast as robot.urdf allows")  # fmt: skip
     rows = _find_moving(task, time)
     if len(rows):
         most = (np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.acceleration_scale).max(axis=0)
-        checks += [Check("joint acceleration, share of elasticity.toml", float(most[j]), ROUNDED * 1.01,
-                         f"{name} accelerates {most[j]:.3g} times as much as elasticity.toml allows")
-                   for j, name in enumerate(joints.names)]  # fmt: skip
+        checks += _check_each_joint("joint acceleration, share of elasticity.toml", joints, most, ROUNDED * 1.01,
+                                    "{joint} accelerates {value:.3g} times as much as elasticity.toml allows"
+                                    )  # fmt: skip
     return [*checks, *_check_jerk(task, q, time, joints, job)]
 
 
@@ -334,9 +338,8 @@ def _check_jerk(task: PlanTask, q: Array, time: Array, joints: JointTable, job: 
         if len(rows) > 2 and len(samples) > 3:
             curve = CubicSpline(time[rows], q[rows], bc_type="clamped")
             use = np.maximum(use, np.abs(np.diff(curve(samples), 3, axis=0)).max(axis=0) / SAMPLE**3 / allowed)
-    return [Check("joint jerk, share of its limit", float(use[j]), ROUNDED,
-                  f"{name} jerks {use[j]:.3g} times as much as is allowed")
-            for j, name in enumerate(joints.names)]  # fmt: skip
+    return _check_each_joint("joint jerk, share of its limit", joints, use, ROUNDED,
+                             "{joint} jerks {value:.3g} times as much as is allowed")  # fmt: skip
 
 
 def _check_feed(task: PlanTask, time: Array) -> Check:
@@ -393,6 +396,16 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
     distance = distance_to_moves(tip, path[moves], path[moves + 1])
     worst_of = int((distance / task.move_tolerance[moves]).argmax())
     return float(distance[worst_of]), int(moves[worst_of])
+
+
+def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[int, str]) -> dict[int, str]:
+    """Find the waypoints of a command that fail and the limits that stop them; `near`: those that come too near."""
+    lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
+    jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
+    stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
+    for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
+        stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
+    return stopped
 
 
 def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:

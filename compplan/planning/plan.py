@@ -17,7 +17,7 @@ from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
-from compplan.planning.checks import find_jumps, find_overloads, run_checks, set_up_bench, state_notes
+from compplan.planning.checks import find_failures, run_checks, set_up_bench, state_notes
 from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.planning.evaluate import (
     evaluate_model,
@@ -37,7 +37,7 @@ from compplan.planning.posture.summary import Start
 from compplan.planning.redundancy import Asked
 from compplan.planning.result import Plan
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
-from compplan.planning.stability import explain_buckling, find_buckling
+from compplan.planning.stability import explain_buckling
 from compplan.planning.task import SMOOTHING, PlanTask, count_equations
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
@@ -152,13 +152,8 @@ def plan_task(
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
     bench = set_up_bench(task, timing, job)
-    lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
-    jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
-    stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
-    for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
-        stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
-    if stopped:
-        command = replace(command, status="infeasible", failures=stopped)
+    if failures := find_failures(task, command, bench, near):
+        command = replace(command, status="infeasible", failures=failures)
     after = evaluate_run(task, command.q, bench.cell, bias=bench.bias)
     uncorrected = task.q_uncorrected
     before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
@@ -168,10 +163,11 @@ def plan_task(
     checks = run_checks(
         task, command, timing, found.between, after, margins, bench, job=job, bending=bending, executed=executed
     )
-    told = [*(task.start.notes if task.start else ()), *found.notes, *list_notes(task, command, timing, bending, job)]
+    told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
+    told += list_notes(task, command, timing, bending, job)
     plan = Plan(
         name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
-        margins=margins, checks=(*checks, *state_notes(told)), job=job, approach=plan_approach(task, command.q),
+        margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
     )  # fmt: skip
     plan.__dict__["executed"] = executed

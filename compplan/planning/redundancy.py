@@ -65,10 +65,11 @@ class Prices(NamedTuple):
 
 
 class Shaped(NamedTuple):
-    """How the program shaped a start: its iterations, and what was free."""
+    """How the program shaped a start."""
 
-    iterations: int
-    names: tuple[str, ...]
+    iterations: int  #: Its iterations.
+    names: tuple[str, ...]  #: What was free.
+    time: float  #: Time along its runs, without smoothing. [s]
 
 
 class Free(NamedTuple):
@@ -189,8 +190,8 @@ def shape_start(
             problem = replace(problem, limits=(*kept, rows), guess=clear)
         solution = solve_problem(problem)
         iterations += solution.iterations
-        LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, band %.3f", solution.status, solution.iterations,
-                  solution.cpu, solution.band)  # fmt: skip
+        LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, time %.4f s of %.4f, band %.3f", solution.status,
+                  solution.iterations, solution.cpu, solution.time, most_time, solution.band)  # fmt: skip
         if solution.violation > REACHED:
             return None
         found = _follow(task, posture_choice, asked, free, solution, settings)
@@ -200,7 +201,7 @@ def shape_start(
         while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), settings.clearance):
             share *= 0.5
         clear = clear + share * (solution.q - clear)
-    return None if found is None else (found, Shaped(iterations, free.names))
+    return None if found is None else (found, Shaped(iterations, free.names, solution.time))
 
 
 def _follow(

@@ -273,18 +273,11 @@ class Plan(Shown):
         )  # fmt: skip
 
 
-def _describe_force(plan: Plan) -> dict[str, Any]:
-    """Return what measured parts said of the force, where any did."""
-    learned = None if plan.task.law is None else plan.task.law.learned
-    if learned is None:
-        return {}
-    turn = np.degrees(learned.turn).tolist()
-    return {"process_force": {"level": learned.level, "turn_deg": turn, "source": learned.source}}
-
-
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
-    failures = plan.command.failures
+    failures, margins, between, worst = plan.command.failures, plan.margins, plan.between, plan.mismatch
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
+    learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
     summary: dict[str, Any] = {
         "schema": 1,
         "status": plan.status,
@@ -299,19 +292,42 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "waypoints": len(plan.task),
         "configuration": dict(plan.task.configuration),
         "solve_time_s": round(plan.command.solve_time, 4),
-        **({"nlp": plan.command.facts["nlp"]} if "nlp" in plan.command.facts else {}),
+        **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
-        "under_mismatch": [_describe_mismatch(plan.mismatch)],
-        "between_waypoints_mm": _describe_between(plan),
+        "under_mismatch": [
+            {
+                "cell": worst.cell,
+                "rms_mm": worst.figures["rms"],
+                "max_mm": worst.figures["max"],
+                "waypoints": int(worst.cut.sum()),
+            }
+        ],
+        "between_waypoints_mm": {"max": between.max_deviation * 1e3}
+        | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
-        **_describe_force(plan),
+        **(
+            {}
+            if learned is None
+            else {
+                "process_force": {
+                    "level": learned.level,
+                    "turn_deg": np.degrees(learned.turn).tolist(),
+                    "source": learned.source,
+                }
+            }
+        ),
         **plan.bending.describe(),
         **summarise_band(plan.promise),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
         "within_tolerance": float((plan.task.use_tolerance(plan.after.deviation)[plan.after.cut] <= 1.0).mean()),
-        "correction_mm": {"max": plan.margins.max_correction * 1e3},
-        "margins": _describe_margins(plan),
+        "correction_mm": {"max": margins.max_correction * 1e3},
+        "margins": {
+            "position_limit_deg": float(np.degrees(margins.position)),
+            "position_limit_joint": plan.robot.joint_names[margins.joint],
+            "velocity_ratio": margins.velocity_ratio,
+            "acceleration_ratio": margins.acceleration_ratio,
+        },
         "duration_s": float(plan.timing.time[-1]),
         "reversals": [entry.describe() for entry in plan.reversals],
         "judge": plan.judge,
@@ -331,30 +347,6 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
     if plan.status != "solved":
         summary["failure"] = plan.explain_failures()
     return summary
-
-
-def _describe_mismatch(run: Evaluation) -> dict[str, Any]:
-    sizes = {f"{name}_mm": run.figures[name] for name in ("rms", "max")}
-    return {"cell": run.cell, **sizes, "waypoints": int(run.cut.sum())}
-
-
-def _describe_between(plan: Plan) -> dict[str, float]:
-    """Return the greatest deviation between waypoints, by how a controller may lead there. [mm]"""
-    between = plan.between
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
-    return {"max": between.max_deviation * 1e3} | {
-        way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()
-    }
-
-
-def _describe_margins(plan: Plan) -> dict[str, Any]:
-    margins = plan.margins
-    return {
-        "position_limit_deg": float(np.degrees(margins.position)),
-        "position_limit_joint": plan.robot.joint_names[margins.joint],
-        "velocity_ratio": margins.velocity_ratio,
-        "acceleration_ratio": margins.acceleration_ratio,
-    }
 
 
 def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:

@@ -148,8 +148,8 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
             "p95_rms_after_each": (choice.rms * 1e3).tolist(), "p95_max_floor": float(design.floor.max()) * 1e3,
         },
         "parameters_alone_p95_rms_mm": {
-            "now": campaign.model_part(campaign.start) * 1e3,
-            "designed": campaign.model_part(choice.covariance) * 1e3,
+            "now": campaign.design.model_band(campaign.start) * 1e3,
+            "designed": campaign.design.model_band(choice.covariance) * 1e3,
         },
         "stop_after": choice.enough, "says": describe_campaign(campaign).replace("\u00a0", " "),
         "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
@@ -241,9 +241,9 @@ def _open(campaign: PoseCampaign) -> page.Summary:
 
 
 def _compare(campaign: PoseCampaign) -> page.DataTable:
-    count, designed = len(campaign.choice.rows), 1e3 * campaign.model_part(campaign.choice.covariance)
+    count, designed = len(campaign.choice.rows), 1e3 * campaign.design.model_band(campaign.choice.covariance)
     rows: list[page.Row] = [
-        ["now", 1e3 * campaign.model_part(campaign.start)],
+        ["now", 1e3 * campaign.design.model_band(campaign.start)],
         [f"{count} designed poses", page.Cell(designed, "strong")],
     ]
     sigma = f"{1e3 * campaign.design.sigma:g} mm per axis"

@@ -13,7 +13,6 @@ from compplan.io.quantities import format_length, format_mm, format_percent, for
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.names import ONLINE
-from compplan.planning.compare import summarise_comparison
 from compplan.planning.tolerance_verdict import MEASURE
 from compplan.reporting import page
 from compplan.reporting.along_path import FLOOR, draw_strategies, measure_panels, place_stations
@@ -39,7 +38,7 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
     """
     with replace_folder(folder, "compare") as part:
         write_text(part / "report.html", render_comparison(comparison))
-        write_json(part / "compare.json", summarise_comparison(comparison), indent=2)
+        write_json(part / "compare.json", comparison.to_dict(), indent=2)
         names = list_files(part)
     return [Path(folder) / name for name in names]
 

@@ -32,7 +32,6 @@ from compplan.reporting.gap_figures import (
     draw_gap_shares,
     draw_histogram,
     draw_residuals,
-    draw_together,
     draw_traces,
 )
 from compplan.reporting.provenance import describe_grade, describe_robot
@@ -278,11 +277,7 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> page.Sec
             "a sloped line, lost motion two levels, a gear error a wave."
         )
         blocks.append(page.Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
-    together = {place: own for place, own in shares.together.items() if any(s >= 0.005 for s in own.values())}
-    if together:
-        caption = "How much of the gap, in per cent, each place carries by each effect."
-        blocks.append(page.Chart(draw_together(together), caption, 120 + 30 * len(together)))
-    blocks.append(page.Fold("By run, time, load, direction, approach and region", _list_splits(split)))
+    blocks.append(page.Fold("By run, time, load, direction and region", _list_splits(split)))
     return page.Section("Where it lies", blocks)
 
 
@@ -306,13 +301,7 @@ def _list_splits(split: Split) -> list[page.Block]:
         [name.replace("_", " "), format_percent(s.share), f"{format_percent(s.low)} to {format_percent(s.high)}"]
         for name, s in spread.by_axis.items()
     ]
-    approach: list[page.Row] = []
-    for name, numbers in split.by_approach.items():
-        key = next(iter(numbers))
-        size, error = numbers[key], numbers["standard_error"]
-        shown = page.Cell(size, "strong" if abs(size) > 4 * error else "")
-        approach.append([name, shown, error, key.rsplit("_", 1)[1]])
-    blocks: list[page.Block] = [
+    return [
         page.DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
         page.DataTable(["rows of the log", "time [s]", *end], times, "By time."),
         *([page.DataTable(["force [N]", *end], loads, "By load.")] if len(loads) > 1 else []),
@@ -320,10 +309,6 @@ def _list_splits(split: Split) -> list[page.Block]:
                    "By region: distance from the axis of the base, and height."),
         page.DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
     ]  # fmt: skip
-    if approach:
-        caption = "Difference of a joint's position between approaches from either side; positive: it lags behind."
-        blocks.append(page.DataTable(["joint", "lost motion", "standard error", "unit"], approach, caption))
-    return blocks
 
 
 def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> page.Section:

@@ -61,7 +61,7 @@ def write_updated(teaching: LearnedPart, folder: Path) -> None:
         shutil.copyfile(source / PROCESS, folder / PROCESS)
     name = residual_file(teaching.robot, teaching.job)
     file_name = f"learned_{teaching.job.file.stem}.csv" if name is None else name.name
-    if teaching.lesson.taken:
+    if teaching.lesson.taken and teaching.residual is not None:
         write_residual(teaching.residual, teaching.robot, folder / file_name)
 
 

@@ -11,7 +11,7 @@ from posture_cases import brute_force, cut_stations, make_case, mean_square
 
 from compplan.errors import InfeasibleError
 from compplan.planning.plan import PlanOptions, plan_compensation
-from compplan.planning.posture.choose import choose_posture_path, sum_errors
+from compplan.planning.posture.choose import _choose_line, choose_posture_path, sum_errors
 from compplan.planning.posture.configuration import choose_posture
 from compplan.planning.posture.costs import Weights
 from compplan.planning.posture.lattice import orient_tool
@@ -51,8 +51,8 @@ def choose(*given) -> PostureSummary:
 def angled():
     case = make_case("kuka_kr240", "circle", 45.0)
     axes = case.job.T_base_part[:3, :3]
-    settings = PostureSettings(stations=160, weights={"travel": 0.0}, axes=axes)  # what is left under load, alone
-    return case, choose(case.robot, case.nominal, case.job.tool_x_base, settings)
+    settings = PostureSettings(stations=160, axes=axes)  # what is left under load, alone; no plain posture beside it
+    return case, _choose_line(PostureProblem(case.robot, case.nominal, case.job.tool_x_base, settings))
 
 
 def test_the_chosen_posture_is_within_two_percent_of_brute_force_that_shares_no_cost_code(angled) -> None:
@@ -230,8 +230,10 @@ def test_the_map_holds_the_chosen_line() -> None:
     assert np.isfinite(picture.sensitivity[picture.reason == 0]).all()
 
 
-def test_the_plan_keeps_the_chosen_posture_and_stands_on_the_path_under_load(angled) -> None:
-    case, posture_choice = angled
+def test_the_plan_keeps_the_chosen_posture_and_stands_on_the_path_under_load(angled, monkeypatch) -> None:
+    case, greedy = angled
+    monkeypatch.setattr("compplan.planning.plan.better_start", lambda start, asked, **named: start)
+    posture_choice = choose(case.robot, case.nominal, case.job.tool_x_base, greedy.settings)
     options = PlanOptions(tool_x=case.job.tool_x_base, posture=posture_choice.settings, inertia=False)
     plan = plan_compensation(case.robot, case.nominal, options, name="angled")
     assert plan.status == "solved"

@@ -120,7 +120,7 @@ def _try_pinocchio() -> bool:
 
 def _look_at_machines() -> Remark:
     """Name the machines whose rotary words are read by name."""
-    from compplan.toolpath.readers.machines import list_machines
+    from compplan.toolpath.readers.options import list_machines
 
     return Remark("fine", "machines", f"[cam] machine takes {', '.join(list_machines())}, or NAME.toml beside the file")
 

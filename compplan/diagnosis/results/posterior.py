@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from compplan.diagnosis.data.channels import group_poses
-from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, NEGLIGIBLE, ROUNDING, SAMPLE
+from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, NEGLIGIBLE, SAMPLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION, in_background
 from compplan.diagnosis.evidence.evidence import TAU_SCALE
 from compplan.diagnosis.results.verdict import Verdict
@@ -111,16 +111,25 @@ def state_uncertainty(
     return free_base(fit.problem.robot, stated) if adrift else stated
 
 
-def state_sizes(fit: Fit, named: Sequence[Claim], calibration: float) -> Uncertainty:
+def state_sizes(fit: Fit, named: Sequence[Claim], calibration: float) -> tuple[Uncertainty, set[int]]:
     """State how surely the sizes of named effects are known where these, and no others, are present.
 
     `calibration` is the factor of all deviations that makes bands hold poses left out.
+
+    Returns:
+        Their covariance, and the signatures whose 95 % region excludes zero: with values v and covariance C,
+        v^T C^-1 v above the 95 % point of chi-square.
     """
     fitted = with_claims(_with_usual_classes(fit), named, background=True)
-    present = replace(fit.state, values=dict.fromkeys(fit.search.equations.names, 1.0))
-    known = _collect(fitted, named, present)
+    equations, posterior = fitted.search.equations, fitted.model.posterior
+    known = _collect(fitted, named, replace(fit.state, values=dict.fromkeys(equations.names, 1.0)))
     unknowns, factor = spread_unknowns(known.unknowns, known.moment)
-    return Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration)
+    told = set()
+    for claim in named:
+        columns = equations.columns(claim.signature)
+        if 2.0 * posterior.loss_without(columns) > calibration**2 * chdtri(len(columns), 1.0 - LEVEL):
+            told.add(claim.signature)
+    return Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration), told
 
 
 def _with_usual_classes(fit: Fit) -> Fit:
@@ -291,22 +300,6 @@ def explain_otherwise(
             if weight / total >= NEGLIGIBLE:
                 found.append(replace(one, weight=weight / total))
     return found
-
-
-def excludes_zero(effect: Effect, sizes: Uncertainty) -> bool:
-    """Tell whether the 95 % region of an effect's parameters excludes zero; True where no uncertainty is stated.
-
-    With values v and their covariance C: v^T C^-1 v above the 95 % point of chi-square.
-    """
-    for unknown, rows in split_unknowns(sizes.unknowns, np.arange(len(sizes.width), dtype=float)):
-        if (unknown.effect, unknown.joint, unknown.axis) == tuple(effect.place):
-            keys = [key.partition("#") for key in unknown.keys]
-            values = [np.atleast_1d(effect.parameters.get(name, 0.0))[int(item or 0)] for name, _, item in keys]
-            spread = sizes.spread[rows.astype(int)]
-            covariance = spread @ spread.T
-            covariance += ROUNDING * np.diag(np.diag(covariance))
-            return bool(values @ np.linalg.solve(covariance, values) > chdtri(len(values), 1.0 - LEVEL))
-    return True
 
 
 def state_change(robot: Robot, effect: Effect, sizes: Uncertainty) -> dict[str, Any]:

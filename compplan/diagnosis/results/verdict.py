@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number
+from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number, rms_length
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
@@ -16,6 +16,7 @@ from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_plac
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
 from compplan.diagnosis.validation.bounds import find_breach
+from compplan.diagnosis.validation.held_out import take_out_frames
 from compplan.diagnosis.validation.probability import (
     Evidence,
     calibrate_probability,
@@ -126,10 +127,9 @@ def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
     structure = replace(structure, left=structure.left or any(f.beyond for f in findings if f not in minor))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
-    doubtful += given_up(fit, doubt, small, structure.gap)
     equations = doubt.search.equations
     columns = equations.join_columns(f.signature for f in named)
-    structure = replace(structure, explained=motion_of(fit, columns, doubt.model.posterior.values(equations.p)))
+    structure = replace(structure, explained=motion_of(fit.search, columns, doubt.model.posterior.values(equations.p)))
     if named:
         status = "partly_explained" if structure.left else "explained"
     else:
@@ -137,9 +137,9 @@ def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
     return Verdict(status, named, doubtful, minor, structure)
 
 
-def unname(verdict: Verdict, sized: Callable[[Finding], bool]) -> Verdict:
-    """Move named effects whose size may be zero to the doubtful ones."""
-    kept = tuple(f for f in verdict.findings if f.signature < 0 or sized(f))
+def unname(verdict: Verdict, told: Collection[int]) -> Verdict:
+    """Move named effects whose size may be zero, with signatures that are not told, to the doubtful ones."""
+    kept = tuple(f for f in verdict.findings if f.signature < 0 or f.signature in told)
     if len(kept) == len(verdict.findings):
         return verdict
     status = verdict.status if kept else "unknown"
@@ -170,9 +170,8 @@ def evaluate_claim(
     equations = doubt.search.equations
     columns = equations.columns(claim.signature)
     signature = equations.signatures[claim.signature]
-    explained = motion_of(fit, columns, values)
-    gap = max(structure.gap, 1e-12)
-    evidence = Evidence(margin, plain, explained / structure.floor, explained / gap, structure.rms / gap, *checks)
+    explained = motion_of(fit.search, columns, values)
+    evidence = Evidence(margin, plain, *checks)
     effect = signature.effect(values[columns] * signature.scale)
     beyond = find_breach(fit, effect, explained, structure.gap)
     return Finding(
@@ -208,29 +207,12 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
     return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
 
 
-def given_up(fit: Fit, doubt: RevisedProbabilities, small: float, gap: float) -> tuple[Finding, ...]:
-    """List claims of the fit that errors without a name explain as well."""
-    equations = fit.search.equations
-    values = fit.model.posterior.values(equations.p)
-    kept = {equations.signatures[c.signature].place for c in doubt.model.claims}
-    found = []
-    for claim in fit.model.claims:
-        signature, columns = equations.signatures[claim.signature], equations.columns(claim.signature)
-        explained = motion_of(fit, columns, values)
-        if signature.place not in kept and explained >= small:
-            effect = signature.effect(values[columns] * signature.scale)
-            rivals = tuple(find_alternatives(fit, claim.signature, values))
-            beyond = find_breach(fit, effect, explained, gap)
-            found.append(Finding(effect, REFUSED, explained, 0.0, rivals, claim.size, claim.signature, beyond=beyond))
-    return tuple(found)
-
-
 def only_in_readings(fit: Fit, doubt: RevisedProbabilities, finding: Finding) -> bool:
     """Tell whether an effect does not move the target at all, but shows plainly in the encoders."""
     equations = fit.search.equations
     columns = equations.columns(finding.signature)
     values = doubt.model.posterior.values(doubt.search.equations.p)[columns]
-    moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in equations.designs]
+    moves = [rms_length(d[..., columns] @ values) for d in equations.designs]
     return bool(moves[0] < ROUNDING and max(moves) ** 2 > BELOW_NOISE)
 
 
@@ -254,9 +236,9 @@ def measure_structure(fit: Fit, doubt: RevisedProbabilities) -> Structure:
     free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=STEPS)
     gain = float(posterior.log_evidence - free.posterior.log_evidence)
     plain = gain > beats_chance(len(doubt.classes)) and beyond > STRUCTURE_SIZE * floor
-    gap = float(np.sqrt(np.mean(np.sum((refit_frames(doubt) * source.sigma) ** 2, axis=1))))
+    gap = rms_length(take_out_frames(equations, equations.observed[0]) * source.sigma)
     structure = Structure(
-        gain, beyond, gap, motion_of(fit, small, values), 0.0,  # nothing is named yet
+        gain, beyond, gap, motion_of(fit.search, small, values), 0.0,  # nothing is named yet
         bool(rms > FLOORS_LEFT * floor or plain), floor,
     )  # fmt: skip
     return replace(structure, dependences=find_dependences(doubt, structure))
@@ -270,18 +252,6 @@ def count_used(doubt: RevisedProbabilities, foreign: NDArray[np.int_]) -> float:
     return float(np.sum(share[~np.isin(posterior.columns, foreign)]))
 
 
-def refit_frames(doubt: RevisedProbabilities) -> Array:
-    """Return the gap without effects, in units of the noise: frames that are fitted anyway taken out."""
-    equations = doubt.search.equations
-    frames = equations.columns_named(REGISTRATION)
-    observed = equations.observed[0]
-    if not len(frames):
-        return observed
-    columns = equations.designs[0][..., frames].reshape(-1, len(frames))
-    values = np.linalg.lstsq(columns, observed.reshape(-1), rcond=1e-9)[0]
-    return np.asarray(observed - equations.designs[0][..., frames] @ values)
-
-
 def find_dependences(doubt: RevisedProbabilities, structure: Structure) -> tuple[Finding, ...]:
     """Say what the errors without a name follow, where structure is left."""
     if not structure.left:
@@ -291,12 +261,12 @@ def find_dependences(doubt: RevisedProbabilities, structure: Structure) -> tuple
     found = []
     for driver in dict.fromkeys(doubt.classes):
         columns = np.concatenate([m for m, d in zip(doubt.members, doubt.classes, strict=True) if d == driver])
-        motion = motion_at(doubt, columns, values)
+        motion = motion_of(doubt.search, columns, values)
         if motion < SPOKEN_OF * max(structure.rms, structure.floor):
             continue
         owners = [n for n, s in enumerate(equations.signatures) if s.name == UNMODELLED]
         owners = [n for n in owners if np.isin(equations.columns(n), columns).all()]
-        moves = {n: motion_at(doubt, equations.columns(n), values) for n in owners}
+        moves = {n: motion_of(doubt.search, equations.columns(n), values) for n in owners}
         largest = equations.signatures[max(moves, key=lambda n: rank_number(moves[n]))]
         effect = Effect(UNMODELLED, largest.joint, driver if largest.joint is None else str(largest.axis))
         found.append(Finding(effect, CLAIMED, motion, structure.gain, (), 1.0, -1))
@@ -312,17 +282,9 @@ def noise_floor(fit: Fit) -> float:
     return float(np.sqrt(told * (factor * noise.sigma**2 + scatter**2 + noise.stay**2)))
 
 
-def motion_at(doubt: RevisedProbabilities, columns: NDArray[np.int_], values: Array) -> float:
-    """Return the root mean square motion that some columns of the normal equations of a doubt explain. [m]"""
-    equations = doubt.search.equations
-    moved = equations.designs[0][..., columns] @ values[columns] * equations.source[0].sigma
-    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-
-
-def motion_of(fit: Fit, columns: NDArray[np.int_], values: Array) -> float:
+def motion_of(search: Search, columns: NDArray[np.int_], values: Array) -> float:
     """Return the root mean square motion that some columns explain, over all rows. [m]"""
     if not len(columns):
         return 0.0
-    equations = fit.search.equations
-    moved = equations.designs[0][..., columns] @ values[columns] * equations.source[0].sigma
-    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+    equations = search.equations
+    return rms_length(equations.designs[0][..., columns] @ values[columns] * equations.source[0].sigma)

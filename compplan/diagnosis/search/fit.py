@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import Channel, build_channels, estimate_noises, position_residual
 from compplan.diagnosis.data.noise import OUTLYING, Noise, find_gross_outliers, find_outliers
+from compplan.diagnosis.data.shared import rms_length
 from compplan.diagnosis.evidence.candidates import (
     CLASSES,
     REGISTRATION,
     build_prior,
-    in_background,
     key_of,
     log_priors,
     offered_signatures,
@@ -53,7 +53,6 @@ from compplan.diagnosis.search.state import (
 from compplan.effects.forward_model import own_springs
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
-from compplan.errors import ConvergenceError
 from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import Registration
 from compplan.robot import Array
@@ -87,7 +86,7 @@ def fit_effects(
             break
         following, score = step
         if best is None or number <= NOISE_ROUND or score > best.score:
-            best = replace(fit, state=following, base=fit.state, score=score)
+            best = replace(fit, state=following, score=score)
         settled = number > NOISE_ROUND and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
         if settled and not restarted:
@@ -99,10 +98,13 @@ def fit_effects(
             break
     if best is None:
         # the exact model cannot bear the least step: the campaign stays as it is
-        best = replace(fit, model=fit.search.model([], fit.search.start), base=fit.state)
+        best = replace(fit, model=fit.search.model([], fit.search.start))
     elif not settled:
         best = _fit_jointly(best, progress)
-    return _finish(best, best.state)
+    last = register_again(best, best.state, best.state.use)
+    residual = position_residual(problem.campaign, *attain_state(problem, last))
+    outliers = find_outliers(problem.campaign, residual, last.scatter, known_approach(problem.campaign, last))
+    return replace(best, state=last, outliers=outliers)
 
 
 def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
@@ -114,7 +116,7 @@ def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
         step = descend(again, advance_state(again))
         if step is None or step[1] < fit.score + WORTHWHILE:
             break
-        fit = replace(again, state=step[0], base=again.state, score=step[1])
+        fit = replace(again, state=step[0], score=step[1])
     return fit
 
 
@@ -143,8 +145,9 @@ def _round(
         fresh = [s for s in fresh if key_of(s) not in known and s.name not in problem.excluded]
         if not fresh:
             break
-        before = fit.model.score
-        fit = search_again(fit, fresh, progress)
+        before, equations = fit.model.score, extend_normal_equations(fit.search.equations, fresh)
+        held = replace(fit.state, claims=claims_of(fit))
+        fit = _search_equations(problem, held, at, channels, equations, noises, progress)
         claimed = {key_of(fit.search.equations.signatures[n]) for n in fit.model.signatures}
         if fit.model.score < before + WORTHWHILE or not claimed & {key_of(s) for s in fresh}:
             break
@@ -167,44 +170,27 @@ def _offer_all(
     return fixed + propose_again(at, proposals, {key for key, _ in state.claims})
 
 
-def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None] = lambda text: None) -> Fit:
-    """Search with further signatures, from the claims there are, at the linearization of a fit."""
-    equations = extend_normal_equations(fit.search.equations, fresh)
-    held = replace(fit.state, claims=claims_of(fit))
-    return _search_equations(fit.problem, held, fit.at, fit.channels, equations, fit.noises, progress)
-
-
 def _search_equations(
     problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], equations: NormalEquations,
     noises: dict[str, Noise], progress: Callable[[str], None], *, hold: bool = False,
 ) -> Fit:  # fmt: skip
-    signatures = equations.signatures
-    free = [n for n, s in enumerate(signatures) if s.name == REGISTRATION]
-    prior = build_prior(equations, free, problem.excluded)
-    candidates = [n for n in range(len(signatures)) if n not in free]
-    search = Search(
-        equations,
-        prior,
-        log_priors(signatures),
-        candidates,
-        start_hyper(equations, len(CLASSES)),
-        progress=progress,
-        rigid=is_rigid(problem),
-    )
-    numbers = {key_of(s): n for n, s in enumerate(signatures)}
+    search = _build_search(problem, equations, start_hyper(equations, len(CLASSES)), progress)
+    numbers = {key_of(s): n for n, s in enumerate(equations.signatures)}
     first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
     model = search.model(first, search.start, steps=FIRST_STEPS) if hold else search_models(search, first, state.most)
     return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
 
 
-def is_rigid(problem: Problem) -> bool:
-    """Tell whether nothing bends but what claims make soft: no spring, and no load that changes.
-
-    Where loads change, small compliances everywhere are fitted as well, and bend.
-    """
-    robot = problem.robot
+def _build_search(
+    problem: Problem, equations: NormalEquations, start: Hyper, progress: Callable[[str], None] = lambda text: None
+) -> Search:  # fmt: skip
+    free = [n for n, s in enumerate(equations.signatures) if s.name == REGISTRATION]
+    candidates = [n for n in range(len(equations.signatures)) if n not in free]
+    robot, prior = problem.robot, build_prior(equations, free, problem.excluded)
     springs = any(spring.compliance > 0.0 for spring in robot.springs) or bool(robot.link_elasticities)
-    return not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
+    # where loads change, small compliances everywhere are fitted as well, and bend
+    rigid = not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
+    return Search(equations, prior, log_priors(equations.signatures), candidates, start, progress=progress, rigid=rigid)
 
 
 def _propose(fit: Fit) -> list[Signature]:
@@ -235,44 +221,6 @@ def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
     return max(steps, default=0.0) < SETTLED
 
 
-def _finish(fit: Fit, state: FitState) -> Fit:
-    """Keep the last search, and the state that its posterior leads to, with the outliers seen from there."""
-    campaign = fit.problem.campaign
-    scene, attained = attain_state(fit.problem, state)
-    residual = position_residual(campaign, scene, attained)
-    outliers = find_outliers(campaign, residual, state.scatter, known_approach(campaign, state))
-    rows = fit.channels[0].rows
-    exact = float(np.sqrt(np.mean(np.sum(residual[rows] ** 2, axis=1))))
-    return replace(fit, outliers=outliers, exact=exact)
-
-
-#: The exact model has arrived when it leaves this little more than its linearization promises (assumed).
-ARRIVED = 1.02
-
-
-def polish_fit(fit: Fit) -> Fit:
-    """Refit the parameters of a finished fit exactly, its claims, noise and background held."""
-    vector = fit.model.posterior.values(fit.search.equations.p)
-    left = fit.search.equations.left(vector)[0] * fit.search.equations.source[0].sigma
-    expected = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
-    use = fit.state.use.copy() if fit.base is None else fit.base.use.copy()
-    state = register_again(fit, fit.state, use)
-    best, least = state, exact_rms(fit, state, use)
-    while least >= ARRIVED * expected:
-        state = _step(fit, best, use)
-        if not stands(fit.problem, state):
-            break
-        state = register_again(fit, state, use)
-        exact = exact_rms(fit, state, use)
-        if exact >= least:
-            break
-        best, least = state, exact
-    campaign = fit.problem.campaign
-    residual = position_residual(campaign, *attain_state(fit.problem, best))
-    outliers = find_outliers(campaign, residual, best.scatter, known_approach(campaign, best))
-    return replace(fit, state=best, exact=least, outliers=outliers)
-
-
 def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
     """Fit the frames of a campaign to a state's exact model, where they are fitted at all and where that is closer."""
     problem = fit.problem
@@ -287,27 +235,7 @@ def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitStat
 def exact_rms(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> float:
     """Return the root mean square distance that the exact model leaves on some rows. [m]"""
     campaign = fit.problem.campaign
-    residual = position_residual(campaign, *attain_state(fit.problem, state))[use & campaign.usable]
-    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
-
-
-def _step(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
-    """Linearize at a state and take the posterior mean of the claimed and background columns."""
-    at = linearize_state(fit.problem, state)
-    channels = build_channels(at.scene, at.attained, use, fit.noises)
-    sizes = dict(state.claims)
-    old = proposed_signatures(fit.search.equations.signatures)
-    problem = fit.problem
-    offered = offered_signatures(at, problem.register, problem.excluded)
-    offered += propose_again(at, old, set(sizes))
-    kept = [s for s in offered if key_of(s) in sizes or s.name == REGISTRATION or in_background(s)]
-    equations = build_normal_equations(channels, kept, state.values)
-    free = [n for n, s in enumerate(kept) if s.name == REGISTRATION]
-    hyper = fit.model.posterior.hyper
-    search = Search(equations, build_prior(equations, free, fit.problem.excluded), log_priors(kept), [], hyper)
-    claims = [Claim(n, sizes[key_of(s)]) for n, s in enumerate(kept) if key_of(s) in sizes]
-    model = search.model(claims, hyper, fit=False)
-    return advance_state(replace(fit, at=at, channels=channels, search=search, model=model, state=state))
+    return rms_length(position_residual(campaign, *attain_state(fit.problem, state))[use & campaign.usable])
 
 
 def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
@@ -334,8 +262,8 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     share = 1.0
     while share > SETTLED and not (tried and tried[-1][0] < start):
         state = full if share == 1.0 else advance_state(fit, share)
-        channels = observe_state(fit, state)
-        if channels is not None:
+        if stands(fit.problem, state):
+            channels = build_channels(*attain_state(fit.problem, state), fit.state.use, fit.noises)
             tried.append((cost(channels, here + share * (target - here)), state))
         share *= 0.5
     if not tried:
@@ -357,14 +285,3 @@ def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper
         ratio = sizes * np.exp(2 * shared)
         total += float(np.exp(-noise) * (np.sum(rest**2) - np.sum(ratio / (1 + ratio) * mean2)))
     return total
-
-
-def observe_state(fit: Fit, state: FitState) -> tuple[Channel, ...] | None:
-    """Compare the campaign with the exact model of a state, or None where that finds no equilibrium."""
-    try:
-        scene, attained = attain_state(fit.problem, state)
-    except ConvergenceError:
-        return None
-    if not np.isfinite(attained.position).all():
-        return None
-    return build_channels(scene, attained, fit.state.use, fit.noises)

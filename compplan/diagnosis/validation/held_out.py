@@ -12,10 +12,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, stdtrit
+from scipy.special import stdtrit
 
 from compplan.diagnosis.data.channels import block_index, group_poses, position_residual
-from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, rms_length
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations, Products, select_rows
@@ -44,7 +44,7 @@ class HeldOut:
     @property
     def rms(self) -> float:
         """Root mean square distance. [m]"""
-        return float(np.sqrt(np.mean(np.sum(self.residual**2, axis=1)))) if len(self.rows) else 0.0
+        return rms_length(self.residual)
 
     def of(self, seen: NDArray[np.bool_]) -> HeldOut:
         """Return the residuals of some of its rows. Shape of `seen`: (r,)."""
@@ -67,24 +67,6 @@ class HeldOut:
             return self
         above = float(stdtrit(count - 1, LEVEL)) * float(logs.std(ddof=1)) * np.sqrt(1.0 / count + 1.0 / (count - 1))
         return replace(self, residual=max(1.0, UNDERSTATED * float(np.exp(0.5 * above))) * self.residual)
-
-    def selection_bonus(self, other: HeldOut, group: NDArray[np.int_]) -> float:
-        """Return the probability that chance alone makes another's mean square larger than this one by as much.
-
-        Were both as good, each group's gain would be as likely the other way round: the share of all signs of the gains
-        whose sum is no smaller [Fisher1935, section 21]; of many groups that sum is nearly normal, of variance sum
-        d_g^2. Rows of a group, shape (r,), err alike.
-        """
-        less = np.sum(other.residual**2 - self.residual**2, axis=1)
-        _, index = np.unique(group, return_inverse=True)
-        gain = np.bincount(index.reshape(-1), less)
-        total, spread = float(gain.sum()), float(np.linalg.norm(gain))
-        if len(gain) >= ENOUGH_ROWS:
-            return float(ndtr(-total / max(spread, 1e-300)))
-        sums = np.zeros(1)
-        for one in gain:
-            sums = np.concatenate([sums + one, sums - one])
-        return float(np.mean(sums >= total - 1e-9 * spread))
 
 
 def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
@@ -172,12 +154,18 @@ def fit_frames(fit: Fit, residual: Array, poses: int) -> Array:
     """Return errors (r, 3) as a later campaign of many poses would show them, its own frames fitted to them. [m]"""
     if not fit.problem.register:
         return residual
-    equations, sigma = fit.search.equations, fit.search.equations.source[0].sigma
-    frames = equations.designs[0][..., equations.columns_named(REGISTRATION)]
-    left = (residual / sigma).reshape(-1)
-    columns = frames.reshape(len(left), -1)
-    left = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-9)[0]
-    return np.asarray(free_of_frames(fit, poses) * left.reshape(residual.shape) * sigma)
+    sigma = fit.search.equations.source[0].sigma
+    return np.asarray(free_of_frames(fit, poses) * take_out_frames(fit.search.equations, residual / sigma) * sigma)
+
+
+def take_out_frames(equations: NormalEquations, left: Array) -> Array:
+    """Take out of positions, shape (r, 3), what frames that are fitted anyway follow. In units of the noise."""
+    frames = equations.columns_named(REGISTRATION)
+    if not len(frames):
+        return left
+    columns = equations.designs[0][..., frames].reshape(left.size, len(frames))
+    values = np.linalg.lstsq(columns, left.reshape(-1), rcond=1e-9)[0]
+    return np.asarray(left - (columns @ values).reshape(left.shape))
 
 
 def free_of_frames(fit: Fit, poses: int) -> float:

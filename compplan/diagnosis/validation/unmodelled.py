@@ -30,17 +30,6 @@ from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
 UNMODELLED = "unmodelled"
-#: Effects whose errors follow the same as an unmodelled one, by the first words of what that follows (theory).
-MAKERS = {
-    "its own angle": ("transmission_error", "gravity_compensator"),
-    "time": ("thermal_drift", "frame_shift", "tool_shift"),
-    "the weight of the links": ("gravity_sag", "payload"),
-    "the moments on it": ("link_compliance", "joint_stiffness", "stiffness_nonlinearity"),
-    "load and direction": ("backlash",),
-    "the posture alone": ("link_geometry", "joint_offset"),
-    "the force": ("wrench_scale", "wrench_bias", "base_compliance"),
-    "its speed": ("tracking_lag", "time_skew"),
-}
 TURNS = AXES[3:]
 
 
@@ -81,12 +70,6 @@ def unmodelled_signatures(at: Linearization) -> list[Signature]:
 def describe_unmodelled(joint: str | None, driver: str) -> str:
     """Say in words what an unmodelled error depends on."""
     return f"an error {'' if joint is None else f'of {joint} '}that follows {driver}"
-
-
-def names_alike(driver: str, joint: str | None, effect: str, place: str | None) -> bool:
-    """Tell whether a named effect at a place makes an error that follows the same: the rest of it is left beside."""
-    makers = next((names for word, names in MAKERS.items() if driver.startswith(word)), ())
-    return effect in makers and (joint is None or place is None or joint == place)
 
 
 def _offer(

@@ -90,11 +90,8 @@ def _freedom(
 def neighbours_agree(q: Array, residual: Array) -> bool:
     """Tell whether residuals of neighbouring poses agree more than noise does.
 
-    The score is sum_i r_i . r_nn(i) / sqrt(sum_i (r_i . r_nn(i))^2) over nearest neighbours in joint space.
-
-    Args:
-        q: Joint positions. Shape (n, nq). [rad or m]
-        residual: Weighted residuals. Shape (n, m).
+    The score is sum_i r_i . r_nn(i) / sqrt(sum_i (r_i . r_nn(i))^2) over nearest neighbours in joint space. q: joint
+    positions, (n, nq); residual: weighted, (n, m).
     """
     if len(q) < 20:
         return False
@@ -108,15 +105,9 @@ def neighbours_agree(q: Array, residual: Array) -> bool:
 
 
 def cluster_covariance(q: Array, residual: Array, columns: Array) -> Array | None:
-    """Compute the covariance from groups of neighbouring poses that share their errors [LiangZeger1986].
+    """Compute the covariance from groups of neighbouring poses that share their errors [LiangZeger1986]. Shape (p, p).
 
-    Args:
-        q: Joint positions. Shape (n, nq). [rad or m]
-        residual: Weighted residuals. Shape (n, m).
-        columns: Weighted derivatives. Shape (n, m, p).
-
-    Returns:
-        Shape (p, p), or None where there are too few poses to form groups.
+    None where there are too few poses to form groups. Residuals (n, m) and derivatives (n, m, p) are weighted.
     """
     count = min(len(np.unique(np.round(q, 4), axis=0)) // 3, 60)
     if count <= 10:
@@ -199,15 +190,12 @@ def distance_rms(residual: Array, rows: NDArray[np.bool_]) -> float:
 
 
 def find_free(information: Array, sizes: Array, rank: Sequence[int]) -> NDArray[np.bool_]:
-    """Find a largest set of parameters that the data tell apart; the rest has to be held.
+    """Find a largest set of parameters that the data tell apart; the rest has to be held. Shape (p,).
 
     Args:
         information: Information matrix A^T W A. Shape (p, p). [per unit squared]
         sizes: Typical sizes of the parameters. Shape (p,).
         rank: What is held first where several act alike: the lowest. Shape (p,).
-
-    Returns:
-        Mask of the parameters that can be free. Shape (p,).
     """
     scaled = information * np.outer(sizes, sizes)
     strength = np.sqrt(np.diag(scaled))
@@ -232,10 +220,7 @@ def find_free(information: Array, sizes: Array, rank: Sequence[int]) -> NDArray[
 def find_mates(information: Array, sizes: Array, free: NDArray[np.bool_]) -> list[tuple[int, list[int]]]:
     """Return every parameter that is held, and the free ones that act as it does: six at most, the likest first.
 
-    Args:
-        information: Information matrix A^T W A. Shape (p, p). [per unit squared]
-        sizes: Typical sizes of the parameters. Shape (p,).
-        free: Mask of the free parameters. Shape (p,).
+    Arguments as of `find_free`; free: mask of the free parameters, (p,).
     """
     scaled = information * np.outer(sizes, sizes)
     strength, index = np.sqrt(np.diag(scaled)), np.flatnonzero(free)

@@ -122,14 +122,7 @@ def scale_noise(
     """Estimate how large the noise is against the stated one, for position, orientation and encoders apart.
 
     Variance components: residual sum of squares of a block over what the fit leaves of it. Robust losses take the
-    median size of the residuals instead.
-
-    Args:
-        system: The linearised problem.
-        noise: Estimate before. Shape (3,).
-        free: Which parameters are estimated. Shape (p,).
-        group: Number of the pose of each row, for differences; None for absolute poses. Shape (n,).
-        loss: "least_squares", "huber" or "tukey".
+    median size of the residuals instead. noise: the estimate before, (3,); others as of `iterate_gauss_newton`.
     """
     result, whitener = noise.copy(), system.whitener(noise)
     left = count_spare(system, whitener, group, free)
@@ -155,7 +148,7 @@ def iterate_gauss_newton(
     state: State, linearise: Callable[[State], System], advance: Callable[[State, Array], State], sizes: Array,
     free: NDArray[np.bool_], *, group: NDArray[np.int_] | None, loss: str, sigma: str,
 ) -> tuple[State, System, Array, int]:  # fmt: skip
-    """Step until the values stand still.
+    """Step until the values stand still; return state, problem, noise over the stated one by block, and step count.
 
     Args:
         state: What to begin with.
@@ -166,9 +159,6 @@ def iterate_gauss_newton(
         group: Number of the pose of each row, for differences; None for absolute poses. Shape (n,).
         loss: "least_squares", "huber" or "tukey".
         sigma: "residuals" or "stated".
-
-    Returns:
-        The state, the problem there, the noise against the stated one of each block, and the steps taken.
 
     Raises:
         ConvergenceError: If the values do not settle.
@@ -216,15 +206,12 @@ def check_loss(loss: str) -> str:
 
 
 def loss_weights(loss: str, distance: Array, count: Array) -> tuple[Array, Array]:
-    """Weigh rows by how far they lie from the model.
+    """Return weights in [0, 1] of rows by how far off they are, and their slopes dw/d(distance). Shape (n,) each.
 
     Args:
         loss: "least_squares", "huber" or "tukey".
         distance: Norm of a row's residuals over their standard deviations. Shape (n,).
         count: Components of the row that were measured. Shape (n,).
-
-    Returns:
-        Weights w in [0, 1], and their slopes dw/d(distance). Shape (n,) each.
     """
     if check_loss(loss) == "least_squares":
         return np.ones_like(distance), np.zeros_like(distance)
@@ -274,11 +261,8 @@ def robust_scale(residual: Array, components: int = 1) -> float:
 def observe_rows(system: System, sights: Observations, frames: Registration, position: Array) -> System:
     """Put the one number of a row that tells no more first, and known distances beside the first row of a contact.
 
-    Args:
-        system: The problem, positions first, measuring axes; places of contacts last where they are fitted.
-        sights: What was seen in its rows.
-        frames: Frames of the campaign, places of contacts among them.
-        position: Measured points as predicted, measuring frame. Shape (n, 3). [m]
+    system: positions first, measuring axes, places of contacts last where they are fitted; position: measured points as
+    predicted, measuring frame, (n, 3). [m]
     """
     residual, columns, sigma = system.residual.copy(), system.columns.copy(), system.sigma.copy()
     R = frames.base[:3, :3]

@@ -106,10 +106,7 @@ def count_poses(q: Array) -> int:
 
 
 def take_rows(campaign: Campaign, registration: Registration, loss: str) -> tuple[Rows, list[str]]:
-    """Take the rows of a log that identification can use: settled poses with joints, load and position.
-
-    Returns:
-        The rows, and sentences on what was left out or assumed.
+    """Take the settled poses with joints, load and position of a log, and say what was left out or assumed.
 
     Raises:
         InputError: If no row can be used.

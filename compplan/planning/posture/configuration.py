@@ -1,8 +1,4 @@
-"""How the arm stands along a path before anything is corrected: configuration, full turns, rotation about the axis.
-
-`choose_posture` keeps one configuration along the whole path and the tool's x axis where the job points it; the plan
-starts from what it returns and may rotate about the tool axis from there.
-"""
+"""The plain posture: one configuration along the whole path, the tool's x axis where the job points it."""
 
 from __future__ import annotations
 
@@ -28,17 +24,18 @@ from compplan.toolpath.toolpath import pick_even
 SAMPLES = 400
 #: A joint may move this much between neighbouring waypoints of one configuration. [rad or m]
 LARGEST_STEP = 0.8
+#: Distance of a rail's arm from the middle of a path, in its reach.
+BESIDE = 0.6
 
 
 class Posture(NamedTuple):
-    """Where a plan starts."""
+    """One configuration along a path."""
 
     q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
     configuration: dict[str, str]  #: Shoulder, elbow and wrist.
     #: Waypoints that the arm does not reach in this configuration within its limits; q is then the nearest that was
     #: found. Shape (n,).
     missed: NDArray[np.bool_]
-    cost: float  #: Cost of the choice, smaller is better.
 
 
 def choose_posture(
@@ -63,7 +60,7 @@ def choose_posture(
     candidates = _rank_candidates(arm, branches, words, start)
     if not candidates:
         raise InputError(_explain_reach(arm, position, rotation, held, words))
-    cost, slot, turns = candidates[0]
+    _, slot, turns = candidates[0]
     q = branches[:, slot] if n == len(sample) else solve_branches(arm, position, rotation, held)[:, slot]
     reached = np.isfinite(q[:, 0])
     if not reached.any():
@@ -72,7 +69,7 @@ def choose_posture(
     q = q + _whole_turns(arm, q, turns, branches[:, slot])
     q = _fill_missed(arm, q, reached, position, rotation)
     inside = ((q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)).all(axis=1)
-    return Posture(q, CONFIGURATIONS[slot], ~(reached & inside), cost)
+    return Posture(q, CONFIGURATIONS[slot], ~(reached & inside))
 
 
 def _rank_candidates(
@@ -84,11 +81,10 @@ def _rank_candidates(
         q = branches[:, slot]
         reached = np.isfinite(q[:, 0])
         wanted = all(configuration[key] == word for key, word in words.items())
-        if not wanted or not reached.any():
-            continue
-        path = _unwrap(arm, q)[reached]
-        for turns in _turn_variants(arm, path):
-            ranked.append((_rate(arm, path + turns, reached.mean(), start), slot, turns))
+        if wanted and reached.any():
+            path = _unwrap(arm, q)[reached]
+            ranked += [(_rate(arm, path + turns, reached.mean(), start), slot, turns)
+                       for turns in _turn_variants(arm.robot, path.min(axis=0), path.max(axis=0))]  # fmt: skip
     return sorted(ranked, key=lambda entry: entry[0])
 
 
@@ -96,7 +92,7 @@ def _rate(arm: Arm, q: Array, share: float, start: Array | None) -> float:
     """Rate one way to stand; what is missed or torn outweighs everything else."""
     robot = arm.robot
     outside = np.maximum(robot.lower - q, q - robot.upper).max(axis=1) > 1e-9
-    torn = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > LARGEST_STEP if len(q) > 1 else np.zeros(0)
+    torn = (np.abs(np.diff(q, axis=0)) > LARGEST_STEP).any(axis=1)
     penalty = 1e6 * (1.0 - share * (1.0 - outside.mean())) + 1e3 * float(np.sum(torn))
     if start is not None:
         return penalty + float(np.linalg.norm(q[0] - start))
@@ -109,24 +105,19 @@ def _rate(arm: Arm, q: Array, share: float, start: Array | None) -> float:
     return penalty + 1.0 / max(1.0 - float(usage), 0.02) + 0.05 * float(min(kappa, 1e4))
 
 
-def _turn_variants(arm: Arm, path: Array) -> list[Array]:
-    """List the whole turns that keep a continuous path within the joint limits; the path as it is where none does."""
-    robot, choices = arm.robot, []
-    for j in range(arm.chain.nq):
-        low, high = path[:, j].min(), path[:, j].max()
+def _turn_variants(robot: Robot, low: Array, high: Array) -> list[Array]:
+    """List the whole turns that keep a path from low to high (nq,) within the joint limits; else those nearest."""
+    choices = []
+    for j in range(robot.nq):
         fitting = [0.0]
         if not robot.prismatic[j] and np.isfinite(robot.lower[j]) and np.isfinite(robot.upper[j]):
-            fewest = int(np.ceil((robot.lower[j] - low) / (2 * np.pi) - 1e-9))
-            most = int(np.floor((robot.upper[j] - high) / (2 * np.pi) + 1e-9))
-            fitting = [2 * np.pi * k for k in range(fewest, most + 1)] or [_least_excess(robot, j, low, high)]
+            fewest = int(np.ceil((robot.lower[j] - low[j]) / (2 * np.pi) - 1e-9))
+            most = int(np.floor((robot.upper[j] - high[j]) / (2 * np.pi) + 1e-9))
+            shifts = 2 * np.pi * np.arange(-2, 3)
+            excess = np.maximum(robot.lower[j] - low[j] - shifts, high[j] + shifts - robot.upper[j])
+            fitting = [2 * np.pi * k for k in range(fewest, most + 1)] or [float(shifts[excess.argmin()])]
         choices.append(fitting)
     return [np.array(turns) for turns in product(*choices)]
-
-
-def _least_excess(robot: Robot, j: int, low: float, high: float) -> float:
-    """Return the whole turns that leave the limits of a joint least."""
-    shifts = [2 * np.pi * k for k in range(-2, 3)]
-    return min(shifts, key=lambda shift: max(robot.lower[j] - low - shift, high + shift - robot.upper[j]))
 
 
 def _unwrap(arm: Arm, q: Array) -> Array:
@@ -167,25 +158,21 @@ def find_nearest_rows(rows: NDArray[np.int_], wanted: NDArray[np.int_]) -> NDArr
 
 
 def _hold_extra_axes(arm: Arm, position: Array, start: Array | None) -> Array:
-    """Place the joints before the arm: where the job starts, or so that the path lies well within the arm's reach."""
+    """Place the joints before the arm: where the job starts, or so that the path lies well within the arm's reach.
+
+    A rail slides until the arm's first axis stands a share of its reach beside the middle of the path.
+    """
     rest = middle_of_limits(arm.robot)
     if start is not None:
         rest = np.where(np.isin(np.arange(arm.chain.nq), arm.held), start, rest)
     elif len(arm.held) and arm.robot.prismatic[arm.held].all():
-        rest = _slide_to_path(arm, rest, position)
+        for j in arm.held:
+            grid = np.tile(rest, (61, 1))
+            grid[:, j] = np.linspace(arm.robot.lower[j], arm.robot.upper[j], 61)
+            origin = locate_frames(arm.chain, grid).origin[:, arm.chain.joint_elements[arm.arm[0]]]
+            distance = np.linalg.norm((origin - position.mean(axis=0))[:, :2], axis=1)
+            rest = grid[np.abs(distance - BESIDE * _reach(arm)).argmin()]
     return np.tile(rest[arm.held], (len(position), 1))
-
-
-def _slide_to_path(arm: Arm, rest: Array, position: Array) -> Array:
-    """Slide each rail until its arm's first axis stands half its reach beside the middle of the path."""
-    centre, wanted = position.mean(axis=0), 0.6 * _reach(arm)
-    for j in arm.held:
-        grid = np.tile(rest, (61, 1))
-        grid[:, j] = np.linspace(arm.robot.lower[j], arm.robot.upper[j], 61)
-        origin = locate_frames(arm.chain, grid).origin[:, arm.chain.joint_elements[arm.arm[0]]]
-        distance = np.linalg.norm((origin - centre)[:, :2], axis=1)
-        rest = grid[np.abs(distance - wanted).argmin()]
-    return rest
 
 
 def _reach(arm: Arm) -> float:

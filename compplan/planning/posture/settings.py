@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene, read_scene
-from compplan.planning.posture.costs import ErrorModel, Measure, ModelScatter
+from compplan.planning.posture.costs import ErrorModel, ModelScatter
 from compplan.planning.posture.motion import MotionFigures, list_plays
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
@@ -38,9 +38,6 @@ class PostureSettings:
     preset: str = "accurate"  #: "accurate", "error_band", "smooth" or "fast".
     #: Whether the preset was asked for by name: finished postures are then measured beside those of others.
     compares: bool = False
-    #: Weights in place of the preset's, see `compplan.planning.posture.costs.Weights`.
-    weights: dict[str, float] = field(default_factory=dict)
-    measure: Measure = "expected"  #: What sensitivity means: "expected" (root mean square) or "p95".
     #: How well wrench, compliance and joint zeros are known.
     uncertainty: ModelScatter = field(default_factory=ModelScatter)
     spin_step: float = float(np.radians(5.0))  #: Step of the grid of rotations about the tool axis. [rad]
@@ -128,8 +125,6 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
         start=start,
         preset=table.preset,
         compares="preset" in table.model_fields_set,
-        weights=dict(table.weights),
-        measure=table.measure,
         uncertainty=ModelScatter(table.wrench_uncertainty, table.compliance_uncertainty, zero),
         spin_step=float(np.radians(table.spin_step_deg)),
         lead=float(np.radians(table.lead_deg)),

@@ -28,12 +28,8 @@ FOUR_JOINTS = (
 )
 
 
-#: Costs in words: what is best, what postures were, and what it means that they tie.
-WORDS = {
-    "driven_s": ("the fastest", "timed", "the programmed feed sets the time, not the posture"),
-    "band_mm": ("that with the smallest 95 % band", "measured", "the posture does not set the 95 % band"),
-    "joint_travel_deg": ("that with the least motion", "measured", "the path sets the motion, not the posture"),
-}
+#: By what finished postures are compared, in words.
+COMPARED = {"driven_s": "time", "band_mm": "95 % band", "joint_travel_deg": "joint motion"}
 #: Postures whose measures differ by less than this share tie.
 TIED = 1e-3
 
@@ -115,8 +111,13 @@ def stand(posture_choice: PostureSummary, nominal: Toolpath, settings: PostureSe
         f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
         for waypoint, before, after in posture_choice.changes
     )
-    if told := describe_finished(posture_choice):
-        words += (told,)
+    if len(compared := posture_choice.compared) > 1:
+        cost, unit = COMPARED[posture_choice.compared_by], posture_choice.compared_by.rpartition("_")[2]
+        said = f"the {len(compared)} postures that were compared tie at a {cost} of {min(compared.values()):.4g} {unit}"
+        if max(compared.values()) > (1.0 + TIED) * min(compared.values()):
+            listed = ", ".join(f"{name} {value:.4g} {unit}" for name, value in compared.items())
+            said = f"of the postures that were compared the one of the least {cost} is driven ({listed})"
+        words += (f"Preset {posture_choice.settings.preset}: {said}.",)
     return Start(
         path, posture_choice.q, posture_choice.rotation, posture_choice.configuration, posture_choice.missed,
         settings, posture_choice, words, upright=nominal.axis if leaning else None,
@@ -149,29 +150,3 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
     problem = PostureProblem(robot, nominal, tool_x, start.settings)
     posture_choice = solve_default_posture(problem, start.posture_choice)
     return None if posture_choice is None else stand(replace(posture_choice, instead_of=None), nominal, start.settings)
-
-
-def describe_finished(posture_choice: PostureSummary) -> str:
-    """Say what the postures come to that were compared, "" where none were."""
-    if len(posture_choice.compared) < 2:
-        return ""
-    values, unit = posture_choice.compared.values(), posture_choice.compared_by.rpartition("_")[2]
-    best, done, tied = WORDS[posture_choice.compared_by]
-    head = f"Preset {posture_choice.settings.preset}: "
-    if max(values) <= (1.0 + TIED) * min(values):
-        said = f"{'take' if unit == 's' else 'come to'} {min(values):.4g} {unit}, within 0.1 %"
-        return f"{head}the {len(values)} postures that were {done} {said}; {tied}."
-    listed = ", ".join(f"{name} {value:.4g} {unit}" for name, value in posture_choice.compared.items())
-    return f"{head}{best} of the postures that were {done} is driven ({listed})."
-
-
-def compare_postures(robot: Robot, start: Start, tool_x: Array) -> tuple[dict[str, float], dict[str, float]] | None:
-    """Return costs of the graph's way and of the plain posture; None where either is not known."""
-    posture_choice = start.posture_choice
-    if posture_choice is None:
-        return None
-    if posture_choice.plain is not None:
-        return posture_choice.instead_of or posture_choice.costs, posture_choice.plain
-    problem = PostureProblem(robot, start.nominal, tool_x, replace(start.settings, scene=None))
-    plain = solve_default_posture(problem, posture_choice)
-    return None if plain is None else (posture_choice.costs, plain.costs)
