@@ -141,8 +141,8 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
             "p95_rms_after_each": (choice.rms * 1e3).tolist(), "p95_max_floor": float(design.floor.max()) * 1e3,
         },
         "parameters_alone_p95_rms_mm": {
-            "now": campaign.model_part(campaign.start) * 1e3,
-            "designed": campaign.model_part(choice.covariance) * 1e3,
+            "now": campaign.design.model_band(campaign.start) * 1e3,
+            "designed": campaign.design.model_band(choice.covariance) * 1e3,
         },
         "stop_after": choice.enough, "says": describe_campaign(campaign).replace("\u00a0", " "),
         "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
@@ -179,8 +179,8 @@ def _render(campaign: PoseCampaign) -> str:
     """Return the page: which poses, what they will bring, when to stop."""
     plan, place, choice = campaign.plan, campaign.equipment.place, campaign.choice
     bands = [
-        ["now", 1e3 * campaign.model_part(campaign.start)],
-        [f"{len(choice.rows)} designed poses", Cell(1e3 * campaign.model_part(choice.covariance), "strong")],
+        ["now", 1e3 * campaign.design.model_band(campaign.start)],
+        [f"{len(choice.rows)} designed poses", Cell(1e3 * campaign.design.model_band(choice.covariance), "strong")],
     ]
     caption = f"Instrument {1e3 * campaign.design.sigma:g} mm per axis."
     brings = DataTable(["after", "band of the parameters alone, rms [mm]"], bands, caption)

@@ -117,7 +117,8 @@ def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too() ->
     together = np.zeros((4, 4))
     together[0, 0] = -0.9 * 0.1 * spring
     force = ForceSpread(0.1, 0.02, 0.0, "process.toml: one part", 0.0, together)
-    task = build_task(replace(robot, uncertainty=known), nominal, replace(options, posture=PostureSettings(search=False)))
+    options = replace(options, posture=PostureSettings(search=False))
+    task = build_task(replace(robot, uncertainty=known), nominal, options)
     rest = {key: value for key, value in REST.items() if key not in ("wrench_level", "wrench_direction_deg")}
     study = prepare_study(task, NoiseTable(**rest), ["none"], force=force)
     columns = study.surroundings.factors.columns
