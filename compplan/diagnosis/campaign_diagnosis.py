@@ -127,7 +127,7 @@ def _conclude(
         robot=problem.robot, updated=first.robot(problem.robot, known), fit=fit,
         doubt=doubt, verdict=verdict, gap=gap, candidates=rank_candidates(fit, verdict, folds), residual_before=before,
         residual_after=first.residual, registration=first.state.registration, outliers=fit.outliers,
-        delivery=first, sizes=sizes, noise=fit.noises["position"].source,
+        delivery=first, equations=folds.fit.search.equations, sizes=sizes, noise=fit.noises["position"].source,
     )  # fmt: skip
 
 

@@ -63,13 +63,11 @@ LOWER, LEAST_ROOM = 0.86, 0.2
 GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
 #: Postures that a program starts from, in words.
 ORIGINS = {"search": "the posture of the search", "programmed": "one configuration with x of the tool as programmed"}
-#: What the program weighs by preset, one solve each; a preset that is not here keeps the posture of the search. Where a
-#: run may take no longer than the base's, one solve is for time and band, the other for the band alone.
-BALANCED, NARROW = Prices(time=1.0, band=0.3), Prices(time=0.1, band=1.0)
-PRICES = {
-    "fast": (Prices(most_band=np.inf), NARROW), "accurate": (NARROW, BALANCED), "error_band": (NARROW, BALANCED),
-    "": (BALANCED, NARROW),
-}  # fmt: skip
+#: What the program weighs by preset, one solve each; a preset that is not here keeps the posture of the search. The
+#: first solve tells what time the base leaves; within that the second makes the band alone narrow.
+BALANCED = Prices(time=1.0, band=0.3)
+PRICES = dict.fromkeys(("accurate", "error_band", ""), (BALANCED, Prices(time=0.1, band=1.0)))
+PRICES["fast"] = (Prices(most_band=np.inf), BALANCED)
 
 
 class TimedStart(NamedTuple):
@@ -109,32 +107,31 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     runs = measure_runs(start, asked)
     if not runs:
         return start
-    first, origins = runs[0], [("search", task, start)]
+    first, origins = runs[0], [(runs[0], task)]
     base = ease_run(preset, first, first, asked)  # what a candidate is compared with: the same posture, eased as it is
     plain = find_plain(asked.robot, asked.nominal, asked.tool_x, start) if len(task) <= LONGEST else None
     if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=ALIKE):
         for run in measure_runs(plain, asked):
             runs.append(run._replace(origin="programmed"))
             if run.time / first.time + run.band / first.band < 2.0:
-                origins.append(("programmed", asked.state(plain), plain))
-    for name, state, origin in origins:
+                origins.append((runs[-1], asked.state(plain)))
+    for origin, state in origins:
         most_time = np.inf
         for prices in PRICES[preset]:
-            if (found := shape_start(state, origin, asked, prices, most_time)) is None:
-                continue
-            for run in measure_runs(found[0], asked):
-                runs.append(run._replace(origin=name, shaped=found[1]))
-                if preset != "fast":  # the next one takes no longer than the base
-                    most_time = found[1].time * base.time / run.time
-    for run in runs:
-        LOG.debug(
-            "%s %s: %.4f s, %.4f mm, still %.4f", run.origin, run.shaped, run.time, 1e3 * run.band, 1e3 * run.still
-        )
-    best = min(runs, key=lambda run: _value(preset, run, base))
+            if (found := shape_start(state, origin.start, asked, prices, most_time)) is None:
+                break
+            own = [run._replace(origin=origin.origin, shaped=found[1]) for run in measure_runs(found[0], asked)]
+            runs += own
+            if preset != "fast" and own:
+                most_time = found[1].time * base.time / own[0].time
+                if most_time < (1.0 + LEAST_GAIN) * found[1].time:
+                    break
+    spare = (1.0 - min(WINDOWS)) * len(task.runs) * task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
+    best = min(runs, key=lambda run: _value(preset, run, base, spare))
     taken = min(base, ease_run(preset, best, base, asked), key=lambda run: judge_gain(preset, run, base))
-    return (
-        _take(start, first, taken, least_time(task)) if judge_gain(preset, taken, first) < 1.0 - LEAST_GAIN else start
-    )
+    if judge_gain(preset, taken, first) >= 1.0 - LEAST_GAIN:
+        return start
+    return _take(start, first, taken, least_time(task))
 
 
 def _compare_presets(start: Start, asked: Asked) -> Start:
@@ -293,9 +290,12 @@ def ease_run(preset: str, run: TimedStart, base: TimedStart, asked: Asked) -> Ti
     return min(runs, key=lambda each: judge_gain(preset, each, base))
 
 
-def _value(preset: str, run: TimedStart, base: TimedStart) -> float:
-    """Return the time of a run [s], or its band [m] at the time of the base: vibration falls with time squared."""
-    if preset == "fast" or run.time > (1.0 + SAME) * base.time:
+def _value(preset: str, run: TimedStart, base: TimedStart, spare: float) -> float:
+    """Return the time of a run [s], or its band [m] at the time of the base: vibration falls with time squared.
+
+    It is infinite for runs that take longer than the base even where a shorter window spares that time. [s]
+    """
+    if preset == "fast" or run.time - spare > base.time:
         return run.time if preset == "fast" else np.inf
     ring = (run.band**2 - run.still**2) * (run.time / base.time) ** 4
     return float(np.sqrt(run.still**2 + max(ring, 0.0)))

@@ -62,13 +62,12 @@ def list_notes(
     if told := describe_soft_limits(task.robot):
         last.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():
-        last.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
-    if conflict := command.facts.get("nlp", {}).get("conflict"):
-        last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
-    last.append(describe_depth_limit(task, command.q))
-    last.append(describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s))
-    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task), _check_swing(task)]
-    return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
+        notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
+    if conflict := command.nlp.get("conflict"):
+        notes.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
+    more = (describe_depth_limit(task, command.q),
+            describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s))  # fmt: skip
+    return [*notes, *filter(None, more)]
 
 
 def _check_inertia(task: PlanTask, bending: Bending, job: Job | None) -> list[Check]:

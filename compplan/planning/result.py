@@ -292,7 +292,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "waypoints": len(plan.task),
         "configuration": dict(plan.task.configuration),
         "solve_time_s": round(plan.command.solve_time, 4),
-        **({"nlp": plan.command.facts["nlp"]} if "nlp" in plan.command.facts else {}),
+        **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
         "under_mismatch": [

@@ -50,7 +50,7 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
     """
     with replace_folder(folder, "compare") as part:
         write_text(part / "report.html", render_comparison(comparison))
-        write_json(part / "compare.json", summarise_comparison(comparison), indent=2)
+        write_json(part / "compare.json", comparison.to_dict(), indent=2)
         names = list_files(part)
     return [Path(folder) / name for name in names]
 

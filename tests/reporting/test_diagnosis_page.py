@@ -68,7 +68,7 @@ def diagnosed() -> tuple[Any, Split]:
         delivery=SimpleNamespace(kind="calibrated"), noise="the log", points=point,
         verdict=SimpleNamespace(structure=SimpleNamespace(left=False), findings=[]),
     )  # fmt: skip
-    return diagnosis, Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)), {})
+    return diagnosis, Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)))
 
 
 def make_shares(soft: float) -> Shares:

@@ -26,7 +26,6 @@ def command(job: Path, folder: Path, robot_name: str | None, as_json: bool) -> N
     Example: compplan compare paths/circle_500mm.toml --out out
     """
     from compplan.job.operations import load_one_job
-    from compplan.planning.compare import summarise_comparison
     from compplan.reporting.compare import write_comparison
     from compplan.studies.job_study import compare_job
 
@@ -36,7 +35,7 @@ def command(job: Path, folder: Path, robot_name: str | None, as_json: bool) -> N
         announce("write: compare.json, report.html")
         files = write_comparison(comparison, folder)
     wrote = f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}"
-    show(summarise_comparison(comparison), as_json, [*describe_strategies(comparison), wrote])
+    show(comparison.to_dict(), as_json, [*describe_strategies(comparison), wrote])
 
 
 def describe_strategies(comparison: Comparison) -> list[str]:

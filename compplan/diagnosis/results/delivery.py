@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE
 from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.results.posterior import name_alternatives, state_uncertainty
 from compplan.diagnosis.results.verdict import Verdict, noise_floor
 from compplan.diagnosis.search.fit import register_again
@@ -61,7 +62,7 @@ class Delivery:
         held: What its model predicts of rows that it never saw.
         residual: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
         uncertainty: How surely it is known.
-        fitted: Fit with its posterior; None for the nominal robot.
+        posterior: The mixture's posterior; None for the nominal robot.
         small: What small errors alone predict of rows that they never saw; None for the nominal robot.
         visited: Its parts in doubt and how well they held at each stay; None without.
     """
@@ -71,13 +72,13 @@ class Delivery:
     held: HeldOut
     residual: Array
     uncertainty: Uncertainty
-    fitted: Fit | None = None
+    posterior: Posterior | None = None
     small: HeldOut | None = None
     visited: ValidityRegion | None = None
 
     def robot(self, nominal: Robot, known: int) -> Robot:
         """Return the robot folder: the nominal robot with the effects behind the `known` first ones."""
-        visited = nominal.visited if self.fitted is None else self.visited
+        visited = nominal.visited if self.posterior is None else self.visited
         folded = fold_effects(nominal, self.state.effects[known:])
         return replace(folded, uncertainty=self.uncertainty, visited=visited)
 
@@ -85,7 +86,7 @@ class Delivery:
 def deliver_robot(
     folds: Folds, verdict: Verdict, plain: HeldOut, nominal: FitState, good: NDArray[np.bool_]
 ) -> Delivery:  # fmt: skip
-    """Build the mixture's robot; the nominal one where that predicts no better, by enough and by more than chance.
+    """Build the mixture's robot; the nominal one where that predicts no better, by enough, than it.
 
     `plain` is what the nominal robot predicts, `nominal` its state; `good` tells rows that are no outliers. Shape (n,).
     """
@@ -96,11 +97,10 @@ def deliver_robot(
     blend = stack_options(folds, list_options(named, every), seen)
     held = hold_out_stack(folds, blend)
     stated = held.correct_for_selection(fold, seen)
-    # that there is something to be tested is evidence already, and held-out poses can only veto it: seven of them, all
-    # predicted better, are worth one case of 128; and nothing goes out whose stated error is not below the nominal one
+    posterior = blend.posterior(fit.search.equations.p)
+    # nothing goes out whose stated error is not below the nominal one
     better = held.of(seen).rms < (1.0 - NEGLIGIBLE) * before.rms and stated.of(seen).rms < before.rms
-    better = better and held.of(seen).selection_bonus(before, folds.pose[seen]) < 1.0 - SURE
-    state = mixed_state(fit, blend.values(fit.search.equations.p), blend.claimed()) if better else nominal
+    state = mixed_state(fit, posterior.values(fit.search.equations.p), blend.claimed()) if better else nominal
     if not better or not stands(problem, state):
         known = state_uncertainty(fit, every, nominal, plain, good, rivals)
         return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known)
@@ -119,7 +119,7 @@ def deliver_robot(
     rest, places = folds.hold_out(sure, background=False), {signatures[claim.signature].place for claim in sure}
     visited = list_visits(fit, state, blend.claimed(), places, rest, held, seen)
     small = replace(held, residual=solve_option(folds, SMALL).residual)
-    return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, blend.fitted(fit), small, visited)
+    return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, posterior, small, visited)
 
 
 def possible_claims(verdict: Verdict) -> list[Claim]:

@@ -127,7 +127,6 @@ def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
     structure = replace(structure, left=structure.left or any(f.beyond for f in findings if f not in minor))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
-    doubtful += given_up(fit, doubt, small, structure.gap)
     equations = doubt.search.equations
     columns = equations.join_columns(f.signature for f in named)
     structure = replace(structure, explained=motion_of(fit.search, columns, doubt.model.posterior.values(equations.p)))
@@ -172,8 +171,7 @@ def evaluate_claim(
     columns = equations.columns(claim.signature)
     signature = equations.signatures[claim.signature]
     explained = motion_of(fit.search, columns, values)
-    gap = max(structure.gap, 1e-12)
-    evidence = Evidence(margin, plain, explained / structure.floor, explained / gap, structure.rms / gap, *checks)
+    evidence = Evidence(margin, plain, *checks)
     effect = signature.effect(values[columns] * signature.scale)
     beyond = find_breach(fit, effect, explained, structure.gap)
     return Finding(
@@ -207,23 +205,6 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
         scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
     best = float(np.logaddexp.reduce(scores))
     return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
-
-
-def given_up(fit: Fit, doubt: RevisedProbabilities, small: float, gap: float) -> tuple[Finding, ...]:
-    """List claims of the fit that errors without a name explain as well."""
-    equations = fit.search.equations
-    values = fit.model.posterior.values(equations.p)
-    kept = {equations.signatures[c.signature].place for c in doubt.model.claims}
-    found = []
-    for claim in fit.model.claims:
-        signature, columns = equations.signatures[claim.signature], equations.columns(claim.signature)
-        explained = motion_of(fit.search, columns, values)
-        if signature.place not in kept and explained >= small:
-            effect = signature.effect(values[columns] * signature.scale)
-            rivals = tuple(find_alternatives(fit, claim.signature, values))
-            beyond = find_breach(fit, effect, explained, gap)
-            found.append(Finding(effect, REFUSED, explained, 0.0, rivals, claim.size, claim.signature, beyond=beyond))
-    return tuple(found)
 
 
 def only_in_readings(fit: Fit, doubt: RevisedProbabilities, finding: Finding) -> bool:

@@ -58,14 +58,12 @@ class Split:
     Attributes:
         shares: Shares of places and factors.
         spread: How the gap spreads over the rows.
-        by_approach: By joint: how far the point moves when the joint's last move turns round.
         traces: Errors that the named joints make, over what they follow; for pictures.
         small_errors: The gap divided among the errors of the robot that goes out; None where the nominal one does.
     """
 
     shares: Shares
     spread: Division
-    by_approach: dict[str, dict[str, float]]
     traces: tuple[Trace, ...] = ()
     small_errors: SmallErrors | None = None
 
@@ -90,7 +88,6 @@ class Split:
             "by_run": spread.by_run,
             "by_time": spread.by_time,
             "by_load": spread.by_load,
-            "by_approach": self.by_approach,
             "by_region": spread.by_region,
         }
 
@@ -104,7 +101,6 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
     return Split(
         divide_gap(diagnosis, seed),
         spread_gap(diagnosis.robot, campaign, before, after, used, seed),
-        measure_play(diagnosis),
         trace_findings(diagnosis),
         divide_small_errors(diagnosis, seed),
     )
@@ -132,25 +128,6 @@ def spread_gap(
         by_load=split_load(table, campaign, rows),
         by_region=split_region(table, frames.tcp_position),
     )
-
-
-def measure_play(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
-    """Tell for each joint how far it stands apart when approached from either side, as the posterior holds it."""
-    equations, posterior = diagnosis.doubt.search.equations, diagnosis.doubt.model.posterior
-    found = {}
-    for number, signature in enumerate(equations.signatures):
-        if signature.name != "backlash" or signature.joint is None:
-            continue
-        at = np.flatnonzero(posterior.columns == equations.columns(number)[0])
-        if not len(at):
-            continue
-        unit = "lost_motion_mm" if signature.keys[0].endswith("_m") else "lost_motion_mrad"
-        size = 1e3 * float(signature.scale[0])
-        error = size * float(np.sqrt(posterior.covariance[at[0], at[0]]))
-        found[signature.joint] = {
-            unit: round(size * float(posterior.mean[at[0]]), 6), "standard_error": round(error, 6)
-        }  # fmt: skip
-    return found
 
 
 class GapTable:

@@ -60,18 +60,12 @@ class Evidence:
     Attributes:
         margin: Log posterior odds against the best model without it, unmodelled errors in both.
         plain: The same without unmodelled errors.
-        floors: Motion that it explains, in noise floors.
-        part: Motion that it explains over the gap.
-        left: Residual beyond the noise floor over the gap.
         spurious: Spurious-fit probability (`rate_spurious_fits`).
         similarity: Residual along the claim's own motion beyond chance, over that motion (`rate_similarities`).
     """
 
     margin: float
     plain: float
-    floors: float
-    part: float
-    left: float
     spurious: float
     similarity: float
 
