@@ -13,7 +13,6 @@ from compplan.io.quantities import format_length, format_mm, format_percent, for
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.names import ONLINE
-from compplan.planning.compare import summarise_comparison
 from compplan.planning.strategies.online import ONLINE as ONLINE_MODULES
 from compplan.planning.strategies.online import STRATEGIES
 from compplan.planning.tolerance_verdict import MEASURE

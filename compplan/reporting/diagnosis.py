@@ -15,21 +15,17 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis import Diagnosis
 from compplan.diagnosis.data.conventions import name_counting
-from compplan.diagnosis.results.accuracy import MORE, Assessment, Learning, assess_diagnosis
-from compplan.diagnosis.results.calibration import Correction, Pose
-from compplan.diagnosis.results.delivery import Delivery
+from compplan.diagnosis.results.assessment import Assessment, Correction, Pose, assess_diagnosis
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.shares import CALIBRATION
 from compplan.diagnosis.results.where import Split, split_diagnosis
 from compplan.errors import InputError
-from compplan.io.display import Curve, Curves
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_mm, format_number, format_percent
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
 from compplan.measurement.registration import write_registration
 from compplan.reporting import diagnosis_text as words
-from compplan.reporting.charts import draw_curves
 from compplan.reporting.diagnosis_text import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.reporting.gap_figures import (
     draw_gap_shares,
@@ -86,21 +82,18 @@ def write_diagnosis(
     """
     table = {**table, "made_by": describe_origin()}
     with replace_folder(out, "diagnose") as part:
-        for number, delivery in enumerate(diagnosis.deliveries):
-            folder = part / delivery.folder(number)
-            read = deliver_robot_folder(diagnosis.robot_of(delivery), folder, diagnosis.robot)
-            after = _measure_gap(diagnosis, read, delivery, folder)
-            if number == 0:
-                table["gap"] = {**table["gap"], "after_rms_mm": round(1e3 * after, 5)}
-            if delivery.state.registration is not None:
-                write_registration(delivery.state.registration, folder / "registration.toml")
+        folder, registration = part / "robot", diagnosis.delivery.state.registration
+        read = deliver_robot_folder(diagnosis.updated, folder, diagnosis.robot)
+        table["gap"] = {**table["gap"], "after_rms_mm": round(1e3 * _measure_gap(diagnosis, read, folder), 5)}
+        if registration is not None:
+            write_registration(registration, folder / "registration.toml")
         write_text(part / "report.html", render_diagnosis(diagnosis, split, assessment, table))
         write_gap(diagnosis, split.shares, part)
         write_json(part / "diagnosis.json", table, indent=2)
     return table
 
 
-def _measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery, folder: Path) -> float:
+def _measure_gap(diagnosis: Diagnosis, robot: Robot, folder: Path) -> float:
     """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]
 
     Raises:
@@ -251,11 +244,7 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
             "a sloped line, lost motion two levels, a gear error a wave."
         )
         blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
-    together = {place: own for place, own in shares.together.items() if any(s >= 0.005 for s in own.values())}
-    if together:
-        caption = "How much of the gap, in per cent, each place carries by each effect."
-        blocks.append(Chart(draw_together(together), caption, 120 + 30 * len(together)))
-    blocks.append(Fold("By run, time, load, direction, approach and region", _list_splits(split)))
+    blocks.append(Fold("By run, time, load, direction and region", _list_splits(split)))
     return Section("Where it lies", blocks)
 
 
@@ -279,12 +268,7 @@ def _list_splits(split: Split) -> list[Block]:
         [name.replace("_", " "), format_percent(s.share), f"{format_percent(s.low)} to {format_percent(s.high)}"]
         for name, s in spread.by_axis.items()
     ]
-    approach = []
-    for name, numbers in split.by_approach.items():
-        key = next(iter(numbers))
-        size, error = numbers[key], numbers["standard_error"]
-        approach.append([name, Cell(size, "strong" if abs(size) > 4 * error else ""), error, key.rsplit("_", 1)[1]])
-    blocks: list[Block] = [
+    return [
         DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
         DataTable(["rows of the log", "time [s]", *end], times, "By time."),
         *([DataTable(["force [N]", *end], loads, "By load.")] if len(loads) > 1 else []),
@@ -292,10 +276,6 @@ def _list_splits(split: Split) -> list[Block]:
                   "By region: distance from the axis of the base, and height."),
         DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
     ]  # fmt: skip
-    if approach:
-        caption = "Difference of a joint's position between approaches from either side; positive: it lags behind."
-        blocks.append(DataTable(["joint", "lost motion", "standard error", "unit"], approach, caption))
-    return blocks
 
 
 def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
@@ -319,16 +299,11 @@ def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
 
 
 def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedRows) -> Section:
-    parts, floor = diagnosis.fit.problem.register, Cell(gap.get("noise_floor_mm"), "muted")
-    rivals = {f"registration only ({', '.join(parts)})": diagnosis.gap.registration_only} if parts else {}
-    for number, delivery in reversed(list(enumerate(diagnosis.deliveries[1:], start=1))):
-        rivals[f"{delivery.folder(number)}: {DELIVERED[delivery.kind]}"] = delivery.held.rms
-    rivals["generic fit of zeros and lengths"] = diagnosis.gap.generic
-    rivals["best effect that is not named, alone"] = diagnosis.gap.wrong
+    floor = Cell(gap.get("noise_floor_mm"), "muted")
     rows: list[list[Any]] = [
         ["nominal model", gap.get("before_rms_mm"), gap.get("held_out_before_rms_mm")],
         [Cell("updated model", "strong"), gap.get("after_rms_mm"), Cell(gap.get("held_out_after_rms_mm"), "strong")],
-        *([name, None, 1e3 * rms] for name, rms in rivals.items()), [Cell("noise floor", "muted"), floor, floor],
+        [Cell("noise floor", "muted"), floor, floor],
     ]  # fmt: skip
     heads = ["model", "all rows [mm]", "rows left out of the choice [mm]"]
     figures = DataTable(heads, rows, "Rms of the 3D distance, outliers left out.")
@@ -352,15 +327,15 @@ def _show_next(steps: Sequence[Mapping[str, Any]]) -> Section:
 
 
 def _show_calibration(assessment: Assessment, joints: Sequence[str]) -> Section:
-    """Show what a diagnosis is worth to the one who calibrates: what to enter, how accurate, where worst, what next."""
+    """Show what a diagnosis is worth to the one who calibrates: what to enter, how accurate, where worst."""
     accuracy = []
     for name, word in (("before", "nominal model"), ("after", "delivered model, not in the fit")):
         a = assessment.accuracy[name]
-        accuracy.append([word, *(1e3 * value for value in (a.mean, a.largest, a.three_sigma, a.rms))])
+        accuracy.append([word, a.mean_mm, a.max_mm, a.mean_and_3_sigma_mm, a.rms_mm])
     caption = "Distance between command and mean attained position (AP of ISO 9283) over "
     heads = ["pose accuracy", "mean [mm]", "largest [mm]", "mean + 3 sigma [mm]", "rms [mm]"]
     table = DataTable(heads, accuracy, f"{caption}{assessment.accuracy['before'].poses} poses.")
-    blocks: list[Block] = [Columns([[table], [_draw_learning(assessment.learning)]], (0.5, 0.5))]
+    blocks: list[Block] = [table]
     if assessment.corrections:
         zeros = [c for c in assessment.corrections if c.effect == "joint_offset"]
         others = [c for c in assessment.corrections if c.effect != "joint_offset"]
@@ -373,24 +348,13 @@ def _show_calibration(assessment: Assessment, joints: Sequence[str]) -> Section:
         blocks.append(Fold(text, [_list_corrections(others, caption)]))
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
-    worst = [[pose.row, ", ".join(f"{v:.1f}" for v in pose.joints), 1e3 * pose.distance] for pose in assessment.worst]
+    worst = [
+        [pose["row"], ", ".join(f"{v:.1f}" for v in pose["joints_deg_or_mm"]), pose["held_out_mm"]]
+        for pose in assessment.worst
+    ]
     names = f"{joints[0]} … {joints[-1]}" if len(joints) > 1 else str(joints[0])
     poses = DataTable(["row", f"{names} [deg or mm]", "not in the fit [mm]"], worst, "Worst poses.")
     return Section("For the controller", [*blocks, _list_frames(assessment.frames), poses])
-
-
-def _draw_learning(learning: Learning | None) -> Block:
-    if learning is None:
-        return "Too few poses, or nothing delivered: the gain of more poses is unknown."
-    count = np.linspace(min(learning.poses), learning.now + 2 * MORE, 60)
-    lines = (
-        Curve("not in the fit", np.array(learning.poses), 1e3 * np.array(learning.errors), "after", "markers"),
-        Curve("expected", count, 1e3 * np.array([learning.at(n) for n in count]), "neutral"),
-    )
-    now, then = learning.at(learning.now), learning.at(learning.now + MORE)
-    less, least = (format_percent(1.0 - error / now) if now > 0.0 else "0 %" for error in (then, learning.floor))
-    text = f"{MORE} more poses like these would take {less} off the error, endless ones {least}. Names and noise held."
-    return Chart(draw_curves(Curves("", "poses given", "rms of the others [mm]", lines)), text, 260)
 
 
 def _list_corrections(corrections: Sequence[Correction], caption: str) -> DataTable:

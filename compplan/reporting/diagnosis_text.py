@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from compplan.diagnosis.evidence.unmodelled import describe_unmodelled, names_alike
-from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Share
-from compplan.diagnosis.results.small_errors import WEIGHT, SmallErrors, kind_of
-from compplan.diagnosis.results.verdict import CALIBRATED, FLOORS_LEFT, Finding
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, WEIGHT, Share, SmallErrors, kind_of
+from compplan.diagnosis.results.verdict import CALIBRATED, FLOORS_LEFT
+from compplan.diagnosis.validation.unmodelled import describe_unmodelled
 from compplan.effects import EFFECTS
 from compplan.io.quantities import format_length, format_number, format_percent
 from compplan.reporting.page import join_names
@@ -120,11 +119,11 @@ def _describe_beside_names(split: Split) -> str:
         return ""
     named = {(c.place, kind_of(c.effect, loaded)) for c in split.shares.carriers for loaded in (False, True)}
     largest = [
-        f"{g.kind} of {g.place} {format_percent(g.share.share)}"
-        for g in split.small_errors.groups
-        if (g.place, g.kind) not in named and (g.kind != WEIGHT or ("links", WEIGHT) not in named)
+        f"{kind} of {place} {format_percent(share.share)}"
+        for place, kind, share in split.small_errors.groups
+        if share.share >= 0.05 and (place, kind) not in named and (kind != WEIGHT or ("links", WEIGHT) not in named)
     ][:3]
-    return f"; both halves of the poses show {', '.join(largest)}" if largest else ""
+    return f"; {', '.join(largest)} in the updated robot" if largest else ""
 
 
 def _describe_interval(share: Share) -> str:
@@ -218,16 +217,15 @@ def list_poses(table: Mapping[str, Any], where: str) -> str:
 
 def describe_structure(diagnosis: Diagnosis) -> list[str]:
     """Say what is left that no effect explains; nothing where small errors everywhere are said to make the gap."""
-    structure, findings = diagnosis.verdict.structure, diagnosis.verdict.findings
+    structure, named = diagnosis.verdict.structure, bool(diagnosis.verdict.findings)
     if not structure.left or diagnosis.verdict.status == CALIBRATED:
         return []
     # claims may move the target further than the gap, against small errors: they explain no more than there is
     explained = format_length(min(structure.explained, structure.gap))
-    against = f", against {explained} that the named effects explain" if findings else ""
+    against = f", against {explained} that the named effects explain" if named else ""
     if structure.dependences:
         parts = [
-            f"{describe_unmodelled(d.effect.joint, str(d.effect.axis))}{_describe_beside(findings, d)} "
-            f"({format_length(d.explained)} rms)"
+            f"{describe_unmodelled(d.effect.joint, str(d.effect.axis))} ({format_length(d.explained)} rms)"
             for d in structure.dependences
         ]
         beyond = "Beyond the named effects there is" if named else "No effect explains"
@@ -236,12 +234,3 @@ def describe_structure(diagnosis: Diagnosis) -> list[str]:
         f"An error of {format_length(structure.rms)} rms is constant while the robot stands still and matches "
         f"no effect of the vocabulary{against}."
     ]
-
-
-def _describe_beside(findings: Sequence[Finding], left: Finding) -> str:
-    """Say which named effect an error is left beside that follows the same; "" where there is none."""
-    for finding in findings:
-        name, joint, axis = finding.effect.place
-        if names_alike(str(left.effect.axis), left.effect.joint, name, joint):
-            return f" beyond the named {name_effect({'effect': name, 'joint': joint, 'axis': axis})}"
-    return ""

@@ -22,7 +22,6 @@ from compplan.io.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
 from compplan.process.engagement import Engagement
 from compplan.process.fit import ForceFit
-from compplan.process.force_law import Process
 from compplan.process.force_models import name_force_model
 from compplan.process.learned_force import (
     SCATTER,
@@ -33,6 +32,7 @@ from compplan.process.learned_force import (
     read_learned_force,
     write_learned_force,
 )
+from compplan.process.materials import CoefficientTable
 from compplan.reporting.along_path import Stations, chart_lines, chart_wrench, find_spans
 from compplan.reporting.charts import Figure, thin_path
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Provenance, Section, Summary, render_page
@@ -62,14 +62,13 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
         "uncertainty_stated": any("uncertainty" in table.model_fields_set for table in tables),
         "notes": found.notes, "stops": list_stops(found.notes),
     }  # fmt: skip
-    if found.law.cutting is not None and found.ripple is not None:
+    if found.law.cutting is not None:
         cut, resistance = found.law.cutting.engagement, found.law.cutting.process.resistance
         summary["engagement"] = {
             "axial_depth_mm": {"max": float(1e3 * cut.axial.max())},
             "radial_width_mm": {"max": float(1e3 * cut.radial.max())},
             "removed_mm3": float(1e9 * (cut.section[1:] * found.nominal.steps * ~found.nominal.rapid[1:]).sum()),
         }
-        summary["ripple_N"] = {"max": float(np.linalg.norm(found.ripple, axis=1).max())}
         summary["coefficients"] = {
             "cutting_N_mm2": list(resistance.cutting), "edge_N_mm": list(resistance.edge),
             "exponent": list(resistance.exponent), "source": resistance.source, "assumed": resistance.assumed,
@@ -171,7 +170,6 @@ def _tabulate(found: ForcePrediction) -> dict[str, object]:
             "axial_depth_mm": 1e3 * cut.axial, "radial_width_mm": 1e3 * cut.radial, "section_mm2": 1e6 * cut.section,
             "first_angle_deg": arc[:, 0], "last_angle_deg": arc[:, 1],
         }  # fmt: skip
-        columns |= {f"ripple_{name}_N": found.ripple[:, k] for k, name in enumerate(("travel", "left", "axis"))}
     return columns | {name: found.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
 
 
@@ -267,13 +265,9 @@ def _show_force(found: ForcePrediction, stations: Stations) -> list[Block]:
     names, colours = ("along the travel", "to the left", "along the tool axis"), CATEGORIES[:3]
     series = dict(zip(names, _leave_out_air(found, found.local[:, :3]).T, strict=True))
     caption = "Mean force of the environment on the tool; left as seen down the tool axis, the axis from tip up."
-    blocks: list[Block] = [chart_lines(stations, series, "N", "force", caption, colours=colours)]
-    if found.ripple is not None and found.ripple.any():
-        series = dict(zip(names, _leave_out_air(found, found.ripple).T, strict=True))
-        caption = "Half of the range of each component in a turn of the spindle."
-        blocks.append(chart_lines(stations, series, "N", "ripple", caption, 280, colours=colours, zero=True))
+    mean = chart_lines(stations, series, "N", "force", caption, colours=colours)
     wrench = _leave_out_air(found, found.wrench)
-    return [*blocks, chart_wrench(stations, wrench, "The same wrench at the tip, base axes.")]
+    return [mean, chart_wrench(stations, wrench, "The same wrench at the tip, base axes.")]
 
 
 def _show_engagement(found: ForcePrediction, cut: Engagement, stations: Stations) -> list[Block]:

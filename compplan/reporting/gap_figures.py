@@ -82,25 +82,6 @@ def draw_gap_shares(shares: Mapping[str, Share], title: str) -> Figure:
     return figure
 
 
-def draw_together(together: Mapping[str, Mapping[str, float]]) -> Figure:
-    """Draw how much each place carries by each effect, from 0 to 1, as a heat map."""
-    places = list(together)
-    effects = list(dict.fromkeys(name for own in together.values() for name in own))
-    effects = [name for name in effects if any(together[place].get(name, 0.0) >= 0.005 for place in places)]
-    values = np.array([[100 * together[place].get(name, np.nan) for name in effects] for place in places])
-    figure = Figure()
-    figure.heat(
-        [name.replace("_", " ") for name in effects], places, values, texttemplate="%{text}",
-        text=[["" if np.isnan(value) else f"{value:.0f}" for value in row] for row in values],
-        zmin=0, zmax=100, xgap=2, ygap=2, showscale=False,
-        colorscale=[[0, "rgba(140,150,160,0.10)"], [0.5, "#7fb0cf"], [1, "#2b6ca8"]],
-        hovertemplate="%{y}, %{x}: %{z:.1f} %<extra></extra>",
-    )  # fmt: skip
-    figure.axis("y", autorange="reversed", showgrid=False)
-    figure.axis("x", side="top", showgrid=False)
-    return figure
-
-
 def draw_traces(traces: Sequence[Trace]) -> Figure:
     """Draw the error that each carrying joint would have to make, over what it depends on, one small chart a trace."""
     titles = [f"<b>{trace.place}</b>, {trace.effect.replace('_', ' ')}" for trace in traces]

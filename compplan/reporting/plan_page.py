@@ -24,7 +24,6 @@ from compplan.io.quantities import (
 from compplan.io.tables import write_text
 from compplan.planning.lost_motion import describe_reversals
 from compplan.planning.notes import describe_causes, mark_slow
-from compplan.planning.posture.start import compare_postures
 from compplan.planning.tolerance_verdict import describe_tolerance
 from compplan.process.force_models import name_force_model
 from compplan.reporting.along_path import (
@@ -186,8 +185,7 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     table = DataTable(["", "uncorrected", "planned"], [*rows, *([key, None, value] for key, value in planned.items())])
     cut = plan.after.cut
     kinds = np.where(mark_force(task.wrench, cut), 0, np.where(cut, 1, 2))
-    start, request = int(np.flatnonzero(cut)[0]), None if task.start is None else task.start.request
-    scene = None if request is None else request.scene
+    start, scene = int(np.flatnonzero(cut)[0]), None if task.start is None else task.start.settings.scene
     around = [] if scene is None else place_meshes(plan.robot, plan.q[start], scene.meshes)
     named = f", with the meshes that the job names ({', '.join(shape.link for shape in around)})" if around else ""
     cell = Chart(
@@ -212,7 +210,7 @@ def _show_deviation(plan: Plan, stations: Stations) -> Section:
     )  # fmt: skip
     evaluated = np.where(plan.after.cut, 1e3, np.nan)
     series = {name: np.maximum(side.distance, FLOOR) * evaluated for name, side in zip(names, sides, strict=True)}
-    series[plan.mismatch.cell] = np.maximum(plan.mismatch.along(len(evaluated)), FLOOR) * evaluated
+    series[plan.mismatch.cell] = np.maximum(plan.mismatch.distance, FLOOR) * evaluated
     limit: tuple[float, str] | None = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
     if plan.task.allowed is not None:
         limit, series["tolerance here"] = None, plan.task.allowed.normal * evaluated
@@ -397,7 +395,7 @@ def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
 
 def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> list[Section]:
     """Show how the posture along the path was chosen, and how far it keeps clear where that was asked for."""
-    blocks: list[Block] = [chart_posture(choice.map), _list_costs(plan, choice)]
+    blocks: list[Block] = [chart_posture(choice.map), _list_costs(choice)]
     if (clearance := plan.clearance) is not None:
         waypoint, contact = clearance.least
         least = format_length(contact.distance) if contact.distance > 0 else "none: they overlap"
@@ -469,12 +467,9 @@ def _show_extra_axis(robot: Robot, picture: PostureMap) -> Section:
     return Section("Extra axis", [Chart(figure, caption, 340)], "Position of the extra axis against path length.")
 
 
-def _list_costs(plan: Plan, choice: PostureSummary) -> DataTable:
+def _list_costs(choice: PostureSummary) -> DataTable:
     """List what the posture costs, beside the plain one where that is known."""
-    both = None
-    if plan.job is not None and plan.task.start is not None and plan.robot.nq >= 6:
-        both = compare_postures(plan.robot, plan.task.start, plan.job.tool_x_base)
-    chosen, plain = both or (choice.costs, {})
+    chosen, plain = choice.instead_of or choice.costs, choice.plain or {}
     sides, rows = (chosen, plain) if plain else (chosen,), list[list[Any]]()
     for key in chosen:
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compplan.controllers.writers.frames import flange_turn, place_numbers, rotation_vectors
-from compplan.controllers.writers.joint_convention import load_controller
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import load_controller, locate_pendant
 from compplan.io.notes import list_remarks, list_stops
 from compplan.io.quantities import (
     format_length,
@@ -180,10 +179,10 @@ def _describe_run(plan: Plan) -> list[tuple[str, str]]:
     process = None if plan.job is None else plan.job.process
     if not isinstance(process, CuttingTable):
         return rows
-    spindle, material = process.spindle(), process.material or "coefficients of the job"
-    cutter = f"{process.model} {2e3 * process.cutter().radius:g} mm, {spindle.teeth} teeth, {process.spindle_rpm:g} rpm"
+    material = process.material or "coefficients of the job"
+    cutter = f"{process.model} {2e3 * process.cutter().radius:g} mm, {process.teeth} teeth, {process.spindle_rpm:g} rpm"
     moment = np.abs(np.einsum("ni,ni->n", task.wrench[:, 3:], task.rotation[:, :, 2])).max(initial=0.0)
-    power = 2.0 * np.pi * spindle.speed * moment
+    power = 2.0 * np.pi * (process.spindle_rpm / 60.0) * moment
     rows.append(("Cutter", f"{cutter}, in {material}"))
     return [*rows, ("Spindle", f"up to {moment:.3g} N m, {1e-3 * power:.3g} kW")]
 

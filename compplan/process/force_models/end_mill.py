@@ -26,7 +26,7 @@ class ToolModeTable(StrictTable):
 
 
 class EndMillProcess(CuttingTable):
-    """An end mill whose engagement follows from stock and path, see `compplan.process.milling`."""
+    """An end mill whose engagement follows from stock and path, see `compplan.process.cutting`."""
 
     model: Literal["end_mill"]
     corner_radius_mm: float = Field(default=0.0, ge=0.0)
