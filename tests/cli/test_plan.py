@@ -11,6 +11,7 @@ from commandline import run_command
 from golden_cell import write_job
 
 from compplan.io.notes import Stop
+from compplan.planning.checks import state_notes
 from compplan.reporting.plan_summary import WIDTH, format_plan
 from tests.reporting.test_report import make_plan
 
@@ -47,7 +48,7 @@ def test_each_note_that_must_be_settled_stands_whole_on_the_terminal(
 
 def test_long_notes_that_must_be_settled_are_not_cut_and_remarks_are_counted() -> None:
     stops = [Stop("check every axis against the display " * 9), Stop("is z of the part turned over?")]
-    plan = replace(make_plan(), notes=(stops[0], "a remark", stops[1], "another remark"))
+    plan = replace(make_plan(), checks=state_notes((stops[0], "a remark", stops[1], "another remark")))
     lines = format_plan(plan, Path("out"), [Path("out/plan.json")])
     assert lines[-2:] == [f"{SETTLE}{stop}" for stop in stops]
     assert any(line.startswith("wrote plan.json") for line in lines)
