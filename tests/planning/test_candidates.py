@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -33,10 +34,14 @@ CIRCLE: dict[str, Any] = {
 
 
 def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
-    assert judge_gain("fast", 0.8, 3.0, 3.0) == 0.8
-    assert judge_gain("accurate", 1.0, 1.0, 0.9) == 0.95 and judge_gain("error_band", 1.1, 0.5, 0.5) == np.inf
-    assert judge_gain("error_band", 1.0, 0.5, 1.1) == 0.5 and judge_gain("accurate", 1.0, 0.5, 1.1) == 0.8
-    assert judge_gain("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and judge_gain("", 0.5, 1.01, 0.9) == np.inf
+    def judge(preset: str, time: float, band: float, still: float) -> float:
+        return judge_gain(preset, SimpleNamespace(time=time, band=band, still=still), base)
+
+    base = SimpleNamespace(time=1.0, band=1.0, still=1.0)
+    assert judge("fast", 0.8, 3.0, 3.0) == 0.8
+    assert judge("accurate", 1.0, 1.0, 0.9) == 0.95 and judge("error_band", 1.1, 0.5, 0.5) == np.inf
+    assert judge("error_band", 1.0, 0.5, 1.1) == 0.5 and judge("accurate", 1.0, 0.5, 1.1) == 0.8
+    assert judge("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and judge("", 0.5, 1.01, 0.9) == np.inf
 
 
 def test_reversals_count_ways_of_a_stroke_and_more() -> None:
