@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
-from pathlib import Path
-
 import numpy as np
 import pytest
-from cam_files import read_cam_text
 
 from compplan.errors import InputError
 
 HEAD = "G21 G0 X0 Y0 Z0\n"
 TARGET = "[[{},{},0],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    return partial(read_cam_text, tmp_path)
 
 
 def write_krl(body: str, data: str = "") -> str:

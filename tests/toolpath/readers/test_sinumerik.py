@@ -3,32 +3,16 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 
 import pytest
-from cam_files import read_cam_text
+from cam_files import cuts, ends, read_cam_text
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile
 from compplan.toolpath.readers.cnc import flow
 
+SUFFIX = ".mpf"
 HEAD = "G17 G71 G90 G40 G54\nT1 M6\nS3000 M3\nG0 X0 Y0\nG0 Z10\n"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    return partial(read_cam_text, tmp_path, suffix=".mpf", cycles="expand")
-
-
-def ends(cam: CamFile) -> list[list[float]]:
-    """Return the waypoints. [mm]"""
-    return (cam.toolpath.position * 1e3).round(6).tolist()
-
-
-def cuts(cam: CamFile) -> list[list[float]]:
-    """Return where cutting moves end. [mm]"""
-    return [point for point, rapid in zip(ends(cam), cam.toolpath.rapid, strict=True) if not rapid]
 
 
 POST = """%_N_POCKET_MPF
