@@ -212,12 +212,6 @@ def test_endless_loops_are_refused(read, monkeypatch) -> None:
         read(f"{HEAD}A1:\nGOTOB A1\nM30\n")
 
 
-def test_the_tool_direction_of_vectors_turns_along_the_move(read) -> None:
-    cam = read(f"{HEAD}TRAORI\nORIWKS\nG1 X0 A3=0 B3=0 C3=1 F60\nX10 A3=1 B3=0 C3=1\nTRAFOOF\nM30\n")
-    assert cam.toolpath.axis[-1] == pytest.approx([math.sqrt(0.5), 0, math.sqrt(0.5)])
-    assert cam.facts.cutting_moves == 1 and len(cam.toolpath) > 40
-
-
 def test_inches_and_feeds_by_the_turn_and_the_dwell(read) -> None:
     cam = read("G700 G90 G17\nS600 M3\nG0 X0 Y0 Z1\nG95 G1 X1 F0.01\nG94 X2 F60\nG4 F2.5\nG4 S30\nM30\n")
     assert ends(cam) == [[0, 0, 25.4], [25.4, 0, 25.4], [50.8, 0, 25.4]]
