@@ -30,8 +30,7 @@ from typing import Any as _Any
 from compplan.version import VERSION
 
 if TYPE_CHECKING:
-    from compplan.api.measure import diagnose, learn
-    from compplan.api.plan import compare, plan
+    from compplan.api.verbs import compare, diagnose, learn, plan
     from compplan.controllers.writers import Program, build_program, write_program
     from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
     from compplan.diagnosis.results.next_measurement import propose_measurements
