@@ -1,15 +1,11 @@
-"""Lines, arcs and cubics through rows of a path: how far rows lie from one, and at which share of it.
-
-A cubic from x_0 to x_1 with the derivatives d_0 and d_1 by its share u is
-
-    x(u) = x_0 + d_0 u + (3 (x_1 - x_0) - 2 d_0 - d_1) u^2 + (d_0 + d_1 - 2 (x_1 - x_0)) u^3.
-"""
+"""Lines and arcs through rows of a path, how far rows lie from one, and the speeds that are sent along them."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.io.tables import Array
 
@@ -19,8 +15,16 @@ ARC_ROWS, ARC_LENGTH, ARC_RADIUS, ARC_SWEEP = 2, 0.5, 2e4, float(np.radians(170.
 MIDDLE = 0.2
 #: Least angle that the point between and the end make at the start. RAPID asks for it, as for 0.1 mm between. [rad]
 ARC_ANGLE = float(np.radians(1.0))
-#: Rows that a cubic has to go by.
-CURVE_ROWS = 4
+#: Greatest ratio of two speeds within a move.
+RATIO = 1.05
+#: Share by which the feed of a move has to differ from the one before, so that another feed is written.
+HELD = 0.01
+#: Cycles below which a move may join rows of any speed.
+SHORT = 2.0
+#: Least feed that is written, the least that every language states: 1 cm/min in FANUC programs. [mm/s]
+LEAST_FEED = 1.0 / 6.0
+#: Time beside a rest in which the controller changes the speed by itself [s], and the ratio of speeds that ends it.
+RAMP, REACHED = 0.5, 1.01
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -64,41 +68,6 @@ def is_flat(start: Array, via: Array, end: Array) -> bool:
     """Tell whether controllers may refuse an arc as too flat. Shape (3,) each."""
     first, second = via - start, end - start
     return bool(np.linalg.norm(cross(first, second)) < np.tan(ARC_ANGLE) * (first @ second))
-
-
-def follow_curve(x: Array, along: Array, bend: Array) -> tuple[Array, Array]:
-    """Return the same of a cubic from the first row to the last, and how far it bulges from the chords between rows.
-
-    `along` is the length of the path up to each row, `bend` the derivatives of the cubic by its share at its ends.
-    Shapes (k, 3), (k,), (2, 3). [mm]
-    """
-    share = (along - along[0]) / max(float(along[-1] - along[0]), 1e-12)
-    middle = 0.5 * (share[:-1] + share[1:])
-    off = np.linalg.norm(x - _place(x[0], x[-1], bend, share), axis=1)
-    bulge = np.linalg.norm(0.5 * (x[:-1] + x[1:]) - _place(x[0], x[-1], bend, middle), axis=1)
-    return np.maximum(off, np.r_[0.0, bulge]), share
-
-
-def _place(start: Array, end: Array, bend: Array, u: Array) -> Array:
-    """Return places on a cubic. Shape (k,) -> (k, 3) [mm]."""
-    u = u[:, None]
-    second, third = find_coefficients(end - start, bend)
-    return np.asarray(start + u * (bend[0] + u * (second + u * third)))
-
-
-def find_coefficients(travel: Array, bend: Array) -> tuple[Array, Array]:
-    """Return the factors of u^2 and u^3 of cubics. Shapes (..., 3), (2, ..., 3) -> (..., 3) each."""
-    return 3.0 * travel - 2.0 * bend[0] - bend[1], bend[0] + bend[1] - 2.0 * travel
-
-
-def find_tangents(x: Array, along: Array) -> Array:
-    """Return the derivative of a path by its length at rows: of parabolas through three of them. Shape (n, 3)."""
-    step = np.maximum(np.diff(along), 1e-12)[:, None]
-    slope = np.diff(x, axis=0) / step
-    if len(x) < 3:
-        return np.repeat(slope, 2, axis=0)
-    inner = (slope[:-1] * step[1:] + slope[1:] * step[:-1]) / (step[1:] + step[:-1])
-    return np.vstack([2.0 * slope[0] - inner[0], inner, 2.0 * slope[-1] - inner[-1]])
 
 
 def find_via(x: Array, middle: int) -> Array:
@@ -181,3 +150,64 @@ def find_arc(start: Array, via: Array, end: Array) -> MoveArc | None:
     centre, u, v, _ = circle
     reach, radius = end - centre, float(np.linalg.norm(start - centre))
     return MoveArc(centre, radius * u, radius * v, float(np.arctan2(reach @ v, reach @ u) % (2.0 * np.pi)))
+
+
+def send_speeds(
+    step: Array, lasts: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], asked: Array | None
+) -> Array:
+    """Return the speed that is sent for the move to each row, starts from rest and stops left to the controller.
+
+    Args:
+        step: Way to each row. Shape (n,). [mm]
+        lasts: Time of it. Shape (n,). [s]
+        stops: Rows where the tool stands. Shape (n,).
+        corners: Rows that are corners, which a zone leads around. Shape (n,).
+        asked: Feed that the CAM file asks for; without it no leg has a speed of its own. Shape (n,). [mm/s]
+
+    Returns:
+        Shape (n,). [mm/s]
+    """
+    speed = step / np.maximum(lasts, 1e-9)
+    if asked is not None:
+        speed = _level_legs(speed, lasts, stops, corners, asked)
+    return _leave_ramps(speed, lasts, stops | corners)
+
+
+def _level_legs(
+    speed: Array, lasts: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], asked: Array
+) -> Array:
+    """Return speeds that do not change along short legs from rest or corner to rest or corner.
+
+    There the controller changes the speed by itself. A leg between two corners takes the time that the plan takes; one
+    from rest, or to it, has the greatest speed of the plan, as the controller still has to come to it.
+
+    A leg ends where the feed changes that is asked for.
+    """
+    level, cuts = speed.copy(), asked > 0.0  # rapid moves ask for no feed
+    changes = np.append(cuts[1:] & cuts[:-1] & (np.abs(np.diff(asked)) > 1e-9 * asked[:-1]), False)
+    at = np.flatnonzero(stops | corners | changes)
+    for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
+        leg = slice(a + 1, b + 1)
+        if lasts[leg].sum() <= 2.0 * RAMP and not (changes[a] or changes[b]):
+            rests = stops[a] or stops[b]
+            level[leg] = speed[leg].max() if rests else speed[leg] @ lasts[leg] / max(lasts[leg].sum(), 1e-9)
+    return level
+
+
+def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
+    """Return speeds as they are sent: beside a rest the one that the plan has reached, or comes from, within `RAMP`.
+
+    The speed has to rise from row to row up to there, and not to fall at once again.
+    """
+    sent, at = speed.copy(), np.flatnonzero(stops)
+    for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
+        if b - a < 2:
+            continue
+        for way in (slice(a + 1, b + 1), slice(b, a, -1)):
+            v, time = speed[way], np.cumsum(lasts[way])
+            near = v[: max(int(np.searchsorted(time, RAMP)), 1)]
+            reached = int(np.argmax(near * REACHED >= near.max()))
+            stays = reached == 0 or reached + 1 == len(v) or v[reached + 1] > REACHED * v[reached - 1]
+            if stays and (np.diff(v[: reached + 1]) > 0.0).all():
+                sent[way][:reached] = v[reached]
+    return sent

@@ -24,7 +24,7 @@ from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import AXES, Place
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.pooling import pool_rows
 from compplan.measurement.registration import Registration, fitted_parts, stated_registration
 from compplan.robot import Robot

@@ -25,8 +25,8 @@ from compplan.identification.problem import (
 from compplan.identification.refine import GAIN_LIMIT, Refinement, refine_structure
 from compplan.identification.update import IdentifiedGap, identified_uncertainty, measure_gap, update_robot
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit.heldout import gain_score
-from compplan.measurement.fit.linear_system import weigh
+from compplan.measurement.fit.intervals import gain_score
+from compplan.measurement.fit.least_squares import weigh
 from compplan.measurement.fit.rows import Rows, take_rows
 from compplan.measurement.registration import Registration
 from compplan.robot import Array, Robot

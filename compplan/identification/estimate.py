@@ -14,14 +14,24 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.identification.forward import RowState, attain_fit, frame_parameters, linearise
 from compplan.identification.parameters import FreeRobot, Parameter
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit.gauss_newton import iterate_gauss_newton
-from compplan.measurement.fit.heldout import HeldOutRows, predict_left_out
-from compplan.measurement.fit.intervals import state_spread
-from compplan.measurement.fit.linear_system import BLOCKS, System, information
-from compplan.measurement.fit.observed import forget_turns
-from compplan.measurement.fit.robust import check_loss, loss_weights
+from compplan.measurement.fit.intervals import (
+    HeldOutRows,
+    condition_number,
+    find_free,
+    find_mates,
+    predict_left_out,
+    state_spread,
+)
+from compplan.measurement.fit.least_squares import (
+    BLOCKS,
+    System,
+    check_loss,
+    forget_turns,
+    information,
+    iterate_gauss_newton,
+    loss_weights,
+)
 from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows
-from compplan.measurement.fit.separable import condition_number, find_free, find_mates
 from compplan.measurement.frames import move_frames
 from compplan.measurement.registration import Registration
 from compplan.robot import Array

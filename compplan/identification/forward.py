@@ -12,8 +12,7 @@ from compplan.effects import EFFECTS, apply_effects, build_model, solve_model_po
 from compplan.effects.forward_model import Attained, ForwardModel, own_springs
 from compplan.effects.linearization import Linearization, coordinate_twists, linearize_model
 from compplan.identification.parameters import TYPICAL_SIZE, FreeRobot, Parameter
-from compplan.measurement.fit.linear_system import ENCODERS, ORIENTATION, POSITION, System
-from compplan.measurement.fit.observed import observe_rows
+from compplan.measurement.fit.least_squares import ENCODERS, ORIENTATION, POSITION, System, observe_rows
 from compplan.measurement.fit.rows import SIGMA_ENCODER, Rows
 from compplan.measurement.frames import frame_columns, name_frames
 from compplan.measurement.registration import Registration, campaign_gap, campaign_turn

@@ -18,11 +18,10 @@ from compplan.identification.parameters import (
 )
 from compplan.identification.refine import GAIN_LIMIT
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit.heldout import gain_score
-from compplan.measurement.fit.linear_system import BLOCKS
-from compplan.measurement.fit.robust import check_loss
+from compplan.measurement.fit.intervals import gain_score
+from compplan.measurement.fit.least_squares import BLOCKS, check_loss
 from compplan.measurement.fit.rows import Rows, count_poses, usable_rows
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import PARTS, Registration, fitted_parts, folder_registration, match_targets
 from compplan.robot import Array, Robot
 from compplan.robot.springs import candidate_springs, label_spring, link_springs, missing_springs, read_spring

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from compplan.identification.estimate import Estimate, find_inseparable, fit_rows, leave_poses_out
 from compplan.identification.forward import linearise
 from compplan.identification.parameters import FreeRobot, Parameter
-from compplan.measurement.fit.heldout import distance_rms, gain_score
-from compplan.measurement.fit.linear_system import invert, stack, weigh
+from compplan.measurement.fit.intervals import distance_rms, gain_score
+from compplan.measurement.fit.least_squares import invert, stack, weigh
 from compplan.measurement.fit.rows import Rows
 from compplan.robot import Array
 

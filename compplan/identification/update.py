@@ -9,7 +9,7 @@ import numpy as np
 from compplan.effects import fold_effects, is_of_instrument
 from compplan.identification.estimate import Estimate, fit_rows, leave_poses_out
 from compplan.identification.parameters import FreeRobot
-from compplan.measurement.fit.heldout import distance_rms
+from compplan.measurement.fit.intervals import distance_rms
 from compplan.measurement.fit.rows import Rows
 from compplan.robot import Robot
 from compplan.robot.springs import build_link

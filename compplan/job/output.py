@@ -29,7 +29,6 @@ class OutputTable(StrictTable):
     programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
     form: Literal["linear", "joint", "both"] = "linear"
     fit_tolerance_mm: float | None = Field(default=None, ge=0.0, le=1.0)
-    splines: bool = False
     max_points_per_file: int | None = Field(default=None, ge=2)
     any_brand: bool = False
     header: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)

@@ -9,6 +9,7 @@ from typing import Any
 from compplan.errors import InputError
 
 CAM = "a CAM system checks finished walls and stock; delete it"
+TURN = "the force is the mean of a turn, which does not depend on it; delete it"
 DRAWN = "robots are drawn from the robot folder's uncertainty.toml, or by its grade; state it there and delete the key"
 #: Keys of [noise] replaced by the robot folder.
 OF_ROBOT = (
@@ -20,12 +21,15 @@ REMOVED = {
     "coupling": "the force is that of the tool on its path; delete it",
     "stability": "state [process] tool_mode, a plan notes the limit of depth",
     "posture.weights.stability": "delete it",
+    "output.splines": "programs are lines and arcs; delete it",
     "surface": CAM,
     "tool_beam": CAM,
     "process.part": CAM,
     "process.holder_mm": CAM,
     "tool.process.part": CAM,
     "tool.process.holder_mm": CAM,
+    **dict.fromkeys(("process.helix_deg", "process.runout_mm"), TURN),
+    **dict.fromkeys(("tool.process.helix_deg", "tool.process.runout_mm"), TURN),
     **dict.fromkeys((f"noise.{key}" for key in OF_ROBOT), DRAWN),
     **dict.fromkeys(("noise.tracker_mm", "noise.tracker_mm_per_m"), "no strategy measures a first part; delete it"),
     **dict.fromkeys(("noise.plant_lag_ms", "noise.plant_delay_ms"), "no strategy runs a control loop; delete it"),

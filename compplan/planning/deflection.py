@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.summary import PostureRequest
-from compplan.planning.task import PlanTask, differentiate_equations, pose_equations
+from compplan.planning.posture.follow import reach_tip_and_axis
+from compplan.planning.posture.settings import PostureSettings
+from compplan.planning.task import PlanTask
 from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
-from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.statics.chain import Chain, locate_frames
 from compplan.statics.elastic import locate_loaded, solve_equilibrium
-from compplan.statics.ik import middle_of_limits
+from compplan.statics.ik import build_arm, middle_of_limits
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
-from compplan.statics.sensitivity import AttainedPose, chunk_rows
 from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm
@@ -29,35 +29,23 @@ POSTURES = 25
 DAMPING = 0.03
 #: Window over which the load of inertia is averaged before it is compensated, in periods of the lowest mode.
 FOLLOWED = 0.5
-#: Newton steps from a command to where its links go: half a millimetre becomes a nanometre in two.
-LINK_STEPS = 2
 #: Shortest and longest time over which motion is smoothed. [s]
 SHORTEST, LONGEST = 0.02, 0.3
 
 
 @dataclass(frozen=True)
 class Bending:
-    """Greatest displacement of the tip over the cut by each cause, and the lowest natural frequencies along it.
+    """Greatest displacement of the tip over the cut by each cause, and the lowest natural frequencies along it."""
 
-    Attributes:
-        process: By the wrench on the tool. [m]
-        weight: By the weights that the model carries. [m]
-        inertia: By the inertia of the timed motion, answered by the modes of the arm; NaN without masses. [m]
-        compensated: Whether the plan compensates that.
-        frequencies: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
-        masses: Where the folder has its masses from.
-        motion: What the motion adds to the band, or None.
-        at_once: Greatest displacement by inertia if the springs gave at once; NaN without masses. [m]
-
-    """
-
-    process: float
-    weight: float
-    inertia: float
-    compensated: bool
+    process: float  #: By the wrench on the tool. [m]
+    weight: float  #: By the weights that the model carries. [m]
+    inertia: float  #: By the inertia of the timed motion, answered by the modes of the arm; NaN without masses. [m]
+    compensated: bool  #: Whether the plan compensates that.
+    #: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
     frequencies: Array
-    masses: str
-    motion: Motion | None = None
+    masses: str  #: Where the folder has its masses from.
+    motion: Motion | None = None  #: What the motion adds to the band, or None.
+    #: Greatest displacement by inertia if the springs gave at once; NaN without masses. [m]
     at_once: float = float("nan")
 
     def describe(self) -> dict[str, object]:
@@ -148,24 +136,13 @@ def follow_links(task: PlanTask, q: Array) -> Array:
     """Return where the links of an arm go whose loaded tool follows the path. Shape (n, nq). [rad or m]
 
     They are those of a stiff arm with its tool on the path, turned about its axis as the command q (n, nq) turns it: a
-    command may use the free rotation, and then that moves masses which q_start leaves where they are. Newton steps from
-    the command that move the joints least.
+    command may use the free rotation, and then that moves masses which q_start leaves where they are.
     """
-    links = task.q_start.copy()
-    if not task.redundant:
-        return links
-    rows = np.flatnonzero(task.compensated & ~task.missed)
-    for part in chunk_rows(len(rows), task.chain):
-        some = rows[part]
-        here = q[some]
-        for _ in range(LINK_STEPS):
-            frames = locate_frames(task.chain, here)
-            stiff = AttainedPose(frames.tcp_position, frames.tcp_rotation, joint_jacobian(task.chain, frames))
-            columns = differentiate_equations(task, stiff, some) * ~task.stays
-            normal = columns @ np.swapaxes(columns, 1, 2) + 1e-14 * np.eye(columns.shape[1])
-            missed = pose_equations(task, stiff, some)[..., None]
-            here = here - (np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed))[..., 0]
-        links[some] = here
+    links, rows = task.q_start.copy(), np.flatnonzero(task.compensated & ~task.missed)
+    if task.redundant and len(rows):
+        links[rows] = reach_tip_and_axis(
+            build_arm(task.robot), q[rows], task.position[rows], task.rotation[rows], spin_free=task.spin_free
+        )[0]
     return links
 
 
@@ -180,14 +157,13 @@ def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
     return float(np.clip(1.0 / lowest.min(), SHORTEST, LONGEST))
 
 
-def state_frequency(request: PostureRequest, robot: Robot) -> PostureRequest:
+def state_frequency(settings: PostureSettings, robot: Robot) -> PostureSettings:
     """Weight the inertia of joint motion by the arm's lowest natural frequency at mid-range, where known."""
     lowest = float(natural_frequencies(build_dynamics(robot), middle_of_limits(robot)[None], 1)[0, 0])
     if not np.isfinite(lowest):
-        return request
-    motion = request.settings.motion
-    source = f"{motion.source}; natural frequency of the robot folder's masses and springs"
-    return replace(request, settings=replace(request.settings, motion=motion._replace(frequency=lowest, source=source)))
+        return settings
+    source = f"{settings.motion.source}; natural frequency of the robot folder's masses and springs"
+    return replace(settings, motion=settings.motion._replace(frequency=lowest, source=source))
 
 
 def _greatest(shift: Array) -> float:

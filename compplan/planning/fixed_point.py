@@ -43,7 +43,7 @@ from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import Chain
 from compplan.statics.inertia import build_moving_chain
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.toolpath import interpolate
 
 #: Stated tolerance: force, feed and motion agree where a turn moves the tip by less than this share of the tolerance.
@@ -62,32 +62,18 @@ STEP_CHORDS = 4.0
 
 @dataclass(frozen=True)
 class Compensation:
-    """A command with the time and the loads that belong to it.
+    """A command with the time and the loads that belong to it."""
 
-    Attributes:
-        task: The task as divided, with the feed programmed and the wrench at the feed driven.
-        strategy: The strategy; "none" where the correction lies below the robot's resolution.
-        command: The command.
-        timing: Its run.
-        between: Where the loaded tip goes between waypoints, by the planner's model.
-        executed: Where the controller takes the tip, None where it is not known.
-        excess: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
-        change: Shift of the tip that the last turn still made. [m]
-        turns: Turns of the loop.
-        notes: Sentences for the user.
-
-    """
-
-    task: PlanTask
-    strategy: str
-    command: Command
-    timing: Timing
-    between: Between
-    executed: ExecutedPath | None = None
-    excess: float = 0.0
-    change: float = 0.0
-    turns: int = 1
-    notes: tuple[str, ...] = ()
+    task: PlanTask  #: The task as divided, with the feed programmed and the wrench at the feed driven.
+    strategy: str  #: The strategy; "none" where the correction lies below the robot's resolution.
+    command: Command  #: The command.
+    timing: Timing  #: Its run.
+    between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
+    executed: ExecutedPath | None = None  #: Where the controller takes the tip, None where it is not known.
+    excess: float = 0.0  #: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
+    change: float = 0.0  #: Shift of the tip that the last turn still made. [m]
+    turns: int = 1  #: Turns of the loop.
+    notes: tuple[str, ...] = ()  #: Sentences for the user.
 
 
 def compensate(
@@ -129,12 +115,9 @@ def _refuse_inertia(found: Compensation) -> str:
 
 
 def _settle(
-    task: PlanTask,
-    strategy: str,
-    feed_request: FeedRequest,
-    output: OutputTable | None,
+    task: PlanTask, strategy: str, feed_request: FeedRequest, output: OutputTable | None,
     progress: Callable[[str], None],
-) -> Compensation:
+) -> Compensation:  # fmt: skip
     """Run the loop; arguments as of `compensate`.
 
     Where the loads depend on the motion, the run is that of the uncorrected motion, so that it does not follow the
@@ -182,7 +165,7 @@ def _settle(
             task, slow, command = _divide(task, pieces, slow, command, strategy)
             divisions, run, turn = divisions + 1, None, 0
             continue
-        if strategy == "nlp" and (coupled or "nlp" not in command.facts):
+        if strategy == "nlp" and (coupled or not command.nlp):
             progress("compensation: nonlinear program")
             found = _solve_program(found)
         executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
@@ -236,14 +219,14 @@ def _divide(
     task: PlanTask, pieces: NDArray[np.int_], slow: Array, command: Command, strategy: str
 ) -> tuple[PlanTask, Array, Command | None]:
     """Divide moves; slowness and correction go over linearly, a command of `nlp` by Newton steps."""
-    links, before = np.asarray(command.facts.get("links", command.q)), task.origin
+    before = task.origin
     finer = divide_by(task, pieces)
     at = np.interp(finer.origin, before, np.arange(len(before)))
     finer = replace(finer, wrench=interpolate(at, np.arange(len(before)), task.wrench)) if task.follows_feed else finer
     slow = np.interp(at, np.arange(len(before)), slow)
     if strategy != "nlp" or command.failures:
         return finer, slow, None
-    q = finer.q_start + interpolate(at, np.arange(len(before)), links - task.q_start)
+    q = finer.q_start + interpolate(at, np.arange(len(before)), command.links - task.q_start)
     return finer, slow, nlp.correct_command(finer, Command(np.clip(q, task.robot.lower, task.robot.upper)))
 
 
@@ -273,9 +256,7 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
     rows = np.flatnonzero(task.compensated)
     biases = (None if each.bias is None else each.bias[rows] for each in (task, other))
     now, then = (
-        attain_pose(
-            task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias, theta=task.theta[rows]
-        ).position
+        attain_pose(task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias, theta=task.theta[rows])[0]
         for each, bias in zip((task, other), biases, strict=True)
     )
     return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))
@@ -283,11 +264,9 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
 
 def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
     """Tell into how many pieces moves have to be divided so that the deflection changes little in each."""
-    plain = replace(task, wrench=np.zeros_like(task.wrench))
-    every = np.arange(len(task))
-    bent = attain_rows(task, task.q_start, every, slope=False).position
-    bent = bent - attain_rows(plain, task.q_start, every, slope=False).position
-    change = np.linalg.norm(np.diff(bent, axis=0), axis=1)
+    still, every = replace(task, wrench=np.zeros_like(task.wrench)), np.arange(len(task))
+    loaded, plain = (attain_rows(each, task.q_start, every, slope=False).position for each in (task, still))
+    change = np.linalg.norm(np.diff(loaded - plain, axis=0), axis=1)
     change[task.nominal.rapid[1:] | task.lead[1:] | (task.nominal.steps < 1e-6)] = 0.0
     return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
 
@@ -323,45 +302,34 @@ def _resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
 
 def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     """Tell by how much more than their ends moves stray [m], and into how many pieces that asks to divide them."""
-    task, q, ways = found.task, found.command.q, found.between
-    links = found.command.facts.get("links")
-    if links is not None:  # division mends lost motion in the moves alone that cross it
-        task, q = without_play(task), links
+    task, q, ways = found.task, found.command.links, found.between
+    if np.ndim(found.command.lead):  # division mends lost motion in the moves alone that cross it
+        task = without_play(task)
         ways = measure_between(task, q, found.timing.time)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
-    between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(ways)))
-    if links is not None:
-        crosses = find_crossings(found.command.q, links)
-        for way, whole in zip(_ways(between), (found.between.joint, found.between.cartesian), strict=False):
-            way[crosses] = np.maximum(way, whole)[crosses]
+    between = Between(*(np.maximum(way - ends, 0.0) for way in ways))
+    crosses = find_crossings(found.command.q, q)
+    for way, whole in zip(between[:2], found.between, strict=False):
+        way[crosses] = np.maximum(way, whole)[crosses]
     pieces = wanted_pieces(between, task.move_chord)
     pieces[task.nominal.steps < 1e-6] = 1
-    pieces = _even_crossings(found, pieces)
+    pieces = _even_crossings(np.diff(found.timing.time), np.flatnonzero(crosses), pieces)
     for waypoint in found.command.failures:
         pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
     return between.most, pieces
 
 
-def _even_crossings(found: Compensation, pieces: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Divide the neighbours of moves that cross lost motion as finely as these.
+def _even_crossings(step: Array, crossing: NDArray[np.int_], pieces: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Divide the neighbours of moves that cross lost motion as finely as these; step: times of all moves (n - 1,) [s].
 
     A curve through rows of one step in time swings beside a jump by an eighth of it; a short step among long ones
     swings farther than the jump.
     """
-    links = found.command.facts.get("links")
-    if links is None:
-        return pieces
-    step = np.diff(found.timing.time) / pieces
-    crossing = np.flatnonzero(find_crossings(found.command.q, links))
-    more = np.ones_like(pieces)
+    step, more = step / pieces, np.ones_like(pieces)
     for move in crossing.tolist():
         near = np.arange(max(move - EVEN, 0), min(move + EVEN + 1, len(pieces)))
         finer = np.ceil(step[near] / max(step[move], 1e-9) - 0.5).astype(int)
         more[near] = np.maximum(more[near], np.maximum(finer, 1))
     return pieces * more
-
-
-def _ways(between: Between) -> tuple[Array, Array, Array]:
-    return between.joint, between.cartesian, between.spline

@@ -1,11 +1,25 @@
-"""Cutting with a rotating cutter along a path: what a job says of cutter, material and stock, and the force from it."""
+"""Cutting with a rotating cutter along a path: what a job says of it, and the mean wrench at every waypoint.
+
+An edge slice at angle u (from the travel to the left) meets a chip h = f v.n + f^2 c / 2 (f: feed a tooth, v: direction
+of travel, n: outward normal) [Altintas2012, generalised to any profile]: the tooth before it stood a feed back, and its
+surface, of curvature c along the travel, bends away. So a tooth is in the cut up to v.n = -f c / 2: near the tip of a
+ball that is a few per cent of its edge force (on a side, half a per cent, it is left out). The spindle turns clockwise,
+seen from the spindle. The force on the slice is F_t (z x r) - F_r n - F_a e, e along the edge towards the spindle, so
+that a positive axial coefficient draws the tool out of the spindle. Over a turn of a cutter with N teeth
+
+    w = N / (2 pi) * sum over slices and angles of (K h^(1 - m) + K_edge) * length * du,
+
+which is linear in the coefficients; their columns are kept, to first order in f c. Valid where a waypoint is many turns
+long, teeth stand evenly, and the chip is thin beside the cutter's radius; that chips thin towards what an earlier pass
+left is not followed. Path axes: x travel across the axis, z the tool axis.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +27,10 @@ from pydantic import Field, field_validator, model_validator
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.io.tomlfile import StrictTable
-from compplan.process.cutter import Cutter
-from compplan.process.engagement import Engagement
+from compplan.process.cutter import Cutter, Slices
+from compplan.process.engagement import ROWS, Engagement
 from compplan.process.engagement_search import find_engagement
-from compplan.process.materials import MATERIALS, Coefficients
-from compplan.process.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
+from compplan.process.materials import MATERIALS, Coefficients, CoefficientTable
 from compplan.process.stock import StockColumns
 from compplan.process.stock_table import Cut, StockTable, read_stock, take_away, triangulate_stock, view_along
 from compplan.toolpath.contact import ForceTable
@@ -26,56 +38,108 @@ from compplan.toolpath.toolpath import Toolpath, interpolate
 
 #: Lean of the tool axis from its mean from which on a note tells it. [deg]
 LEANS = 30.0
-#: Waypoints whose ripple is worked out at most; the others take that of the nearest.
-RIPPLES = 300
-#: A ripple below this is rounding. [N]
-SMOOTH = 1e-6
 #: Feeds a tooth that are taken for true. [mm]
 FEED_PER_TOOTH = (1e-5, 3.0)
+#: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
+#: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed. A smaller
+#: share lets the force of vertical ramps jump within micrometres, which no arm can follow at feed.
+PLOUGHS, PLOUGHING_FEED = 0.004, 1e-5
+#: Least share of the feed that the curvature of a tooth's path is held against, in the cut and behind it.
+STEEP, STEEP_BEHIND = 0.01, 0.002
 
-Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
+
+@dataclass(frozen=True)
+class MillingShape:
+    """The geometry of the mean wrench: what each coefficient is multiplied with."""
+
+    cutting: Array  #: By 1 N/mm^2 (tangential, radial, axial) at a feed a tooth of 1 mm. Shape (n, 3, 6). [N, N m]
+    edge: Array  #: By 1 N/mm. Shape (n, 3, 6). [N, N m]
+    curved: Array  #: What both grow by a mm of feed a tooth, as the path of a tooth is curved. Shape (n, 6, 6).
+
+    def wrench(self, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
+        """Return the mean wrench on the tool's tip at a feed a tooth [m], path axes. (n,) -> (n, 6) [N, N m]"""
+        size = np.array([*coefficients.cutting, *coefficients.edge])
+        return np.asarray(np.einsum("c,ncw->nw", size, self.columns(coefficients.exponent, feed_per_tooth)))
+
+    def columns(self, exponent: tuple[float, float, float], feed_per_tooth: Array) -> Array:
+        """Return what each coefficient, cutting then edge ones, is multiplied with at a feed. Shape (n, 6, 6)."""
+        feed = np.maximum(feed_per_tooth * 1e3, 0.0)[:, None]
+        ploughing = np.clip(feed_per_tooth / PLOUGHING_FEED, 0.0, 1.0)[:, None].repeat(3, axis=1)
+        by_size = np.concatenate([feed ** (1.0 - np.array(exponent)), ploughing], axis=1)
+        straight = np.concatenate([self.cutting, self.edge], axis=1)
+        return np.asarray(by_size[:, :, None] * (straight + feed[:, :, None] * self.curved))
 
 
-class CoefficientTable(StrictTable):
-    """[process.coefficients]: tangential, radial, axial; `exponent` is Kienzle's m of each (K is then at h = 1 mm)."""
+def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
+    """Work out what each coefficient of a cutter adds to the mean wrench; `exponent` is Kienzle's of each part."""
+    edge, angle = found.cutter.slices, found.angles
+    at_low, by_rise = (part.reshape(3, -1, 6) for part in edge_wrenches(edge, angle))
+    straight, curved = np.zeros((len(found), 6, 6)), np.zeros((len(found), 6, 6))
+    turn = teeth / len(angle)  # N / (2 pi) du
+    length = edge.length * 1e3
+    for first in range(0, len(found), ROWS):
+        rows = slice(first, first + ROWS)
+        share = found.depth[rows].astype(np.float64)
+        some = np.flatnonzero(share.any(axis=(1, 2)))
+        if not len(some):
+            continue
+        share, here = share[some], first + some
+        weight, bend = turn * share * length[:, None], 1e-3 * found.bend(angle, here)
+        out, step = found.engaged_speed(angle, here)
+        ploughs = weight * np.minimum(out / PLOUGHS, 1.0)
+        behind = _find_behind(weight, out, bend, step)
+        halves = 0.5 * share
+        chips = {m: weight * (out if m == 0.0 else out ** (1.0 - m)) for m in set(exponent)}
+        growth = 0.5 * bend / np.maximum(out, STEEP)
+        for c, m in enumerate(exponent):
+            more = (1.0 - m) * growth * chips[m]
+            for target, k, part in ((straight, c, chips[m]), (curved, c, more), (straight, 3 + c, ploughs),
+                                    (curved, 3 + c, behind)):  # fmt: skip
+                low, rise = part.reshape(len(some), -1), (halves * part).reshape(len(some), -1)
+                target[here, k] = low @ at_low[c] + rise @ by_rise[c]
+    return MillingShape(straight[:, :3], straight[:, 3:], curved)
 
-    cutting_N_mm2: Force3
-    edge_N_mm: Force3 = (0.0, 0.0, 0.0)
-    exponent: Force3 = (0.0, 0.0, 0.0)
-    uncertainty: float = Field(default=0.1, ge=0.0, le=1.0)
-    source: str = "the job"
 
-    @model_validator(mode="after")
-    def _check(self) -> CoefficientTable:
-        if not 10.0 <= self.cutting_N_mm2[0] <= 20_000.0 or max(map(abs, self.cutting_N_mm2)) > 20_000.0:
-            raise ValueError(
-                f"cutting_N_mm2 is {list(self.cutting_N_mm2)}, the tangential one is 10 to 20000 N/mm2 "
-                "and none is larger: check the unit"
-            )
-        if not all(0.0 <= value <= 500.0 for value in self.edge_N_mm):
-            raise ValueError(f"edge_N_mm is {list(self.edge_N_mm)}, 0 to 500 N/mm is allowed: check the unit")
-        if not all(0.0 <= value <= 0.9 for value in self.exponent):
-            raise ValueError(f"exponent is {list(self.exponent)}, 0 to 0.9 is allowed")
-        return self
+def _find_behind(weight: Array, out: Array, bend: Array, step: Array) -> Array:
+    """Return how much more of slices is in the cut behind where their edge moves outwards, a mm of feed. (n, k, m).
 
-    def coefficients(self) -> Coefficients:
-        """Return them as a material's."""
-        return Coefficients(
-            self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty, source=self.source
-        )
+    Integral of half the bend over the line where the speed is zero. The line is spread over the bins beside it: the
+    weights of bins that are slower than `step`, by which the speed changes across a bin, fall linearly to zero there.
+    """
+    wide = np.maximum(step, STEEP_BEHIND)
+    return np.asarray(weight * bend / wide * np.maximum(1.0 - out / wide, 0.0))
+
+
+def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
+    """Return the wrench at the tip of a unit force (tangential, radial, axial) on slices at angles.
+
+    At the lower end of each slice, and what is added when it acts at its upper end. Shapes (3, k, m, 6).
+    """
+    k, m = len(edge), len(angle)
+    out, up = edge.normal[:, 0], edge.normal[:, 1]
+    cos, sin = np.broadcast_to(np.cos(angle), (k, m)), np.broadcast_to(np.sin(angle), (k, m))
+    ones = np.ones((k, m))
+    along = np.stack([-sin, cos, 0.0 * ones], axis=-1)
+    normal = np.stack([out[:, None] * cos, out[:, None] * sin, up[:, None] * ones], axis=-1)
+    upward = np.stack([-up[:, None] * cos, -up[:, None] * sin, out[:, None] * ones], axis=-1)
+    force = np.stack([along, -normal, -upward])
+    arm = np.stack([edge.radius[:, None] * cos, edge.radius[:, None] * sin, edge.low[:, None] * ones], axis=-1)
+    rise = np.zeros((k, m, 3))
+    rise[:, :, 2] = edge.rise[:, None]
+    at_low = np.concatenate([force, np.cross(arm[None], force)], axis=-1)
+    by_rise = np.concatenate([np.zeros_like(force), np.cross(rise[None], force)], axis=-1)
+    return at_low, by_rise
 
 
 class CuttingTable(ForceTable):
     """Keys of every rotating cutter; the spindle turns clockwise, seen from the spindle."""
 
-    #: Whether the forces of the edges keep their size through a turn.
-    steady: ClassVar[bool] = False
     diameter_mm: float = Field(ge=0.05, le=500.0)
     teeth: int = Field(default=2, ge=1, le=60)
     spindle_rpm: float = Field(gt=0.0, le=2e5)
     flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     material: str | None = None
-    materials: str | None = None  # a file of the user's own, see `compplan.process.material_library`
+    materials: str | None = None  # a file of the user's own, see `compplan.process.materials`
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
     stock_top_mm: float | None = None
@@ -107,9 +171,9 @@ class CuttingTable(ForceTable):
         """Relative standard deviation of the level."""
         return self.resistance.uncertainty
 
-    def spindle(self) -> Spindle:
-        """Return how the cutter turns."""
-        return Spindle(self.teeth, self.spindle_rpm / 60.0)
+    def feed_per_tooth(self, feed: Array) -> Array:
+        """Return the feed a tooth [m] from the feed [m/s]."""
+        return np.asarray(feed / (self.spindle_rpm / 60.0 * self.teeth))
 
     def cutter(self) -> Cutter:
         """Return the cutter's shape."""
@@ -121,10 +185,6 @@ class CuttingTable(ForceTable):
 
     def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
         """Say what is odd about how this cutter is used; `cuts` are the waypoints that remove material."""
-        return []
-
-    def ask_another(self, feed_per_tooth: float) -> list[str]:
-        """Say what another relation gives at the greatest feed a tooth [mm], where there is one."""
         return []
 
 
@@ -156,7 +216,7 @@ class CuttingForce:
         where = nominal.arc_length
         columns = np.concatenate([self.shape.cutting, self.shape.edge, self.shape.curved], axis=1)
         shape = interpolate(where, self.arc, columns.reshape(len(self.arc), -1)).reshape(-1, 12, 6)
-        per_tooth = self.process.spindle().feed_per_tooth(nominal.feed)
+        per_tooth = self.process.feed_per_tooth(nominal.feed)
         wrench = MillingShape(shape[:, :3], shape[:, 3:6], shape[:, 6:]).wrench(self.process.resistance, per_tooth)
         return np.asarray(wrench * ~nominal.rapid[:, None])
 
@@ -166,26 +226,6 @@ class CuttingForce:
         mesh = triangulate_stock(take_away(bench.stock, [Cut(bench.cutter, bench.position, bench.axis, ~self.rapid)]))
         mesh.vertices = mesh.vertices @ bench.R_view.T
         return mesh
-
-    def ripple(self, feed: Array) -> Array:
-        """Return half of the range of the force through a turn at a feed [m/s], path axes. Shape (r,) -> (r, 3) [N]
-
-        The waypoints between those that are worked out take that of the nearest.
-        """
-        touches = np.flatnonzero(self.engagement.touches)
-        ripple = np.zeros((len(self.arc), 3))
-        if not len(touches) or self.process.steady:
-            return ripple
-        chosen = touches[np.unique(np.linspace(0, len(touches) - 1, min(RIPPLES, len(touches))).astype(int))]
-        spindle, parts = self.process.spindle(), []
-        per_tooth = spindle.feed_per_tooth(feed)
-        for rows in np.array_split(chosen, max(len(chosen) // 100, 1)):
-            turn = ripple_force(self.engagement, rows, self.process.resistance, spindle, per_tooth[rows])
-            parts.append(ripple_amplitude(turn))
-        near = np.clip(np.searchsorted(chosen, touches), 0, len(chosen) - 1)
-        found = np.vstack(parts)
-        ripple[touches] = np.where(found < SMOOTH, 0.0, found)[near]
-        return ripple
 
 
 def prepare_cutting(
@@ -248,7 +288,7 @@ def _describe_cut(process: CuttingTable, toolpath: Toolpath, found: Engagement, 
     scatter = f"+- {100 * resistance.uncertainty:.3g} % (assumed)"
     notes.append(f"Cutting coefficients ({name}): {resistance.source}; {scatter}.")
     touches = found.touches & ~toolpath.rapid
-    chip = 1e3 * process.spindle().feed_per_tooth(toolpath.feed[touches])
+    chip = 1e3 * process.feed_per_tooth(toolpath.feed[touches])
     if len(chip) and not (FEED_PER_TOOTH[0] <= chip.min() and chip.max() <= FEED_PER_TOOTH[1]):
         message = (f"feed a tooth is {chip.min():.3g} to {chip.max():.3g} mm, {FEED_PER_TOOTH[0]:g} to "
                    f"{FEED_PER_TOOTH[1]:g} mm is allowed; check feed, spindle_rpm and teeth")  # fmt: skip
@@ -258,7 +298,6 @@ def _describe_cut(process: CuttingTable, toolpath: Toolpath, found: Engagement, 
         notes.append(f"Feed a tooth of up to {chip.max():.3g} mm lies outside the range of the coefficients, "
                      f"{low:g} to {high:g} mm.")  # fmt: skip
     notes += process.describe(found, ~toolpath.rapid)
-    notes += process.ask_another(float(chip.max())) if len(chip) else []
     return notes
 
 

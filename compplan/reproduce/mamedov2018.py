@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from compplan.identification import ReducedModel, reduce_model
-from compplan.reporting.maps.maps import DeflectionMap, map_deflection
 from compplan.reporting.maps.pictures import deflection_panels, draw_deflection, draw_lines
 from compplan.reporting.maps.reach import make_plane, reach_plane, working_limits
+from compplan.reporting.maps.survey import DeflectionMap, map_deflection
 from compplan.reproduce.mamedov_circles import (
     MAXIMA_BEFORE,
     MEANS_AFTER,
@@ -22,15 +22,7 @@ from compplan.reproduce.mamedov_circles import (
     compensate_circles,
     fit_posture,
 )
-from compplan.reproduce.paper import (
-    PaperFigure,
-    Reproduction,
-    Row,
-    cannot,
-    compare,
-    describe_paper,
-    statement,
-)
+from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, describe_paper, statement
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.beam import hollow_beam_compliance
 from compplan.statics.chain import build_chain
@@ -259,11 +251,7 @@ def _rows_of_circles(fit: CircleErrors) -> list[Row]:
 
 
 def _figures(
-    full: Robot,
-    planes: dict[str, DeflectionMap],
-    own: ReducedModel,
-    walls: list[WallStep],
-    fit: CircleErrors,
+    full: Robot, planes: dict[str, DeflectionMap], own: ReducedModel, walls: list[WallStep], fit: CircleErrors
 ) -> list[PaperFigure]:
     figures = [
         PaperFigure(

@@ -1,12 +1,12 @@
 """Toolpaths that are computed: circle, planar spiral and the frustum cone of incremental sheet forming (ISF).
 
-All of them stand in the part frame: the circle and the spiral around `centre`, the cone hangs below its upper rim.
+All of them stand in the part frame: the circle and the spiral around `centre_mm`, the cone hangs below its upper rim.
+Each is a table of a job; a new one is a table with `generate` and one line of `GENERATORS`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -22,294 +22,16 @@ UP = (0.0, 0.0, 1.0)
 #: Feeds that are taken for true. [m/s]
 SLOWEST, FASTEST = 1e-9, 1e3
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-
-
-@dataclass(frozen=True)
-class ParametricCurve:
-    """Describe a curve that waypoints are put on.
-
-    Args:
-        point: Position at parameter u, 0 <= u <= end. (n,) -> (n, 3) [m]
-        end: Greatest parameter.
-        grid: Parameters, 0 and end among them, close enough that chords between them tell the length. Shape (m,).
-        corners: Parameters between 0 and end, in order, where the curve bends and a waypoint is put. Shape (k,).
-
-    """
-
-    point: Callable[[Array], Array]
-    end: float
-    grid: Array
-    corners: Array = field(default_factory=lambda: np.zeros(0))
-
-    def lengths(self) -> Array:
-        """Return the length of the curve up to each parameter of the grid. Shape (m,) [m]."""
-        steps = np.linalg.norm(np.diff(self.point(self.grid), axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-@dataclass(frozen=True)
-class Pace:
-    """Say how fast a curve is followed and how densely: one of the first two, one of the last three.
-
-    Args:
-        feed: Feed. [m/s]
-        duration: Time from the first to the last waypoint. [s]
-        step: Distance along the curve between waypoints; rounded so that the last waypoint is the end. [m]
-        waypoints: Number of waypoints.
-        rate: Waypoints a second. [Hz]
-
-    Raises:
-        InputError: If not exactly one of each group is given, or one is not positive.
-
-    """
-
-    feed: float | None = None
-    duration: float | None = None
-    step: float | None = None
-    waypoints: int | None = None
-    rate: float | None = None
-
-    def __post_init__(self) -> None:
-        speed = [value for value in (self.feed, self.duration) if value is not None]
-        density = [value for value in (self.step, self.waypoints, self.rate) if value is not None]
-        if len(speed) != 1:
-            raise InputError(f"{len(speed)} of feed and duration are given, expected exactly one")
-        if len(density) != 1:
-            raise InputError(f"{len(density)} of step, waypoints and rate are given, expected exactly one")
-        if min(*speed, *density) <= 0.0:
-            raise InputError("feed, duration, step, waypoints and rate must be greater than 0")
-        if self.feed is not None and not SLOWEST <= self.feed <= FASTEST:
-            message = f"feed is {self.feed * 1e3:g} mm/s, expected {SLOWEST * 1e3:g} to {FASTEST * 1e3:g} mm/s"
-            raise InputError(message)
-
-    def resolve(self, length: float) -> tuple[float, int]:
-        """Return the feed [m/s] and the number of waypoints for a curve of this length [m].
-
-        Raises:
-            InputError: If that makes more waypoints than can be planned.
-        """
-        feed = self.feed if self.feed is not None else length / (self.duration or 1.0)
-        if self.waypoints is not None:
-            count = float(self.waypoints)
-        elif self.rate is not None:
-            count = length / feed * self.rate
-        else:
-            count = 1.0 + length / (self.step or length)
-        if not count <= MOST_WAYPOINTS:
-            raise InputError(f"this makes {count:.3g} waypoints, at most {MOST_WAYPOINTS} can be planned")
-        return feed, max(2, round(count))
-
-
-def walk_curve(
-    curve: ParametricCurve, pace: Pace, *, axis: tuple[float, float, float] = UP, approach: float = 0.0
-) -> Toolpath:
-    """Put waypoints on a curve at equal distances along it, between its corners where it has any.
-
-    Args:
-        curve: The curve, part frame.
-        pace: Feed and density.
-        axis: Tool axis, tip to spindle, part axes; normalised here.
-        approach: Height above the ends, along the tool axis, that rapid moves come from and go to; 0: none. [m]
-
-    Returns:
-        The toolpath in the part frame.
-
-    """
-    lengths = curve.lengths()
-    feed, count = pace.resolve(float(lengths[-1]))
-    corners = np.interp(curve.corners, curve.grid, lengths)
-    position = curve.point(np.interp(_place_stations(np.r_[0.0, corners, lengths[-1]], count), lengths, curve.grid))
-    count = len(position)
-    direction = np.asarray(axis) / np.linalg.norm(axis)
-    rapid = np.zeros(count, dtype=bool)
-    if approach > 0.0:
-        lift = direction * approach
-        position = np.vstack([position[0] + lift, position, position[-1] + lift])
-        rapid = np.concatenate([[True, True], rapid[1:], [True]])
-    return Toolpath(
-        position, np.tile(direction, (len(position), 1)), np.where(rapid, 0.0, feed), rapid, None, "part", "generator"
-    )
-
-
-def _place_stations(bounds: Array, count: int) -> Array:
-    """Return lengths along a curve: its bounds, and between them about equal distances, `count` in all if enough.
-
-    Args:
-        bounds: Start, corners and end, as lengths along the curve, in order. Shape (k,). [m]
-        count: Number of stations.
-
-    """
-    spans = np.diff(bounds)
-    ideal = spans / spans.sum() * max(count - 1, len(spans))
-    pieces = np.maximum(np.floor(ideal), 1.0).astype(int)
-    missing = count - 1 - int(pieces.sum())
-    if missing > 0:
-        pieces[np.argsort(pieces - ideal)[:missing]] += 1
-    elif missing < 0:
-        pieces[np.argsort(-pieces)[:-missing]] -= 1
-        pieces = np.maximum(pieces, 1)
-    parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(bounds, bounds[1:], pieces.tolist(), strict=False)]
-    return np.concatenate([*parts, bounds[-1:]])
-
-
-def _angles(turns: float) -> Array:
-    return np.linspace(0.0, 2.0 * np.pi * turns, max(200, int(np.ceil(2000 * turns))) + 1)
-
-
-def generate_circle(
-    radius: float,
-    pace: Pace,
-    *,
-    turns: float = 1.0,
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    plane: Literal["xy", "xz", "yz"] = "xy",
-    start: float = 0.0,
-    axis: tuple[float, float, float] = UP,
-    approach: float = 0.0,
-) -> Toolpath:
-    """Generate a circle.
-
-    Args:
-        radius: Radius. [m]
-        pace: Feed and density.
-        turns: Number of turns; negative: the other way round.
-        centre: Centre, part frame. [m]
-        plane: Plane of the circle, part axes; it turns from the first towards the second letter.
-        start: Angle of the first waypoint from the first axis of the plane. [rad]
-        axis: Tool axis, part axes.
-        approach: Height of approach and retract, see `walk_curve`. [m]
-
-    """
-    first, second = PLANES[plane]
-    sense = np.sign(turns)
-
-    def point(u: Array) -> Array:
-        position = np.tile(np.asarray(centre, dtype=np.float64), (len(u), 1))
-        position[:, first] += radius * np.cos(start + sense * u)
-        position[:, second] += radius * np.sin(start + sense * u)
-        return position
-
-    grid = _angles(abs(turns))
-    return walk_curve(ParametricCurve(point, grid[-1], grid), pace, axis=axis, approach=approach)
-
-
-def generate_spiral(
-    outer_radius: float,
-    pace: Pace,
-    *,
-    inner_radius: float = 0.0,
-    turns: float | None = None,
-    length: float | None = None,
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    axis: tuple[float, float, float] = UP,
-    approach: float = 0.0,
-) -> Toolpath:
-    """Generate an Archimedean spiral in the xy plane, from inside to outside, counter-clockwise seen from +z.
-
-    r(u) = inner + (outer - inner) u / (2 pi turns); where `length` is given the turns follow from it.
-
-    Args:
-        outer_radius: Radius at the end. [m]
-        pace: Feed and density.
-        inner_radius: Radius at the start. [m]
-        turns: Number of turns.
-        length: Length of the spiral. [m]
-        centre: Centre, part frame. [m]
-        axis: Tool axis, part axes.
-        approach: Height of approach and retract, see `walk_curve`. [m]
-
-    Raises:
-        InputError: If not exactly one of turns and length is given, or no spiral has this length.
-
-    """
-    if (turns is None) == (length is None):
-        raise InputError("both or none of turns and length are given, expected exactly one")
-    span = outer_radius - inner_radius
-
-    def curve(count: float) -> ParametricCurve:
-        def point(u: Array) -> Array:
-            r = inner_radius + span * u / (2.0 * np.pi * count)
-            return np.column_stack([r * np.cos(u), r * np.sin(u), np.zeros(len(u))]) + np.asarray(centre)
-
-        grid = _angles(count)
-        return ParametricCurve(point, grid[-1], grid)
-
-    if turns is None:
-        wanted = float(length or 0.0)
-        if wanted <= abs(span) * 1.01:
-            raise InputError(f"spiral length {wanted * 1e3:g} mm, must exceed the difference of its radii")
-        # The spiral is longer than the circles it passes, pi (outer + inner) a turn: this bounds the turns.
-        most = wanted / (np.pi * (outer_radius + inner_radius)) + 1.0
-        turns = float(brentq(lambda count: curve(count).lengths()[-1] - wanted, 1e-3, most, xtol=1e-12))
-    return walk_curve(curve(turns), pace, axis=axis, approach=approach)
-
-
-def generate_cone(
-    diameter: float,
-    depth: float,
-    wall_angle: float,
-    pitch: float,
-    pace: Pace,
-    *,
-    levels: bool = False,
-    axis: tuple[float, float, float] = UP,
-    approach: float = 0.0,
-) -> Toolpath:
-    """Generate the frustum cone of ISF: from the upper rim down and inwards, counter-clockwise seen from +z.
-
-    The rim lies in z = 0 around the origin. The waypoints are the tool tip; there is no allowance for the tool radius.
-
-    Args:
-        diameter: Diameter of the upper rim. [m]
-        depth: Depth. [m]
-        wall_angle: Angle of the wall against the horizontal. [rad]
-        pitch: Depth of one turn. [m]
-        pace: Feed and density.
-        levels: Circles at constant depth joined by straight steps down the wall (z-level), else one helix.
-        axis: Tool axis, part axes.
-        approach: Height of approach and retract, see `walk_curve`. [m]
-
-    Raises:
-        InputError: If the cone closes above its depth.
-
-    """
-    radius = 0.5 * diameter
-    lowest = radius - depth / np.tan(wall_angle)
-    if lowest <= 0.0:
-        closes = radius * np.tan(wall_angle) * 1e3
-        raise InputError(f"cone depth is {depth * 1e3:g} mm, must stay below {closes:g} mm where the cone closes")
-
-    def ring(angle: Array, down: Array) -> Array:
-        r = radius - down / np.tan(wall_angle)
-        return np.column_stack([r * np.cos(angle), r * np.sin(angle), -down])
-
-    if not levels:
-        turns = depth / pitch
-        grid = _angles(turns)
-        helix = ParametricCurve(lambda u: ring(u, u / grid[-1] * depth), grid[-1], grid)
-        return walk_curve(helix, pace, axis=axis, approach=approach)
-    count = max(1, round(depth / pitch))
-    # u runs from 0 to 2 on every level: the first half steps down the wall at angle 0, the second goes round
-
-    def level_point(u: Array) -> Array:
-        level = np.minimum(np.floor(u / 2.0), count - 1)
-        part = u - 2.0 * level
-        down = (level + np.minimum(part, 1.0)) * depth / count
-        return ring(2.0 * np.pi * np.maximum(part - 1.0, 0.0), down)
-
-    one = np.concatenate([[0.0], np.linspace(1.0, 2.0, 2001)[:-1]])
-    grid = np.concatenate([2.0 * level + one for level in range(count)] + [np.array([2.0 * count])])
-    corners = np.arange(1.0, 2.0 * count)
-    return walk_curve(ParametricCurve(level_point, 2.0 * count, grid, corners), pace, axis=axis, approach=approach)
-
-
-def _metres(vector_mm: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = vector_mm
-    return x * 1e-3, y * 1e-3, z * 1e-3
+#: Position at parameter u of a curve. (n,) -> (n, 3) [m]
+Curve = Callable[[Array], Array]
+NO_CORNERS: Array = np.zeros(0)
 
 
 class GeneratorTable(StrictTable):
-    """Keys that every generator has in a job."""
+    """Keys that every generator has: feed or duration, density of waypoints, tool axis in part axes.
+
+    approach_mm is the height above the ends, along the tool axis, that rapid moves come from and go to; 0: none.
+    """
 
     feed_mm_s: float | None = Field(default=None, gt=0.0)
     duration_s: float | None = Field(default=None, gt=0.0)
@@ -329,21 +51,80 @@ class GeneratorTable(StrictTable):
             raise ValueError("axis has length 0, expected a direction")
         return self
 
-    def pace(self) -> Pace:
-        """Return feed and density in SI."""
-        feed = None if self.feed_mm_s is None else self.feed_mm_s * 1e-3
-        step = None if self.step_mm is None else self.step_mm * 1e-3
-        return Pace(feed, self.duration_s, step, self.waypoints, self.rate_hz)
-
     def generate(self) -> Toolpath:
         """Generate the toolpath; an InputError where the parameters contradict each other."""
         raise NotImplementedError
 
+    def _resolve_pace(self, length: float) -> tuple[float, int]:
+        """Return the feed [m/s] and the number of waypoints for a curve of this length [m]."""
+        feed = length / (self.duration_s or 1.0) if self.feed_mm_s is None else self.feed_mm_s * 1e-3
+        if self.feed_mm_s is not None and not SLOWEST <= feed <= FASTEST:
+            message = f"feed is {feed * 1e3:g} mm/s, expected {SLOWEST * 1e3:g} to {FASTEST * 1e3:g} mm/s"
+            raise InputError(message)
+        if self.waypoints is not None:
+            count = float(self.waypoints)
+        elif self.rate_hz is not None:
+            count = length / feed * self.rate_hz
+        else:
+            count = 1.0 + length / (length if self.step_mm is None else self.step_mm * 1e-3)
+        if not count <= MOST_WAYPOINTS:
+            raise InputError(f"this makes {count:.3g} waypoints, at most {MOST_WAYPOINTS} can be planned")
+        return feed, max(2, round(count))
+
+    def _walk(self, curve: Curve, grid: Array, corners: Array = NO_CORNERS) -> Toolpath:
+        """Put waypoints on a curve at equal distances along it, between its corners where it has any.
+
+        Args:
+            curve: The curve, part frame.
+            grid: Parameters from start to end, close enough that chords between them tell the length. Shape (m,).
+            corners: Parameters in between where the curve bends and a waypoint is put. Shape (k,).
+
+        """
+        lengths = _measure(curve, grid)
+        feed, count = self._resolve_pace(float(lengths[-1]))
+        bounds = np.r_[0.0, np.interp(corners, grid, lengths), lengths[-1]]
+        position = curve(np.interp(_place_stations(bounds, count), lengths, grid))
+        direction = np.asarray(self.axis) / np.linalg.norm(self.axis)
+        rapid = np.zeros(len(position), dtype=bool)
+        if self.approach_mm > 0.0:
+            lift = direction * (self.approach_mm * 1e-3)
+            position = np.vstack([position[0] + lift, position, position[-1] + lift])
+            rapid = np.concatenate([[True, True], rapid[1:], [True]])
+        axes = np.tile(direction, (len(position), 1))
+        return Toolpath(position, axes, np.where(rapid, 0.0, feed), rapid, source="generator")
+
+
+def _measure(curve: Curve, grid: Array) -> Array:
+    """Return the length of a curve up to each parameter of a grid. Shape (m,) [m]."""
+    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve(grid), axis=0), axis=1))]
+
+
+def _place_stations(bounds: Array, count: int) -> Array:
+    """Return lengths along a curve [m]: its bounds, and between them about equal distances, `count` in all if enough.
+
+    `bounds` are start, corners and end, in order.
+    """
+    spans = np.diff(bounds)
+    ideal = spans / spans.sum() * max(count - 1, len(spans))
+    pieces = np.maximum(np.floor(ideal), 1.0).astype(int)
+    missing = count - 1 - int(pieces.sum())
+    if missing > 0:
+        pieces[np.argsort(pieces - ideal)[:missing]] += 1
+    elif missing < 0:
+        pieces[np.argsort(-pieces)[:-missing]] -= 1
+        pieces = np.maximum(pieces, 1)
+    parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(bounds, bounds[1:], pieces.tolist(), strict=False)]
+    return np.concatenate([*parts, bounds[-1:]])
+
+
+def _angles(turns: float) -> Array:
+    return np.linspace(0.0, 2.0 * np.pi * turns, max(200, int(np.ceil(2000 * turns))) + 1)
+
 
 class CircleTable(GeneratorTable):
-    """A circle, see `generate_circle`."""
+    """A circle in a plane of part axes; it turns from the first towards the second letter, for turns < 0 back."""
 
-    generator: Literal["circle"]
+    generator: Literal["circle"] = "circle"
     radius_mm: float = Field(gt=0.0)
     turns: float = 1.0
     centre_mm: Vector3 = (0.0, 0.0, 0.0)
@@ -352,16 +133,25 @@ class CircleTable(GeneratorTable):
 
     def generate(self) -> Toolpath:
         """Generate the circle."""
-        return generate_circle(
-            self.radius_mm * 1e-3, self.pace(), turns=self.turns, centre=_metres(self.centre_mm), plane=self.plane,
-            start=float(np.radians(self.start_deg)), axis=self.axis, approach=self.approach_mm * 1e-3,
-        )  # fmt: skip
+        first, second = PLANES[self.plane]
+        radius, sense, start = self.radius_mm * 1e-3, np.sign(self.turns), float(np.radians(self.start_deg))
+
+        def circle(u: Array) -> Array:
+            position = np.tile(np.array(self.centre_mm) * 1e-3, (len(u), 1))
+            position[:, first] += radius * np.cos(start + sense * u)
+            position[:, second] += radius * np.sin(start + sense * u)
+            return position
+
+        return self._walk(circle, _angles(abs(self.turns)))
 
 
 class SpiralTable(GeneratorTable):
-    """A planar spiral, see `generate_spiral`."""
+    """An Archimedean spiral in the xy plane, from inside to outside, counter-clockwise seen from +z.
 
-    generator: Literal["spiral"]
+    r(u) = inner + (outer - inner) u / (2 pi turns); where length_mm is given the turns follow from it.
+    """
+
+    generator: Literal["spiral"] = "spiral"
     outer_radius_mm: float = Field(gt=0.0)
     inner_radius_mm: float = Field(default=0.0, ge=0.0)
     turns: float | None = Field(default=None, gt=0.0)
@@ -370,17 +160,38 @@ class SpiralTable(GeneratorTable):
 
     def generate(self) -> Toolpath:
         """Generate the spiral."""
-        return generate_spiral(
-            self.outer_radius_mm * 1e-3, self.pace(), inner_radius=self.inner_radius_mm * 1e-3, turns=self.turns,
-            length=None if self.length_mm is None else self.length_mm * 1e-3, centre=_metres(self.centre_mm),
-            axis=self.axis, approach=self.approach_mm * 1e-3,
-        )  # fmt: skip
+        if (self.turns is None) == (self.length_mm is None):
+            raise InputError("both or none of turns and length are given, expected exactly one")
+        inner, outer = self.inner_radius_mm * 1e-3, self.outer_radius_mm * 1e-3
+
+        def spiral(turns: float) -> Curve:
+            def point(u: Array) -> Array:
+                r = inner + (outer - inner) * u / (2.0 * np.pi * turns)
+                flat = np.column_stack([r * np.cos(u), r * np.sin(u), np.zeros(len(u))])
+                return flat + np.array(self.centre_mm) * 1e-3
+
+            return point
+
+        turns = self.turns
+        if turns is None:
+            length = (self.length_mm or 0.0) * 1e-3
+            if length <= abs(outer - inner) * 1.01:
+                raise InputError(f"spiral length {length * 1e3:g} mm, must exceed the difference of its radii")
+            # The spiral is longer than the circles it passes, pi (outer + inner) a turn: this bounds the turns.
+            most = length / (np.pi * (outer + inner)) + 1.0
+            turns = float(brentq(lambda n: _measure(spiral(n), _angles(n))[-1] - length, 1e-3, most, xtol=1e-12))
+        return self._walk(spiral(turns), _angles(turns))
 
 
 class ConeTable(GeneratorTable):
-    """A frustum cone, see `generate_cone`."""
+    """The frustum cone of ISF: from the upper rim down and inwards, counter-clockwise seen from +z.
 
-    generator: Literal["isf_cone"]
+    The rim lies in z = 0 around the origin, the wall at wall_angle_deg against the horizontal; pitch_mm is the depth of
+    one turn, of a helix or of circles joined by straight steps down the wall (z_level). The waypoints are the tool tip;
+    there is no allowance for the tool radius.
+    """
+
+    generator: Literal["isf_cone"] = "isf_cone"
     diameter_mm: float = Field(gt=0.0)
     depth_mm: float = Field(gt=0.0)
     wall_angle_deg: float = Field(gt=0.0, lt=90.0)
@@ -389,10 +200,35 @@ class ConeTable(GeneratorTable):
 
     def generate(self) -> Toolpath:
         """Generate the cone."""
-        return generate_cone(
-            self.diameter_mm * 1e-3, self.depth_mm * 1e-3, float(np.radians(self.wall_angle_deg)), self.pitch_mm * 1e-3,
-            self.pace(), levels=self.path == "z_level", axis=self.axis, approach=self.approach_mm * 1e-3,
-        )  # fmt: skip
+        radius, depth, slope = (
+            0.5 * (self.diameter_mm * 1e-3),
+            self.depth_mm * 1e-3,
+            np.tan(np.radians(self.wall_angle_deg)),
+        )
+        if radius - depth / slope <= 0.0:
+            closes = radius * slope * 1e3
+            raise InputError(f"cone depth is {depth * 1e3:g} mm, must stay below {closes:g} mm where the cone closes")
+
+        def ring(angle: Array, down: Array) -> Array:
+            r = radius - down / slope
+            return np.column_stack([r * np.cos(angle), r * np.sin(angle), -down])
+
+        turns = depth / (self.pitch_mm * 1e-3)
+        if self.path == "helical":
+            grid = _angles(turns)
+            return self._walk(lambda u: ring(u, u / grid[-1] * depth), grid)
+        count = max(1, round(turns))
+
+        def level_point(u: Array) -> Array:
+            """Go from 0 to 2 on every level: first down the wall at angle 0, from 1 on round."""
+            level = np.minimum(np.floor(u / 2.0), count - 1)
+            part = u - 2.0 * level
+            down = (level + np.minimum(part, 1.0)) * depth / count
+            return ring(2.0 * np.pi * np.maximum(part - 1.0, 0.0), down)
+
+        one = np.concatenate([[0.0], np.linspace(1.0, 2.0, 2001)[:-1]])
+        grid = np.concatenate([2.0 * level + one for level in range(count)] + [np.array([2.0 * count])])
+        return self._walk(level_point, grid, np.arange(1.0, 2.0 * count))
 
 
 GENERATORS: dict[str, type[GeneratorTable]] = {"circle": CircleTable, "spiral": SpiralTable, "isf_cone": ConeTable}

@@ -14,18 +14,23 @@ from compplan.diagnosis.validation.mixture import WIDE
 from compplan.effects import joint_offset, link_geometry
 from compplan.errors import InputError
 from compplan.job.job import load_job
-from compplan.learning import contacts
+from compplan.learning import candidates as contacts
 from compplan.learning.campaign import Equipment, add_places, design_campaign, take_frames
-from compplan.learning.candidates import find_postures, list_candidates
-from compplan.learning.contacts import bring_tips, find_touching, list_fixtures, sight_candidates
+from compplan.learning.candidates import (
+    bring_tips,
+    find_postures,
+    find_touching,
+    list_candidates,
+    list_fixtures,
+)
 from compplan.learning.design import (
     Design,
     choose_measurements,
     find_idle,
     first_visits,
     grade_choice,
+    order_poses,
 )
-from compplan.learning.order import order_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import CONTACT
@@ -225,7 +230,8 @@ def test_poses_for_an_instrument_without_positions_meet_its_places_and_narrow_th
         else:
             away = np.ptp(tip[own], axis=0)
             assert (away < 1e-8).all(), away
-    candidates = sight_candidates(list_candidates(robot, found, [0.0, 100.0], 300.0, design.known.unknowns), sights)
+    candidates = list_candidates(robot, found, [0.0, 100.0], 300.0, design.known.unknowns)
+    candidates = replace(candidates, sights=sights.repeat(len(candidates) // len(found)))
     design, start = add_places(design, design.start, sights, tip, 12)
     choice = choose_measurements(design, candidates, 30, start)
     assert choice.rms[-1] < 0.9 * choice.rms[0] and (np.diff(choice.rms) <= 1e-12).all()

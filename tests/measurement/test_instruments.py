@@ -19,7 +19,7 @@ from compplan.diagnosis.data.channels import estimate_noises
 from compplan.effects import Effect, apply_effects, build_model, command_campaign, solve_model_poses
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import READING, KnownDistances, Observations
 from compplan.measurement.reading import read_campaign

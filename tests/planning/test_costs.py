@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.errors import InputError, UnknownNameError
+from compplan.errors import UnknownNameError
 from compplan.planning.posture.costs import (
     ModelScatter,
     choose_weights,
@@ -59,14 +59,6 @@ def test_the_expected_value_agrees_with_a_sample_of_perturbed_robots() -> None:
     expected = measure_nodes(CHAIN, q, WRENCH[None], limits=LIMITS).sensitivity[0]
     spread = np.std(squares) / np.sqrt(n)
     assert abs(np.mean(squares) - expected**2) < 4 * spread
-
-
-def test_the_95_percent_value_lies_between_once_and_twice_the_expected_one() -> None:
-    q = postures()
-    wrench = np.tile(WRENCH, (len(q), 1))
-    expected = measure_nodes(CHAIN, q, wrench, limits=LIMITS).sensitivity
-    high = measure_nodes(CHAIN, q, wrench, limits=LIMITS, measure="p95").sensitivity
-    assert (high > 1.4 * expected).all() and (high < 2.1 * expected).all()
 
 
 def test_sensitivity_grows_in_proportion_to_the_wrench_and_to_the_errors() -> None:
@@ -127,17 +119,9 @@ def test_limits_cost_nothing_beyond_the_margin_and_one_at_a_limit() -> None:
     assert measure_limits(q, lower, upper, 0.1) == pytest.approx([0.0, 1.0, 0.5])
 
 
-def test_presets_scale_with_the_least_sensitivity_and_own_weights_replace_them() -> None:
+def test_presets_scale_with_the_least_sensitivity_and_unknown_ones_are_named() -> None:
     light, heavy = choose_weights("accurate", 1e-4), choose_weights("accurate", 1e-2)
     assert heavy.motion == pytest.approx(100 * light.motion)
     assert heavy.sensitivity == light.sensitivity == 1.0
-    assert choose_weights("smooth", 1e-4, {"motion": 0.25}).motion == 0.25
-
-
-def test_unknown_presets_and_weights_are_named() -> None:
     with pytest.raises(UnknownNameError, match="no preset named 'best', choose from"):
         choose_weights("best", 1.0)
-    with pytest.raises(UnknownNameError, match="no weight named 'speed'"):
-        choose_weights("fast", 1.0, {"speed": 1.0})
-    with pytest.raises(InputError, match="must not be negative"):
-        choose_weights("fast", 1.0, {"time": -1.0})

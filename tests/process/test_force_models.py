@@ -16,7 +16,6 @@ from compplan.process.force_models import FORCE_MODELS
 from compplan.process.force_models.friction_stir import FrictionStirProcess
 from compplan.process.force_models.grinding import GrindingProcess
 from compplan.process.force_models.isf_regression import (
-    UNCERTAINTY,
     IsfRegressionProcess,
     find_step_down,
     find_wall_angle,
@@ -24,7 +23,7 @@ from compplan.process.force_models.isf_regression import (
     scallop_height,
     steady_axial_force,
 )
-from compplan.toolpath.generators import Pace, generate_cone
+from compplan.toolpath.generators import ConeTable
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 from tests.oracles.forces import DrivenRows, read_forces
 
@@ -207,19 +206,21 @@ def test_both_readings_of_the_regression_are_said_and_lie_inside_its_spread() ->
     assert found is not None
     read, other = (float(number) for number in found.groups())
     assert nominal.wrench[:, 2].max() == pytest.approx(read, rel=0.03)
-    assert read < other < read * (1 + 1.96 * UNCERTAINTY)
+    assert read < other < read * (1 + 1.96 * IsfRegressionProcess.uncertainty)
 
 
 @pytest.mark.parametrize("angle", [30.0, 45.0, 60.0])
 @pytest.mark.parametrize("levels", [False, True])
 def test_wall_angle_and_step_down_are_found_from_the_path(angle, levels) -> None:
-    cone = generate_cone(0.08, 0.012, np.radians(angle), 1e-3, Pace(feed=0.02, step=5e-4), levels=levels)
+    keys = {"diameter_mm": 80, "depth_mm": 12, "wall_angle_deg": angle, "pitch_mm": 1, "feed_mm_s": 20, "step_mm": 0.5}
+    cone = ConeTable(path="z_level" if levels else "helical", **keys).generate()
     assert find_step_down(cone) == pytest.approx(1e-3, rel=0.05)
     assert np.degrees(np.median(find_wall_angle(cone, 1e-3))) == pytest.approx(angle, abs=1.0)
 
 
 def test_forming_builds_up_and_then_stays() -> None:
-    cone = generate_cone(0.08, 0.02, np.radians(45), 1e-3, Pace(feed=0.02, step=5e-4))
+    keys = {"diameter_mm": 80, "depth_mm": 20, "wall_angle_deg": 45, "pitch_mm": 1, "feed_mm_s": 20, "step_mm": 0.5}
+    cone = ConeTable(**keys).generate()
     process = IsfRegressionProcess(model="isf_regression", thickness_mm=1.0, tool_diameter_mm=10.0, tensile_N_mm2=300.0)
     axial = process.wrench_along(cone)[:, 2]
     deep = np.arange(len(cone)) > 0.6 * len(cone)

@@ -19,8 +19,7 @@ from compplan.robot.folder import read_robot_folder, write_robot_folder
 from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown
 from compplan.robot.validity import FILE, ValidityPart, ValidityRegion
 from compplan.uncertainty.assumed import assume_uncertainty
-from compplan.uncertainty.perturbation import build_varied_model
-from compplan.uncertainty.sensitivities import measure_slopes, pick_rows
+from compplan.uncertainty.sensitivities import build_varied_model, measure_slopes, pick_rows
 from compplan.uncertainty.shrinkage import keep_share, shrink_alike, shrink_robot
 
 OFFSET = ValidityPart("joint_offset", "joint_2", None, ("offset_rad",), np.array([2e-3]))

@@ -14,7 +14,7 @@ from compplan.controllers.writers.joint_convention import load_controller
 from compplan.diagnosis.data.shared import ROUNDING, SAMPLE, STEPS
 from compplan.effects import Effect, apply_effects, build_model, solve_model_poses
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import stated_registration
 from compplan.robot import Array, Robot, load_robot
 

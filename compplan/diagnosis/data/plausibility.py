@@ -21,7 +21,7 @@ from compplan.diagnosis.data.noise import ASSUMED_SIGMA
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SAMPLE, rank_number
 from compplan.effects import apply_effects, build_model, robot_effects, solve_model_poses
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.measurement.registration import campaign_gap, fitted_parts
 from compplan.robot import Array, Robot, Spring

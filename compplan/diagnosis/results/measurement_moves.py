@@ -18,7 +18,7 @@ from compplan.effects.forward_model import Attained
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.poses.pool import take_clear
+from compplan.measurement.pose_selection import take_clear
 from compplan.robot import Array, Robot
 
 #: Step of the finite differences of an exact model, in units of a parameter's scale (theory: its error, and that of a

@@ -45,7 +45,7 @@ from compplan.diagnosis.search.state import (
 from compplan.effects.forward_model import own_springs
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import Registration
 from compplan.robot import Array
 

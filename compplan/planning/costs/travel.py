@@ -9,22 +9,16 @@ import casadi as ca
 from compplan.planning.problem import Cost, Station
 from compplan.robot import Array
 
-#: Steps below this are none. [unit]
-SMALL = 1e-3
+#: Steps below this are none. Smaller ones bend the root so much that Newton steps go to and fro. [unit]
+SMALL = 1e-2
 
 
 @dataclass(frozen=True)
 class JointTravel(Cost):
-    """w sum |q_i+1 - q_i| / unit, rounded at nothing; a way back pays twice.
+    """w sum |q_i+1 - q_i| / unit, rounded at nothing; a way back pays twice."""
 
-    Attributes:
-        weight: w against the other costs.
-        unit: Motion that each joint is counted in. Shape (nq,). [rad or m]
-
-    """
-
-    weight: float
-    unit: Array
+    weight: float  #: w against the other costs.
+    unit: Array  #: Motion that each joint is counted in. Shape (nq,). [rad or m]
     name = "travel"
 
     def __str__(self) -> str:

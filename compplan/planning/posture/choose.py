@@ -10,10 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.configuration import MARGIN_SAMPLES, solve_default_posture
 from compplan.planning.posture.costs import Weights, choose_weights
+from compplan.planning.posture.follow import REACHED, reach_tip_and_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -22,15 +24,17 @@ from compplan.planning.posture.lattice import (
     Options,
     build_options,
     fill_lattice,
+    orient_tool,
     pick_stations,
 )
-from compplan.planning.posture.motion import price_motion
+from compplan.planning.posture.motion import find_torn, least_strokes, price_motion, steady_slide
 from compplan.planning.posture.search import Line, Rungs, measure_rungs, search_line
-from compplan.planning.posture.settings import PostureProblem, PostureSettings
-from compplan.planning.posture.summary import PostureMap, PostureSummary, mark_collisions, slice_map, summarise_costs
-from compplan.planning.posture.trace import PostureTrace, trace_line
-from compplan.statics.ik import CONFIGURATIONS
-from compplan.toolpath.toolpath import Toolpath, pick_even
+from compplan.planning.posture.settings import PostureProblem
+from compplan.planning.posture.summary import PostureSummary, PostureTrace, mark_collisions, slice_map, summarise_costs
+from compplan.robot import Array
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import CONFIGURATIONS, pose_error, refine_ik, solve_branches
+from compplan.toolpath.toolpath import pick_even
 
 #: Errors of a finished posture that add up.
 ERRORS = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm")
@@ -43,6 +47,10 @@ COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
 STILL = 1e-9
 #: Stations times options that the graph has at most, as long as 50 stations are left.
 NODE_BUDGET = 17_500
+#: A waypoint of the same configuration lies this near to the straight line between its stations. [rad]
+NEAR = 0.3
+#: Width of the filter that takes out the steps of the grid. [stations]
+SMOOTH = 1.5
 #: Steps of the fine grid on either side of the coarse line.
 FINE_SPINS, FINE_HELD, FINE_TILTS = 5, 2, 1
 
@@ -65,7 +73,8 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
         posture_choice, bad = _choose_at(problem, stations)
         if not len(bad):
             return posture_choice
-        more = np.setdiff1d(_surround(bad, len(nominal)), stations)
+        around = np.unique(bad[:, None] + np.arange(-3, 3))
+        more = np.setdiff1d(around[(around >= 0) & (around < len(nominal))], stations)
         if not len(more):
             break
         stations = np.union1d(stations, pick_even(more, settings.stations))
@@ -83,65 +92,47 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
     settings, robot = problem.settings, problem.robot
     rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step, reconfigure=settings.reconfigure)
     coarse = fill_lattice(problem, stations, build_options(problem, stations))
-    own = {**({"travel": 1.0} if settings.motion.stated and settings.preset == "accurate" else {}), **settings.weights}
-    weights = choose_weights(settings.preset, least_level(coarse, rungs), own)
+    travel = settings.motion.stated and settings.preset == "accurate"
+    weights = choose_weights(settings.preset, least_level(coarse, rungs), travel=travel)
     if coarse.usable.any():  # none is where the part is out of reach, which the search says
         reached = coarse.q[coarse.usable]
         rungs = replace(rungs, price=price_motion(problem.chain, reached, robot.prismatic, settings.motion))
-    coarse, line, keeps = _search_with_margin(problem, coarse, rungs, weights)
+    filled, keeps = coarse, settings.start is None  # the asked distance from joint limits, unless no way keeps it
+    try:
+        coarse, line = _search_clear(problem, filled, rungs, weights, away=keeps)
+    except InfeasibleError:
+        if not keeps:
+            raise
+        keeps = False
+        coarse, line = _search_clear(problem, filled, rungs, weights, away=False)
     fine, chosen = coarse, line
-    options = _refine_options(problem, coarse.options, line)
-    if options is not None:
-        fine = _keep_slot(fill_lattice(problem, stations, options), line)
-        if keeps:
-            problem, fine = _keep_away(problem), _drop_near_limits(fine)
+    if (options := _refine_options(problem, coarse.options, line)) is not None:
+        slots = np.arange(coarse.reason.shape[2])
+        finer = fill_lattice(problem, stations, options).refuse((slots != line.slot[:, None])[:, None], NOT_WANTED)
         try:
-            fine, chosen = _search_clear(problem, fine, rungs, weights)
+            finer, found = _search_clear(problem, finer, rungs, weights, away=keeps)
+            fine, chosen = (coarse, line) if found.cost > line.cost else (finer, found)
         except InfeasibleError:
-            fine, chosen = coarse, line
-    if chosen.cost > line.cost:
-        fine, chosen = coarse, line
+            pass
     trace = trace_line(problem, stations, fine.options, chosen, smooth=True)
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
-    trace = _allow_changes(trace, problem.nominal, settings)
     bad = trace.missed.copy()
+    if not settings.reconfigure:  # a change of the configuration in a rapid move counts as torn
+        bad[1:] |= (np.abs(np.diff(trace.q, axis=0)).max(axis=1) > 1.05) & problem.nominal.rapid[1:]
+    missed = bad.copy()
     if problem.margin is not None:
         rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)
         bad[rows] |= problem.margin(trace.q[rows], rows) < 0
-    picture: PostureMap = slice_map(coarse, line, chosen, fine.options, problem.nominal, rungs.cut_share)
+    picture = slice_map(coarse, line, chosen, fine.options, problem.nominal)
     if problem.margin is not None and not bad.any():
         picture = mark_collisions(picture, problem.margin)
     posture_choice = PostureSummary(
-        q=trace.q, rotation=trace.rotation, spin=trace.spin, lead=trace.lead, lean=trace.lean,
+        **{**vars(trace), "missed": missed},
         configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),
-        weights=weights, settings=settings,
-        costs=summarise_costs(problem, trace.q),
-        map=picture, missed=trace.missed, keeps_margin=keeps,
+        weights=weights, settings=settings, costs=summarise_costs(problem, trace.q), map=picture, keeps_margin=keeps,
     )  # fmt: skip
     return posture_choice, np.flatnonzero(bad)
-
-
-def _search_with_margin(
-    problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights
-) -> tuple[Lattice, Line, bool]:
-    """Search at the asked distance from joint limits, and only where no way keeps it, nearer; also tell which."""
-    if problem.settings.start is None:
-        try:
-            return *_search_clear(_keep_away(problem), _drop_near_limits(lattice), rungs, weights), True
-        except InfeasibleError:
-            pass
-    return *_search_clear(problem, lattice, rungs, weights), False
-
-
-def _keep_away(problem: PostureProblem) -> PostureProblem:
-    return replace(problem, settings=replace(problem.settings, limit_room=problem.settings.limit_margin))
-
-
-def _drop_near_limits(lattice: Lattice) -> Lattice:
-    """Refuse what stands nearer to a joint limit than is asked for."""
-    reason = np.where(lattice.usable & (lattice.limits > 0), JOINT_LIMIT, lattice.reason).astype(np.int8)
-    return replace(lattice, reason=reason)
 
 
 def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary:
@@ -151,7 +142,7 @@ def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> Po
     to stand as well as was asked for, or as the choice does.
     """
     settings = problem.settings
-    if problem.robot.nq < 6 or settings.weights:
+    if problem.robot.nq < 6:
         return posture_choice
     leans = np.abs(np.stack([posture_choice.spin, posture_choice.lead, posture_choice.lean])).max()
     if leans < STILL and not posture_choice.changes and not len(problem.arm.held):  # the plain posture itself
@@ -195,12 +186,15 @@ def least_level(lattice: Lattice, rungs: Rungs) -> float:
     return float(1e6 * (rungs.cut_share[known] * values[known] ** 2).sum() / max(rungs.cut_share[known].sum(), 1e-300))
 
 
-def _search_clear(problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights) -> tuple[Lattice, Line]:
-    """Search until the line keeps clear; what collides leaves the graph."""
-    start = None if problem.settings.start is None else np.array(problem.settings.start)
-    checked = np.zeros(lattice.reason.shape, bool)
+def _search_clear(
+    problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights, *, away: bool
+) -> tuple[Lattice, Line]:
+    """Search until the line keeps clear, what collides leaves the graph; `away` from joint limits by what is asked."""
+    settings, checked = problem.settings, np.zeros(lattice.reason.shape, bool)
+    room = settings.limit_margin if away else settings.limit_room
+    lattice = lattice.refuse(lattice.limits > 0, JOINT_LIMIT) if away else lattice
     for _ in range(COLLISION_ROUNDS):
-        line = search_line(lattice, rungs, weights, problem.robot, start=start, room=problem.settings.limit_room)
+        line = search_line(lattice, rungs, weights, problem.robot, start=settings.start, room=room)
         if problem.margin is None:
             return lattice, line
         rows = np.arange(len(line.option))
@@ -261,22 +255,6 @@ def _refine_options(problem: PostureProblem, coarse: Options, line: Line) -> Opt
     return Options(spin, np.clip(moved, low, high), lead, side, everything, shape, coarse.steps)
 
 
-def _keep_slot(lattice: Lattice, line: Line) -> Lattice:
-    """Keep only the configuration that the coarse line has at each station."""
-    other = np.arange(lattice.reason.shape[2])[None, :] != line.slot[:, None]
-    reason = np.where(lattice.usable & other[:, None, :], NOT_WANTED, lattice.reason).astype(np.int8)
-    return replace(lattice, reason=reason)
-
-
-def _allow_changes(trace: PostureTrace, nominal: Toolpath, settings: PostureSettings) -> PostureTrace:
-    """Forgive steps of rapid moves where the arm may change its configuration; elsewhere they count as torn."""
-    if settings.reconfigure:
-        return trace
-    torn = np.zeros(len(trace.q), bool)
-    torn[1:] = np.abs(np.diff(trace.q, axis=0)).max(axis=1) > 1.05
-    return replace(trace, missed=trace.missed | (torn & nominal.rapid))
-
-
 def _list_changes(line: Line, stations: NDArray[np.int_]) -> tuple[tuple[int, str, str], ...]:
     """List where the configuration changes: first waypoint afterwards, before, after."""
 
@@ -287,7 +265,84 @@ def _list_changes(line: Line, stations: NDArray[np.int_]) -> tuple[tuple[int, st
     return tuple((int(stations[i]), words(int(line.slot[i - 1])), words(int(line.slot[i]))) for i in places)
 
 
-def _surround(waypoints: NDArray[np.int_], n: int) -> NDArray[np.int_]:
-    """Return waypoints with their neighbours."""
-    wide = np.unique(np.concatenate([waypoints + d for d in (-3, -2, -1, 0, 1, 2)]))
-    return wide[(wide >= 0) & (wide < n)]
+def trace_line(
+    problem: PostureProblem, stations: NDArray[np.int_], options: Options, line: Line, *, smooth: bool
+) -> PostureTrace:
+    """Follow a line of the graph through stations (k,) at every waypoint: spin, extra axes and leans go over smoothly.
+
+    The rotation about the tool axis gives way, where it is free, if the line passes a singularity; `smooth` takes out
+    the steps that the grid leaves in rotation and leans.
+    """
+    arm, nominal, q, most_step = problem.arm, problem.nominal, line.q, problem.settings.most_step
+    rows = np.arange(len(nominal))
+    steps = np.maximum(nominal.steps, 1e-3 * max(float(nominal.steps.mean()), 1e-9))
+    place = np.r_[0.0, np.cumsum(steps)]  # by length, and a little by number where there is none
+    spin_at, lead_at, lean_at = (_take(v, line.option) for v in (options.spin, options.lead, options.lean))
+    along = np.unwrap(spin_at)
+    if smooth and len(stations) > 3:
+        along, lead_at, lean_at = (_blur(v) for v in (along, lead_at, lean_at))
+    spin, lead, lean = (_interpolate(place, stations, v) for v in (along, lead_at, lean_at))
+    between = np.stack([_interpolate(place, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
+    for j, stroke in enumerate(least_strokes(arm.robot)):
+        if stroke > 0 and j in arm.held:
+            between[:, j] = np.clip(steady_slide(between[:, j], stroke), arm.robot.lower[j], arm.robot.upper[j])
+    rotation = orient_tool(nominal, problem.tool_x, rows, spin, lead, lean)
+    upright = rotation
+    branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
+    away = branches - between[:, None]
+    turn = np.where(arm.robot.prismatic, np.inf, 2 * np.pi)
+    with np.errstate(invalid="ignore"):
+        branches = branches - np.where(np.isfinite(turn), turn * np.round(away / (2 * np.pi)), 0.0)
+    distance = np.nan_to_num(np.abs(branches - between[:, None]).max(axis=2), nan=np.inf)
+    nearest = distance.argmin(axis=1)
+    followed = branches[rows, nearest]
+    lost = distance[rows, nearest] > NEAR
+    if lost.any():
+        followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
+        error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
+        lost[lost] = np.abs(error).max(axis=1) > REACHED
+    torn = find_torn(followed, nominal, most_step)
+    if problem.settings.free_spin and (lost | torn).any():
+        stretch = _whole_stretches(lost | torn, stations)
+        wanted = nominal.position[stretch], rotation[stretch]
+        followed[stretch], reached = reach_tip_and_axis(arm, between[stretch], *wanted)
+        lost[stretch] = ~reached
+        torn = find_torn(followed, nominal, most_step)
+        rotation = np.array(rotation)
+        rotation[stretch] = locate_frames(arm.chain, followed[stretch]).tcp_rotation
+        turned = np.swapaxes(upright[stretch], 1, 2) @ rotation[stretch]
+        spin[stretch] -= np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+    outside = ((followed < arm.robot.lower) | (followed > arm.robot.upper)).any(axis=1)
+    return PostureTrace(followed, rotation, spin, lead, lean, lost | outside | torn)
+
+
+def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return all waypoints strictly between the stations around marked ones; marked stations take both sides."""
+    rows = np.arange(len(marked))
+    span, on = np.searchsorted(stations, rows, side="right"), np.isin(rows, stations)
+    spans = np.union1d(span[marked], span[marked & on] - 1)
+    return np.flatnonzero(marked | (np.isin(span, spans) & ~on))
+
+
+def _blur(values: Array) -> Array:
+    """Blur along the stations by a Gaussian of SMOOTH stations; both ends go on as they are."""
+    reach, n = round(4.0 * SMOOTH), len(values)
+    weights = np.exp(-0.5 / SMOOTH**2 * np.arange(-reach, reach + 1) ** 2)
+    weights = (weights / weights.sum())[reach:]
+    wide = np.pad(values, reach, mode="edge")
+    blurred = weights[0] * values
+    for away in range(reach, 0, -1):
+        blurred += weights[away] * (wide[reach - away : reach - away + n] + wide[reach + away : reach + away + n])
+    return blurred
+
+
+def _interpolate(place: Array, stations: NDArray[np.int_], values: Array) -> Array:
+    """Interpolate between stations without overshoot and without kinks."""
+    if len(stations) < 3:
+        return np.interp(place, place[stations], values)
+    return np.asarray(PchipInterpolator(place[stations], values)(place))
+
+
+def _take(values: Array, choice: NDArray[np.int_]) -> Array:
+    wide = np.broadcast_to(values, (len(choice), values.shape[1]))
+    return wide[np.arange(len(choice)), choice]

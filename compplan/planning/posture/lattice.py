@@ -6,7 +6,7 @@ axes, lead and lean of the tool axis) times all configurations of the arm.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -33,61 +33,41 @@ REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "co
 
 @dataclass(frozen=True)
 class Options:
-    """What may vary at one waypoint, g combinations.
+    """What may vary at one waypoint, g combinations."""
 
-    Attributes:
-        spin: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`.
-            Shape (k, g) or (1, g). [rad]
-        held: Positions of the extra axes. Shape (k, g, h) or (1, g, h). [m or rad]
-        lead: Lean of the tool axis along the travel. Shape (k, g) or (1, g). [rad]
-        lean: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
-        neighbours: Options that a step may come from, -1 where there is none. Shape (g, w).
-        shape: Grid shape behind g: spins, positions of extra axes, leans.
-        steps: Step of the grid of each extra axis, 0 for one that stands. Shape (h,). [m or rad]
-
-    """
-
+    #: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`. Shape (k, g) or (1,
+    #: g). [rad]
     spin: Array
-    held: Array
-    lead: Array
-    lean: Array
-    neighbours: NDArray[np.int_]
-    shape: tuple[int, int, int]
-    steps: Array
+    held: Array  #: Positions of the extra axes. Shape (k, g, h) or (1, g, h). [m or rad]
+    lead: Array  #: Lean of the tool axis along the travel. Shape (k, g) or (1, g). [rad]
+    lean: Array  #: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
+    neighbours: NDArray[np.int_]  #: Options that a step may come from, -1 where there is none. Shape (g, w).
+    shape: tuple[int, int, int]  #: Grid shape behind g: spins, positions of extra axes, leans.
+    steps: Array  #: Step of the grid of each extra axis, 0 for one that stands. Shape (h,). [m or rad]
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Nodes of the ladder graph: k stations, g options, b slots.
+    """Nodes of the ladder graph: k stations, g options, b slots."""
 
-    Attributes:
-        stations: Waypoint of each station. Shape (k,).
-        options: What varies.
-        q: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
-        sensitivity: Shape (k, g, b). [m]
-        deviation: Before compensation. Shape (k, g, b). [m]
-        limits: Nearness to joint limits. Shape (k, g, b).
-        dexterity: Shape (k, g, b).
-        reason: Index into `REASONS`. Shape (k, g, b).
-        singularity_margin: Inverse condition number below which a posture counts as singular.
-            Shape (k, g, b).
-
-    """
-
-    stations: NDArray[np.int_]
-    options: Options
-    q: Array
-    sensitivity: Array
-    deviation: Array
-    limits: Array
-    dexterity: Array
-    reason: NDArray[np.int8]
-    singularity_margin: float
+    stations: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
+    options: Options  #: What varies.
+    q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
+    sensitivity: Array  #: Shape (k, g, b). [m]
+    deviation: Array  #: Before compensation. Shape (k, g, b). [m]
+    limits: Array  #: Nearness to joint limits. Shape (k, g, b).
+    dexterity: Array  #: Shape (k, g, b).
+    reason: NDArray[np.int8]  #: Index into `REASONS`. Shape (k, g, b).
+    singularity_margin: float  #: Inverse condition number below which a posture counts as singular. Shape (k, g, b).
 
     @property
     def usable(self) -> NDArray[np.bool_]:
         """Tell which nodes may be used; singular ones may, at a cost. Shape (k, g, b)."""
         return (self.reason == USABLE) | (self.reason == SINGULAR)
+
+    def refuse(self, nodes: NDArray[np.bool_], why: int) -> Lattice:
+        """Return the lattice with some nodes, (k, g, b) or of a shape that spreads to it, refused for a reason."""
+        return replace(self, reason=np.where(self.usable & nodes, why, self.reason).astype(np.int8))
 
 
 def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
@@ -128,6 +108,11 @@ def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
     return np.asarray(middle_of_limits(robot)[joint] + 0.5 * (angle.max() + angle.min()) - angle)
 
 
+def count_positions(settings: PostureSettings, axes: int) -> int:
+    """Return the grid positions of each of several extra axes, at least 3."""
+    return settings.held_steps if axes < 2 else max(3, int((3 * settings.held_steps) ** (1.0 / axes) + 1e-9))
+
+
 def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Options:
     """Build the grid of options; it holds for every station (k,) but for what follows the tool axis (`follow_axis`)."""
     arm, settings, follow = problem.arm, problem.settings, follow_axis(problem.arm, problem.nominal)
@@ -143,13 +128,14 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
         if joint == followed:
             ranges.append(np.arange(-SIDES // 2, SIDES - SIDES // 2) * 2 * np.pi / SIDES)
         elif np.isfinite(low) and np.isfinite(high) and high > low:
-            ranges.append(np.linspace(low, high, settings.count_positions(len(arm.held))))
+            ranges.append(np.linspace(low, high, count_positions(settings, len(arm.held))))
         else:
             ranges.append(middle_of_limits(robot)[[joint]])
     cells = list(product(*ranges))
     held = np.array(cells, float).reshape(len(cells), len(arm.held))
     leans = [np.linspace(-limit, limit, 3) if limit > 0 else np.zeros(1) for limit in (settings.lead, settings.lean)]
-    tilts = np.array([(a, b) for a, b in product(*leans) if _inside(a, b, settings)])
+    cone = [limit if limit > 0 else 1.0 for limit in (settings.lead, settings.lean)]  # elliptic
+    tilts = np.array([tilt for tilt in product(*leans) if np.sum((np.array(tilt) / cone) ** 2) <= 1.0 + 1e-9])
     s, h, t = (axis.ravel() for axis in np.meshgrid(*(np.arange(len(v)) for v in (spins, held, tilts)), indexing="ij"))
     standing = held[h][None]
     if follow is not None:
@@ -168,52 +154,38 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
 def orient_tool(
     nominal: Toolpath, tool_x: Array, rows: NDArray[np.int_], spin: Array, lead: Array, lean: Array
 ) -> Array:
-    """Return the orientation of the TCP frame at some waypoints, z out of the tool, columns in base axes.
+    """Return the orientation of the TCP frame at some waypoints (k,), z out of the tool, columns in base axes.
 
     The tool axis leans forward by `lead` along the travel and by `lean` to the left of it, then the tool turns about
-    its own axis by `spin`, right-handed about the direction from tip to spindle.
-
-    Args:
-        nominal: The toolpath in the base frame.
-        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        rows: The waypoints. Shape (k,).
-        spin: Rotation, as lead and lean. Shape (k, ...). [rad]
-        lead: Lean along the travel.
-        lean: Lean across it.
-
-    Returns:
-        Shape (k, ..., 3, 3).
+    its own axis by `spin`, right-handed about the direction from tip to spindle; x points along tool_x (3,) at spin 0.
+    Angles (k, ...) [rad] give the shape (k, ..., 3, 3).
     """
-    upright = tool_axes(nominal, tool_x)[rows]
     shape = np.broadcast_shapes(spin.shape, lead.shape, lean.shape)
-    turn = np.broadcast_to(spin, shape).ravel()
-    rotation = _spread(upright, shape) @ Rotation.from_rotvec(turn[:, None] * np.array([0.0, 0.0, -1.0])).as_matrix()
+    turn, count = np.broadcast_to(spin, shape).ravel(), int(np.prod(shape[1:]))
+    upright = np.repeat(tool_axes(nominal, tool_x)[rows], count, axis=0)
+    rotation = upright @ Rotation.from_rotvec(turn[:, None] * np.array([0.0, 0.0, -1.0])).as_matrix()
     if np.any(lead) or np.any(lean):
-        frame = path_axes(nominal)[rows]
         angles = np.stack([-np.broadcast_to(lean, shape).ravel(), np.broadcast_to(lead, shape).ravel()], axis=1)
-        local = _spread(frame, shape)
+        local = np.repeat(path_axes(nominal)[rows], count, axis=0)
         tilt = (local[..., :2] @ angles[..., None])[..., 0]
         rotation = Rotation.from_rotvec(tilt).as_matrix() @ rotation
     return rotation.reshape(*shape, 3, 3)
 
 
-def orient_options(
-    nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options
-) -> tuple[Array, Array]:
-    """Return orientations (k g, 3, 3) and extra axes (k g, h) of all options at stations (k,)."""
+def fill_lattice(
+    problem: PostureProblem, stations: NDArray[np.int_], options: Options, position: Array | None = None
+) -> Lattice:
+    """Solve the inverse kinematics of every node at stations (k,) and measure it.
+
+    `position` (k, 3) [m] is where the stations lie, those of the path if left out.
+    """
+    arm, settings, nominal = problem.arm, problem.settings, problem.nominal
     k, g = len(stations), options.spin.shape[1]
     spin, lead, lean = (np.broadcast_to(v, (k, g)) for v in (options.spin, options.lead, options.lean))
     held = np.broadcast_to(options.held, (k, g, options.held.shape[2])).reshape(k * g, -1)
-    return orient_tool(nominal, tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3), held
-
-
-def fill_lattice(problem: PostureProblem, stations: NDArray[np.int_], options: Options) -> Lattice:
-    """Solve the inverse kinematics of every node at stations (k,) and measure it."""
-    arm, settings, nominal = problem.arm, problem.settings, problem.nominal
-    k, g = len(stations), options.spin.shape[1]
-    rotation, held = orient_options(nominal, problem.tool_x, stations, options)
-    position = np.repeat(nominal.position[stations], g, axis=0)
-    q = solve_branches(arm, position, rotation, held).reshape(k, g, -1, problem.chain.nq)
+    rotation = orient_tool(nominal, problem.tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3)
+    place = np.repeat(nominal.position[stations] if position is None else position, g, axis=0)
+    q = solve_branches(arm, place, rotation, held).reshape(k, g, -1, problem.chain.nq)
     q = _wrap_into_limits(q, arm)
     reached = np.isfinite(q[..., 0])
     reason = np.where(reached, USABLE, OUT_OF_REACH).astype(np.int8)
@@ -221,32 +193,19 @@ def fill_lattice(problem: PostureProblem, stations: NDArray[np.int_], options: O
     low, high = arm.robot.lower + room, arm.robot.upper - room
     inside = ((q >= low) & (q <= high)).all(axis=3)
     reason[reached & ~inside] = JOINT_LIMIT
-    reason[(reason == USABLE) & ~_wanted(settings.configuration)[: q.shape[2]]] = NOT_WANTED
+    words = settings.configuration.items()
+    wanted = np.array([all(slot[key] == word for key, word in words) for slot in CONFIGURATIONS])
+    reason[(reason == USABLE) & ~wanted[: q.shape[2]]] = NOT_WANTED
     values = {name: np.full(reached.shape, np.nan) for name in ("sensitivity", "deviation", "limits", "dexterity")}
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(
         problem.chain, q[rows], problem.wrench[stations][rows[0]], limits=arm.robot.arm_limits,
-        uncertainty=settings.known, measure=settings.measure, axes=problem.axes, margin=settings.limit_margin,
+        uncertainty=settings.known, axes=settings.axes, margin=settings.limit_margin,
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)
     reason[(reason == USABLE) & (values["dexterity"] < settings.singularity_margin)] = SINGULAR
     return Lattice(stations, options, q, reason=reason, singularity_margin=settings.singularity_margin, **values)
-
-
-def _spread(frames: Array, shape: tuple[int, ...]) -> Array:
-    """Repeat one frame a waypoint over the further axes of `shape`, flattened. Shape (prod(shape), 3, 3)."""
-    return np.repeat(frames, int(np.prod(shape[1:])), axis=0)
-
-
-def _inside(lead: float, lean: float, settings: PostureSettings) -> bool:
-    """Tell whether a tilt lies in the elliptic tolerance cone."""
-    parts = [(angle / limit) ** 2 for angle, limit in ((lead, settings.lead), (lean, settings.lean)) if limit > 0]
-    return sum(parts) <= 1.0 + 1e-9
-
-
-def _wanted(words: dict[str, str]) -> NDArray[np.bool_]:
-    return np.array([all(slot[key] == word for key, word in words.items()) for slot in CONFIGURATIONS])
 
 
 def _wrap_into_limits(q: Array, arm: Arm) -> Array:

@@ -2,12 +2,11 @@
 
 The cost of a way is a sum over its nodes and edges:
 
-    sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2 + w_c c_i)
+    sum_i omega_i (w_s s_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2 + w_c c_i)
         + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i + w_e p_i),
 
-k the inverse condition number, c omega the
-share of the cut (for the first two and the last) or of the path, dsigma the share of the
-path of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
+k the inverse condition number, omega the share of the cut (for the first) or of the path, dsigma the share of the path
+of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
 joint takes, r the share of the programmed time by which it is too short for joints at half their rates, and p what the
 motion of the joints costs in accuracy (`compplan.planning.posture.motion`). A change of configuration within the cut
 passes a singularity and costs w_g once.
@@ -45,47 +44,28 @@ TIE = 1e-12
 
 @dataclass(frozen=True)
 class Rungs:
-    """What lies between and on the stations, apart from the nodes themselves.
+    """What lies between and on the stations, apart from the nodes themselves."""
 
-    Attributes:
-        cut_share: Share of the cut that a station stands for. Shape (k,).
-        path_share: Share of the path that it stands for. Shape (k,).
-        sigma: Share of the path of each edge, at least a little, times (L / l)^2. Shape (k - 1,).
-        feed_time: Programmed time of each edge. Shape (k - 1,). [s]
-        most_motion: Greatest motion of a joint on each edge; infinite where the arm may change its configuration.
-            Shape (k - 1,). [rad]
-        cut_edge: Share of the cut that each edge is. Shape (k - 1,).
-        settle: Time in which the feed of each edge goes 100 mm. Shape (k - 1,). [s]
-        price: What motion of joints costs in accuracy, or None.
-
-    """
-
-    cut_share: Array
-    path_share: Array
-    sigma: Array
-    feed_time: Array
+    cut_share: Array  #: Share of the cut that a station stands for. Shape (k,).
+    path_share: Array  #: Share of the path that it stands for. Shape (k,).
+    sigma: Array  #: Share of the path of each edge, at least a little, times (L / l)^2. Shape (k - 1,).
+    feed_time: Array  #: Programmed time of each edge. Shape (k - 1,). [s]
+    #: Greatest motion of a joint on each edge; infinite where the arm may change its configuration. Shape (k - 1,).
+    #: [rad]
     most_motion: Array
-    cut_edge: Array
-    settle: Array
-    price: MotionPrice | None = None
+    cut_edge: Array  #: Share of the cut that each edge is. Shape (k - 1,).
+    settle: Array  #: Time in which the feed of each edge goes 100 mm. Shape (k - 1,). [s]
+    price: MotionPrice | None = None  #: What motion of joints costs in accuracy, or None.
 
 
 @dataclass(frozen=True)
 class Line:
-    """A way through the graph.
+    """A way through the graph."""
 
-    Attributes:
-        option: Option at each station. Shape (k,).
-        slot: Slot at each station. Shape (k,).
-        q: Joint positions at each station, full turns counted. Shape (k, nq). [rad or m]
-        cost: Total cost. [mm^2]
-
-    """
-
-    option: NDArray[np.int_]
-    slot: NDArray[np.int_]
-    q: Array
-    cost: float
+    option: NDArray[np.int_]  #: Option at each station. Shape (k,).
+    slot: NDArray[np.int_]  #: Slot at each station. Shape (k,).
+    q: Array  #: Joint positions at each station, full turns counted. Shape (k, nq). [rad or m]
+    cost: float  #: Total cost. [mm^2]
 
 
 def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool) -> Rungs:
@@ -96,22 +76,20 @@ def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: f
     """
     cut = np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
     between = np.diff(cut[stations])
-    share = np.zeros(len(stations))
-    share[:-1] += 0.5 * between
-    share[1:] += 0.5 * between
+    waypoints, rapid = np.diff(stations), nominal.rapid[1:]
+    share, spread = (0.5 * np.r_[edge, 0.0] + 0.5 * np.r_[0.0, edge] for edge in (between, waypoints))
     cut_share = share / max(share.sum(), 1e-300)
-    waypoints = np.diff(stations)
-    spread = np.zeros(len(stations))
-    spread[:-1] += 0.5 * waypoints
-    spread[1:] += 0.5 * waypoints
-    rapid = nominal.rapid[1:]
     total = max(nominal.arc_length[-1], 1e-300)
     sigma = np.maximum(np.diff(nominal.arc_length[stations]) / total, 0.1 / len(stations)) * (total / LENGTH) ** 2
     time = np.where(rapid | (nominal.feed[1:] <= 0), 0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9))
     feed_time = np.add.reduceat(np.r_[time, 0.0], stations[:-1]) if len(stations) > 1 else np.zeros(0)
     most = np.minimum(most_step * waypoints, EDGE)
-    if reconfigure:
-        most = np.where(_free_moves(nominal, stations), np.inf, most)
+    if reconfigure:  # in rapid moves that neither start nor end at the part
+        touches = ~nominal.rapid
+        touches[:-1] |= ~nominal.rapid[1:]
+        touches[0] = not nominal.rapid[1] if len(nominal) > 1 else True
+        free = [nominal.rapid[a + 1 : b + 1].all() and not touches[[a, b]].any() for a, b in pairwise(stations)]
+        most = np.where(np.array(free, bool), np.inf, most)
     settle = feed_time * LENGTH / np.maximum(between, 1e-9)
     edge = between / max(between.sum(), 1e-300)
     return Rungs(cut_share, spread / max(spread.sum(), 1e-300), sigma, feed_time, most, edge, settle)
@@ -120,8 +98,7 @@ def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: f
 def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
     """Cost every node, infinite where it cannot be used: shape (k, g, b) [mm^2]."""
     cut, path = rungs.cut_share[:, None, None], rungs.path_share[:, None, None]
-    cost = cut * 1e6 * (weights.sensitivity * lattice.sensitivity**2 + weights.deviation * lattice.deviation**2)
-    cost = cost + path * weights.limits * lattice.limits
+    cost = cut * 1e6 * weights.sensitivity * lattice.sensitivity**2 + path * weights.limits * lattice.limits
     if weights.dexterity > 0:
         cost = cost + path * weights.dexterity * (0.1 / np.maximum(lattice.dexterity, 1e-3)) ** 2
     if weights.singularity > 0:
@@ -147,7 +124,10 @@ def search_line(
         cost = _start_near(lattice.q, cost, start, robot)
     turns = (robot.upper - robot.lower > 2 * np.pi) & ~(robot.prismatic | robot.carriers)
     option, slot, total = _sweep(lattice, lattice.q, cost, rungs, weights, robot, turns)
-    way = _follow(lattice.q[np.arange(len(option)), option, slot], turns)
+    way = lattice.q[np.arange(len(option)), option, slot]
+    steps = np.diff(way, axis=0)  # full turns are counted along the way
+    steps = np.where(turns, steps - 2 * np.pi * np.round(steps / (2 * np.pi)), steps)
+    way = np.concatenate([way[:1], way[:1] + np.cumsum(steps, axis=0)])
     shifted = _shift_turns(way, robot, turns, start, room)
     if shifted is not None:
         return Line(option, slot, shifted, total)
@@ -307,13 +287,6 @@ def _take_turns_out(step: Array) -> None:
     step -= turns
 
 
-def _follow(q: Array, turns: NDArray[np.bool_]) -> Array:
-    """Count full turns along a way."""
-    steps = np.diff(q, axis=0)
-    steps = np.where(turns, steps - 2 * np.pi * np.round(steps / (2 * np.pi)), steps)
-    return np.concatenate([q[:1], q[:1] + np.cumsum(steps, axis=0)])
-
-
 def _shift_turns(way: Array, robot: Robot, turns: NDArray[np.bool_], start: Array | None, keep: float) -> Array | None:
     """Shift whole joints by full turns into their limits, as far from them as possible (or near the start)."""
     way = way.copy()
@@ -355,17 +328,6 @@ def _start_near(q: Array, cost: Array, start: Array, robot: Robot) -> Array:
     only = np.full_like(cost[0], np.inf)
     only[:, slot] = cost[0][:, slot]
     return np.concatenate([only[None], cost[1:]])
-
-
-def _free_moves(nominal: Toolpath, stations: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Tell which edges are rapid moves that neither start nor end at the part."""
-    touches = ~nominal.rapid
-    touches[:-1] |= ~nominal.rapid[1:]
-    touches[0] = not nominal.rapid[1] if len(nominal) > 1 else True
-    free = np.empty(len(stations) - 1, bool)
-    for i, (a, b) in enumerate(pairwise(stations)):
-        free[i] = nominal.rapid[a + 1 : b + 1].all() and not touches[a] and not touches[b]
-    return free
 
 
 def _refuse(lattice: Lattice, station: int, cost: Array) -> None:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.io.tomlfile import StrictTable
 from compplan.process.cutter import Cutter
 from compplan.process.cutting import CuttingTable
 from compplan.process.force_models import milling
-from compplan.process.milling import Spindle
 
 words = "end mill in what it meets of the stock"
 cites = milling.cites
@@ -28,12 +26,10 @@ class ToolModeTable(StrictTable):
 
 
 class EndMillProcess(CuttingTable):
-    """An end mill whose engagement follows from stock and path, see `compplan.process.milling`."""
+    """An end mill whose engagement follows from stock and path, see `compplan.process.cutting`."""
 
     model: Literal["end_mill"]
     corner_radius_mm: float = Field(default=0.0, ge=0.0)
-    helix_deg: float = Field(default=30.0, ge=0.0, le=70.0)
-    runout_mm: float = Field(default=0.0, ge=0.0, le=0.5)
     tool_mode: ToolModeTable | None = None
 
     @model_validator(mode="after")
@@ -44,10 +40,6 @@ class EndMillProcess(CuttingTable):
                 "is allowed (a ball end mill)"
             )
         return self
-
-    def spindle(self) -> Spindle:
-        """Return how the cutter turns."""
-        return Spindle(self.teeth, self.spindle_rpm / 60.0, float(np.radians(self.helix_deg)), 1e-3 * self.runout_mm)
 
     def cutter(self) -> Cutter:
         """Return the cutter's shape."""

@@ -12,7 +12,7 @@ weld, not for plunging and dwelling; the ramp of contact stands in for these.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -23,13 +23,12 @@ from compplan.toolpath.toolpath import Toolpath
 
 words = "friction stir weld"
 cites = "Schmidt, Hattel, Wert: Modelling Simul. Mater. Sci. Eng. 12, 143, 2004"
-#: Relative standard deviation that Monte Carlo draws the level with, assumed.
-UNCERTAINTY = 0.2
 
 
 class FrictionStirProcess(PathForceTable):
     """Mean force of a friction stir weld, see `compplan.process.force_models.friction_stir`."""
 
+    uncertainty: ClassVar[float] = 0.2  #: Relative standard deviation of the level, assumed.
     model: Literal["friction_stir"]
     shoulder_diameter_mm: float = Field(gt=0.0, le=100.0)
     probe_diameter_mm: float = Field(gt=0.0, le=50.0)
@@ -52,11 +51,6 @@ class FrictionStirProcess(PathForceTable):
                 f"below shoulder_diameter_mm = {self.shoulder_diameter_mm:g} is allowed"
             )
         return self
-
-    @property
-    def uncertainty(self) -> float:
-        """Relative standard deviation of the level."""
-        return UNCERTAINTY
 
     @property
     def torque(self) -> float:
@@ -89,7 +83,7 @@ class FrictionStirProcess(PathForceTable):
         return [
             f"Friction stir welding: torque {self.torque:.3g} N m by Schmidt and others (2004), "
             f"shear stress {self.shear_N_mm2:g} N/mm2 as set in the job, axial force {given}; {shares}; "
-            f"scatter {100 * UNCERTAINTY:g} % (assumed)."
+            f"scatter {100 * self.uncertainty:g} % (assumed)."
         ]
 
 

@@ -12,7 +12,7 @@ The normal force acts along the tool axis (a disc or pad that lies on the surfac
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -23,13 +23,12 @@ from compplan.toolpath.toolpath import Toolpath
 
 words = "grinding or sanding"
 cites = "Malkin, Guo: Grinding Technology, 2nd edition, 2008"
-#: Relative standard deviation that Monte Carlo draws the level with, assumed.
-UNCERTAINTY = 0.25
 
 
 class GrindingProcess(PathForceTable):
     """Mean force of grinding or sanding, see `compplan.process.force_models.grinding`."""
 
+    uncertainty: ClassVar[float] = 0.25  #: Relative standard deviation of the level, assumed.
     model: Literal["grinding"]
     normal_N: float | None = Field(default=None, gt=0.0, le=1e4)
     specific_energy_J_mm3: float | None = Field(default=None, ge=0.5, le=500.0)
@@ -47,11 +46,6 @@ class GrindingProcess(PathForceTable):
         if self.normal_N is not None and any(value is not None for value in removal):
             raise ValueError("has normal_N and keys of the removal rate, one of the two is allowed")
         return self
-
-    @property
-    def uncertainty(self) -> float:
-        """Relative standard deviation of the level."""
-        return UNCERTAINTY
 
     @property
     def follows_feed(self) -> bool:

@@ -20,7 +20,7 @@ over `build_up_mm` of depth (assumed: the tool's radius).
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -39,9 +39,6 @@ STRENGTH = {"aa3003_o": 110.0, "aa5754_h22": 230.0, "dc01": 330.0, "aisi304": 62
 VALID = {
     "thickness": (0.8, 2.0), "tool_diameter": (10.0, 25.0), "step_down": (0.25, 2.0), "wall_angle": (20.0, 65.0)
 }  # fmt: skip
-#: Relative standard deviation of the level, assumed: .15 of the regression and .2 of the reading of h. Twice of it
-#: holds a step-down of up to 80 scallop heights, 80^0.09 = 1.48.
-UNCERTAINTY = 0.25
 #: Walls are steeper than this. [rad]
 FLATTEST = float(np.radians(8.0))
 #: A neighbouring contour lies this far below, in steps down.
@@ -51,6 +48,9 @@ NEXT_CONTOUR = (0.6, 1.4)
 class IsfRegressionProcess(PathForceTable):
     """Force of incremental sheet forming from sheet, tool and path."""
 
+    #: Relative standard deviation of the level, assumed: .15 of the regression and .2 of the reading of h. Twice of it
+    #: holds a step-down of up to 80 scallop heights, 80^0.09 = 1.48.
+    uncertainty: ClassVar[float] = 0.25
     model: Literal["isf_regression"]
     thickness_mm: float = Field(gt=0.0, le=10.0)
     tool_diameter_mm: float = Field(gt=0.0, le=100.0)
@@ -72,11 +72,6 @@ class IsfRegressionProcess(PathForceTable):
     def strength(self) -> float:
         """Tensile strength. [N/mm^2]"""
         return self.tensile_N_mm2 if self.tensile_N_mm2 is not None else STRENGTH[str(self.material)]
-
-    @property
-    def uncertainty(self) -> float:
-        """Relative standard deviation of the level."""
-        return UNCERTAINTY
 
     def wrench_along(self, nominal: Toolpath) -> Array:
         """Return the wrench on the forming tool at every waypoint, path axes; none while it is lifted off. (n, 6)

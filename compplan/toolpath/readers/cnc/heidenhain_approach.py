@@ -162,7 +162,7 @@ class Approaches:
         direction = it.motion.find_direction()
         it.contour.refuse_open()
         last, target = it.contour.position, it.motion.target(self.words.read(words))[0]
-        height = target[self.words.datums.tool_axis] - last[self.words.datums.tool_axis]
+        height = target[self.words.tool_axis] - last[self.words.tool_axis]
         flat = combine(1.0, target, -height, self._normal) if way.kind == "LCT" else None
         for element in depart(way, last, flat, direction):
             it.contour.add(element)
@@ -185,7 +185,7 @@ class Approaches:
         need = "LEN" if kind in ("LT", "LN") else "CCA" if kind == "CT" else ""
         if need and need not in words:
             raise InputError(f"{what} {kind} has no {need}")
-        length, radius, angle = (self.words.datums.value(words.get(name) or "0") for name in ("LEN", "R", "CCA"))
+        length, radius, angle = (self.words.value(words.get(name) or "0") for name in ("LEN", "R", "CCA"))
         feed, line = self.it.motion.feed(0.0), self.it.flow.line
         way = Way(kind, length, radius, angle, self.words.side, self._normal, feed, feed_before, line)
         return way, words, functions

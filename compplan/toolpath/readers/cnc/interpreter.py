@@ -15,10 +15,9 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.contour import Contour
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
-from compplan.toolpath.readers.cnc.machine import Machine
 from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, State
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, Machine, State
 from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, ask_compensation
