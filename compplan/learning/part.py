@@ -16,6 +16,7 @@ from compplan.io.display import Curve, Curves, Shown
 from compplan.io.quantities import format_length
 from compplan.io.tables import Table
 from compplan.job.job import Job
+from compplan.job.noise import EXPANSION
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.learning.model_update import ModelUpdate, Own, learn_part, possible_band
@@ -262,7 +263,7 @@ def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath)
     columns = rigid_columns(tip, tip.mean(axis=0))
     free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
     clamped = None if placed is None else shift_part(tip, job.T_base_part[:3, 3], placed)
-    warm = job.noise.temperature_K * job.noise.expansion_per_K if "temperature_K" in job.noise.model_fields_set else 0.0
+    warm = job.noise.temperature_K * EXPANSION if "temperature_K" in job.noise.model_fields_set else 0.0
     fitted = None if matched.motion is None else columns * np.repeat(free, 3)
     return state_own(tip, slopes.shared[:, :, 0], spread, clamped, fitted, warm)
 

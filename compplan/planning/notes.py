@@ -81,13 +81,13 @@ def describe_spindle(task: PlanTask, job: Job | None) -> list[str]:
     """Say that nothing turns the spindle of a cut that comes from a CAM file."""
     if job is None or job.process.model not in TURNING or not isinstance(job.toolpath, str):
         return []
-    if job.toolpath.lower().endswith(".csv") or job.output.header:
+    if job.toolpath.lower().endswith(".csv") or job.output.templates:
         return []
     if any(event.kind in ("spindle_cw", "spindle_ccw") for event in task.nominal.events):
         return []
     return [
         Stop("The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
-             "or name lines that do in [output] header.")
+             "or write lines that do into a template ([output] templates).")
     ]  # fmt: skip
 
 
@@ -107,7 +107,7 @@ def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
     if not robot.ground:
         return []
     names = [joint.name for joint in robot.actuated[: int(robot.carriers.sum())]]
-    held = [] if job is None else [*job.positioner.hold_deg, *job.positioner.hold_mm]
+    held = [] if job is None else list(job.positioner.hold_deg)
     stays = f" (held: {', '.join(held)})" if held else ""
     return [
         f"The part is carried by {', '.join(names)}{stays}: poses and deviations count from {robot.base}. It is taken "
@@ -210,9 +210,8 @@ def ask_about_form(job: Job, robot: Robot) -> list[str]:
     maker = load_controller(robot).name
     for name, table in (("tool", job.tool), ("part", job.part)):
         if table is not None and table.abc_deg is not None and "Doosan" in maker:
-            notes.append(
-                Stop(f"{name}.abc_deg are KUKA's A B C (z, y', x''); those of a Doosan turn z, y', z'': zyz_deg.")
-            )
+            turns = "are KUKA's A B C (z, y', x''), those of a Doosan turn z, y', z''"
+            notes.append(Stop(f"{name}.abc_deg {turns}: write quaternion."))
     found = locate_pendant(robot) if job.tool is not None and job.tool.frame == "pendant" else None
     if found is not None and not found.confirmed:
         notes.append(Stop(
@@ -240,7 +239,7 @@ def _angle(a: Array, b: Array) -> float:
 
 
 #: Tables of a job whose files go into programs line by line.
-COPIED = ("output.header.", "output.footer.", "output.templates.")
+COPIED = "output.templates."
 COPIED_NOTE = " (its lines go into the program)"
 
 

@@ -27,7 +27,7 @@ from compplan.planning.evaluate import (
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
-from compplan.planning.motion_limits import describe_jerk, limit_jerk
+from compplan.planning.motion_limits import describe_jerk
 from compplan.planning.notes import describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import Preference, check_start
 from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_lock
@@ -62,8 +62,6 @@ class PlanOptions:
         tool_x: Where the TCP frame's x points, base axes. Shape (3,).
         velocity_scale: Share of the robot's velocity limits that may be used.
         acceleration_scale: Share of the robot's acceleration limits that may be used.
-        jerk_after: Time in which a joint reaches its greatest acceleration where the robot states no limit of the jerk;
-            None assumes none. [s]
         feed: What the process asks of the feed.
         posture: What is asked of the posture; None keeps one configuration and the tool's x where `tool_x` has it.
         law: The law of the wrench; None where the path carries its wrench.
@@ -85,7 +83,6 @@ class PlanOptions:
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
-    jerk_after: float | None = None
     posture: PostureRequest | None = None
     feed: FeedRequest = field(default_factory=FeedRequest)
     law: ForceLaw | None = None
@@ -194,7 +191,7 @@ def plan_task(
         told += (f"The nonlinear program has no solution: {conflict}. The command is the best compromise.",)
     if limit := describe_depth_limit(task, command.q):
         told += (limit,)
-    if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
+    if jerk := describe_jerk(task.robot):
         told += (jerk,)
     plan = Plan(
         name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
@@ -262,7 +259,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         step_time=programmed_times(nominal),
         velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
-        jerk_limits=limit_jerk(robot, options.acceleration_scale, options.jerk_after),
+        jerk_limits=robot.jerk_limits,
         max_correction=options.max_correction,
         tolerance=options.tolerance,
         spin_free=options.spin_free,
@@ -295,7 +292,7 @@ def job_robot(job: Job) -> Robot:
 def read_options(job: Job, robot: Robot) -> PlanOptions:
     """Return what a job says about its plan, in SI."""
     table, words = job.plan, job.plan.configuration
-    start = None if table.start is None else np.asarray(table.start, float)
+    start = None if table.start_deg is None else np.asarray(table.start_deg, float)
     if start is not None and len(start) == robot.nq:
         start = np.where(robot.prismatic, start * 1e-3, np.radians(start))
     return PlanOptions(
@@ -307,7 +304,6 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
-        jerk_after=job.limits.full_acceleration_after_s,
         posture=state_frequency(read_request(job, robot, posture_errors(job, robot)), robot),
         feed=FeedRequest(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,

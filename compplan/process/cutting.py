@@ -43,7 +43,6 @@ class CoefficientTable(StrictTable):
     edge_N_mm: Force3 = (0.0, 0.0, 0.0)
     exponent: Force3 = (0.0, 0.0, 0.0)
     uncertainty: float = Field(default=0.1, ge=0.0, le=1.0)
-    source: str = "the job"
 
     @model_validator(mode="after")
     def _check(self) -> CoefficientTable:
@@ -60,9 +59,7 @@ class CoefficientTable(StrictTable):
 
     def coefficients(self) -> Coefficients:
         """Return them as a material's."""
-        return Coefficients(
-            self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty, source=self.source
-        )
+        return Coefficients(self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty)
 
 
 class CuttingTable(ForceTable):
@@ -73,9 +70,7 @@ class CuttingTable(ForceTable):
     diameter_mm: float = Field(ge=0.05, le=500.0)
     teeth: int = Field(default=2, ge=1, le=60)
     spindle_rpm: float = Field(gt=0.0, le=2e5)
-    flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     material: str | None = None
-    materials: str | None = None  # a file of the user's own, see `compplan.process.material_library`
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
     stock_top_mm: float | None = None
@@ -89,8 +84,6 @@ class CuttingTable(ForceTable):
 
     @model_validator(mode="after")
     def _check_material(self) -> CuttingTable:
-        if self.materials is not None:
-            raise ValueError("materials and coefficients are both given, choose one")
         if (self.material is None) == (self.coefficients is None):
             raise ValueError(f"needs one of coefficients and material, choose from {list(MATERIALS)}")
         if self.stock is not None and self.stock_top_mm is not None:

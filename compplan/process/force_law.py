@@ -59,7 +59,7 @@ class ForceLaw:
     @property
     def abrupt(self) -> bool:
         """Tell whether the force still stands where a cut ends; one that follows the feed goes as the tool rests."""
-        return not self.always and not self.follows_feed and not getattr(self.process, "ramp_out_mm", 0.0) > 0.0
+        return not self.always and not self.follows_feed
 
     @property
     def always(self) -> bool:

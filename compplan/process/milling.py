@@ -47,7 +47,6 @@ class Spindle:
     teeth: int  #: Number of teeth.
     speed: float  #: Turns a second. [1/s]
     helix: float = 0.0  #: Helix angle. [rad]
-    runout: float = 0.0  #: Radial offset of the cutter from the spindle's axis. [m]
 
     def feed_per_tooth(self, feed: Array) -> Array:
         """Return the feed a tooth [m] from the feed [m/s]."""
@@ -140,7 +139,7 @@ def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
 def ripple_force(
     found: Engagement, rows: NDArray[np.int_], coefficients: Coefficients, spindle: Spindle, feed_per_tooth: Array
 ) -> Array:
-    """Return the force through one turn of the spindle at r waypoints, path axes, run-out included. (r, a, 3) [N]
+    """Return the force through one turn of the spindle at r waypoints, path axes. (r, a, 3) [N]
 
     `feed_per_tooth` has shape (r,) [m]; a are the angles of a turn.
     """
@@ -153,7 +152,6 @@ def ripple_force(
     force = np.zeros((len(rows), count, 3))
     directions = edge_wrenches(edge, angle)[0][..., :3]
     turning = np.arange(count)
-    offsets = _runout_offsets(spindle) * 1e3
     lead = np.tan(spindle.helix) / found.cutter.radius  # the same lead all along the edge
     for k in range(len(edge)):
         span = edge.rise[k] * lead * float(height[:, k].max(initial=0.0))
@@ -168,19 +166,13 @@ def ripple_force(
             else:
                 engaged, top = share[:, k] * height[:, k], np.ones(len(rows))
             width = edge.length[k] * 1e3 * top / pieces
-            for tooth in range(spindle.teeth if spindle.runout > 0.0 else 1):
-                # a clockwise spindle turns teeth to smaller angles; higher parts of a right-hand helix lag behind
-                place = 2.0 * np.pi * tooth / spindle.teeth + lag
-                shift = np.rint(place / (2.0 * np.pi) * count).astype(int)
-                at = (turning[None, :] + shift[:, None]) % count
-                feed = np.take_along_axis(out[:, k], at, axis=1)
-                earlier = enumerate(offsets[tooth], start=1)
-                chip = np.min([j * feed + more * edge.normal[k, 0] for j, more in earlier], axis=0)
-                on = np.take_along_axis(engaged, at, axis=1) * (chip > 0.0)
-                ploughs = np.clip(chip / (PLOUGHS * 1e3 * feed_per_tooth[:, None]), 0.0, 1.0)
-                force += _slice_force(chip, on * width[:, None], ploughs, coefficients, directions[:, k][:, at])
-    if spindle.runout > 0.0:
-        return force
+            # higher parts of a right-hand helix lag behind; a clockwise spindle turns teeth to smaller angles
+            shift = np.rint(lag / (2.0 * np.pi) * count).astype(int)
+            at = (turning[None, :] + shift[:, None]) % count
+            chip = np.take_along_axis(out[:, k], at, axis=1)
+            on = np.take_along_axis(engaged, at, axis=1) * (chip > 0.0)
+            ploughs = np.clip(chip / (PLOUGHS * 1e3 * feed_per_tooth[:, None]), 0.0, 1.0)
+            force += _slice_force(chip, on * width[:, None], ploughs, coefficients, directions[:, k][:, at])
     shifts = [round(tooth * count / spindle.teeth) for tooth in range(spindle.teeth)]
     return np.asarray(sum(np.roll(force, shift, axis=1) for shift in shifts))
 
@@ -196,17 +188,6 @@ def _slice_force(chip: Array, width: Array, ploughs: Array, coefficients: Coeffi
         size = coefficients.cutting[c] * thick ** (1.0 - coefficients.exponent[c]) + coefficients.edge[c] * ploughs
         total += (size * width)[..., None] * directions[c]
     return total
-
-
-def _runout_offsets(spindle: Spindle) -> Array:
-    """Return how much farther out each tooth stands than the one, two, .. before it. Shape (teeth, teeth). [m]
-
-    The path of a tooth is farther out by r cos(a); each before it in the cut stands a tooth farther round. What one of
-    them left uncut the next meets.
-    """
-    out = spindle.runout * np.cos(2.0 * np.pi * np.arange(spindle.teeth) / spindle.teeth)
-    before = np.arange(spindle.teeth)[:, None] - np.arange(1, spindle.teeth + 1)
-    return np.asarray(out[:, None] - out[before])[:, : spindle.teeth if spindle.runout > 0.0 else 1]
 
 
 def _spread_arcs(depth: NDArray[np.float32]) -> tuple[Array, Array]:

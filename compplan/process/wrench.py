@@ -88,7 +88,7 @@ def predict_wrench(
         wrench = _turn(wrench, path_axes(nominal))
     else:
         raise ShapeError(f"the table of force model {process.model!r} is of no kind that has a force")
-    return wrench * contact_share(nominal, process.ramp_mm * 1e-3, process.ramp_out_mm * 1e-3)[:, None]
+    return wrench * contact_share(nominal, getattr(process, "ramp_mm", 0.0) * 1e-3)[:, None]
 
 
 def _tell_no_force(source: str) -> InputError:

@@ -73,8 +73,6 @@ def _describe(summary: Mapping[str, Any]) -> str:
     text = f"The part should stand at x {x:g} mm, y {y:g} mm, z {z:g} mm in the robot's base frame"
     if summary["part"]["turn_deg"]:
         text += f", turned by {summary['part']['turn_deg']:g} deg about the vertical"
-    if summary["base_height_mm"]:
-        text += f", the base raised by {summary['base_height_mm']:g} mm"
     there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
     text += f". What is left of the deviation is then {there:.3g} mm (95 %)"
     if here is None:

@@ -63,7 +63,6 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         "repeatability": 3,
         "force_bias": 7,
         "force_noise": 1,
-        "effects": len(noise.effects),
         "posterior": count_coordinates(robot),
     }
     starts = np.concatenate([[0], np.cumsum(list(sizes.values()))])
@@ -75,13 +74,9 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         "wrench_level": (noise.wrench_level, ("wrench_level",)),
         "wrench_direction": (noise.wrench_direction_deg, ("wrench_direction",)),
         "wrench_path": (noise.wrench_path, ("wrench_path",)),
-        "encoders": (max(noise.motor_encoder_deg, noise.link_encoder_deg), ("encoders",)),
+        "encoders": (1.0, ("encoders",)),
         "repeatability": (robot_uncertainty(robot).repeatability or 0.0, ("repeatability",)),
-        "force_sensor": (
-            max(noise.force_noise_N, noise.moment_noise_Nm, noise.force_bias_N, noise.moment_bias_Nm, noise.force_gain),
-            ("force_bias", "force_noise"),
-        ),
-        "effects": (float(len(noise.effects)), ("effects",)),
+        "force_sensor": (1.0, ("force_bias", "force_noise")),
         "robot": (1.0, ("posterior",)),
     }
     kept = {

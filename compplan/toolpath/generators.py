@@ -1,6 +1,7 @@
 """Toolpaths that are computed: circle, planar spiral and the frustum cone of incremental sheet forming (ISF).
 
-All of them stand in the part frame: the circle and the spiral around `centre`, the cone hangs below its upper rim.
+All of them stand in the part frame with the tool axis along z: the circle and the spiral around its origin, the cone
+hangs below its upper rim.
 """
 
 from __future__ import annotations
@@ -15,13 +16,11 @@ from scipy.optimize import brentq
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.io.tomlfile import StrictTable, Vector3
+from compplan.io.tomlfile import StrictTable
 from compplan.toolpath.toolpath import MOST_WAYPOINTS, Toolpath
 
-UP = (0.0, 0.0, 1.0)
 #: Feeds that are taken for true. [m/s]
 SLOWEST, FASTEST = 1e-9, 1e3
-PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 
 
 @dataclass(frozen=True)
@@ -49,66 +48,50 @@ class ParametricCurve:
 
 @dataclass(frozen=True)
 class Pace:
-    """Say how fast a curve is followed and how densely: one of the first two, one of the last three.
+    """How fast a curve is followed and how densely: a feed, and one of step and waypoints.
 
     Args:
         feed: Feed. [m/s]
-        duration: Time from the first to the last waypoint. [s]
         step: Distance along the curve between waypoints; rounded so that the last waypoint is the end. [m]
         waypoints: Number of waypoints.
-        rate: Waypoints a second. [Hz]
 
     Raises:
-        InputError: If not exactly one of each group is given, or one is not positive.
+        InputError: If not exactly one of step and waypoints is given, or a number is out of range.
 
     """
 
-    feed: float | None = None
-    duration: float | None = None
+    feed: float
     step: float | None = None
     waypoints: int | None = None
-    rate: float | None = None
 
     def __post_init__(self) -> None:
-        speed = [value for value in (self.feed, self.duration) if value is not None]
-        density = [value for value in (self.step, self.waypoints, self.rate) if value is not None]
-        if len(speed) != 1:
-            raise InputError(f"{len(speed)} of feed and duration are given, expected exactly one")
+        density = [value for value in (self.step, self.waypoints) if value is not None]
         if len(density) != 1:
-            raise InputError(f"{len(density)} of step, waypoints and rate are given, expected exactly one")
-        if min(*speed, *density) <= 0.0:
-            raise InputError("feed, duration, step, waypoints and rate must be greater than 0")
-        if self.feed is not None and not SLOWEST <= self.feed <= FASTEST:
+            raise InputError(f"{len(density)} of step and waypoints are given, expected exactly one")
+        if density[0] <= 0.0:
+            raise InputError("step and waypoints must be greater than 0")
+        if not SLOWEST <= self.feed <= FASTEST:
             message = f"feed is {self.feed * 1e3:g} mm/s, expected {SLOWEST * 1e3:g} to {FASTEST * 1e3:g} mm/s"
             raise InputError(message)
 
-    def resolve(self, length: float) -> tuple[float, int]:
-        """Return the feed [m/s] and the number of waypoints for a curve of this length [m].
+    def count_waypoints(self, length: float) -> int:
+        """Return the number of waypoints for a curve of this length [m].
 
         Raises:
-            InputError: If that makes more waypoints than can be planned.
+            InputError: If they are more than can be planned.
         """
-        feed = self.feed if self.feed is not None else length / (self.duration or 1.0)
-        if self.waypoints is not None:
-            count = float(self.waypoints)
-        elif self.rate is not None:
-            count = length / feed * self.rate
-        else:
-            count = 1.0 + length / (self.step or length)
+        count = float(self.waypoints) if self.waypoints is not None else 1.0 + length / (self.step or length)
         if not count <= MOST_WAYPOINTS:
             raise InputError(f"this makes {count:.3g} waypoints, at most {MOST_WAYPOINTS} can be planned")
-        return feed, max(2, round(count))
+        return max(2, round(count))
 
 
-def walk_curve(
-    curve: ParametricCurve, pace: Pace, *, axis: tuple[float, float, float] = UP, approach: float = 0.0
-) -> Toolpath:
+def walk_curve(curve: ParametricCurve, pace: Pace, *, approach: float = 0.0) -> Toolpath:
     """Put waypoints on a curve at equal distances along it, between its corners where it has any.
 
     Args:
         curve: The curve, part frame.
         pace: Feed and density.
-        axis: Tool axis, tip to spindle, part axes; normalised here.
         approach: Height above the ends, along the tool axis, that rapid moves come from and go to; 0: none. [m]
 
     Returns:
@@ -116,18 +99,24 @@ def walk_curve(
 
     """
     lengths = curve.lengths()
-    feed, count = pace.resolve(float(lengths[-1]))
+    count = pace.count_waypoints(float(lengths[-1]))
     corners = np.interp(curve.corners, curve.grid, lengths)
     position = curve.point(np.interp(_place_stations(np.r_[0.0, corners, lengths[-1]], count), lengths, curve.grid))
     count = len(position)
-    direction = np.asarray(axis) / np.linalg.norm(axis)
+    direction = np.array([0.0, 0.0, 1.0])
     rapid = np.zeros(count, dtype=bool)
     if approach > 0.0:
         lift = direction * approach
         position = np.vstack([position[0] + lift, position, position[-1] + lift])
         rapid = np.concatenate([[True, True], rapid[1:], [True]])
     return Toolpath(
-        position, np.tile(direction, (len(position), 1)), np.where(rapid, 0.0, feed), rapid, None, "part", "generator"
+        position,
+        np.tile(direction, (len(position), 1)),
+        np.where(rapid, 0.0, pace.feed),
+        rapid,
+        None,
+        "part",
+        "generator",
     )
 
 
@@ -156,41 +145,23 @@ def _angles(turns: float) -> Array:
     return np.linspace(0.0, 2.0 * np.pi * turns, max(200, int(np.ceil(2000 * turns))) + 1)
 
 
-def generate_circle(
-    radius: float,
-    pace: Pace,
-    *,
-    turns: float = 1.0,
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    plane: Literal["xy", "xz", "yz"] = "xy",
-    start: float = 0.0,
-    axis: tuple[float, float, float] = UP,
-    approach: float = 0.0,
-) -> Toolpath:
-    """Generate a circle.
+def generate_circle(radius: float, pace: Pace, *, turns: float = 1.0, approach: float = 0.0) -> Toolpath:
+    """Generate a circle in the xy plane that begins on the x axis.
 
     Args:
         radius: Radius. [m]
         pace: Feed and density.
         turns: Number of turns; negative: the other way round.
-        centre: Centre, part frame. [m]
-        plane: Plane of the circle, part axes; it turns from the first towards the second letter.
-        start: Angle of the first waypoint from the first axis of the plane. [rad]
-        axis: Tool axis, part axes.
         approach: Height of approach and retract, see `walk_curve`. [m]
 
     """
-    first, second = PLANES[plane]
     sense = np.sign(turns)
 
     def point(u: Array) -> Array:
-        position = np.tile(np.asarray(centre, dtype=np.float64), (len(u), 1))
-        position[:, first] += radius * np.cos(start + sense * u)
-        position[:, second] += radius * np.sin(start + sense * u)
-        return position
+        return np.column_stack([radius * np.cos(sense * u), radius * np.sin(sense * u), np.zeros(len(u))])
 
     grid = _angles(abs(turns))
-    return walk_curve(ParametricCurve(point, grid[-1], grid), pace, axis=axis, approach=approach)
+    return walk_curve(ParametricCurve(point, grid[-1], grid), pace, approach=approach)
 
 
 def generate_spiral(
@@ -200,8 +171,6 @@ def generate_spiral(
     inner_radius: float = 0.0,
     turns: float | None = None,
     length: float | None = None,
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    axis: tuple[float, float, float] = UP,
     approach: float = 0.0,
 ) -> Toolpath:
     """Generate an Archimedean spiral in the xy plane, from inside to outside, counter-clockwise seen from +z.
@@ -214,8 +183,6 @@ def generate_spiral(
         inner_radius: Radius at the start. [m]
         turns: Number of turns.
         length: Length of the spiral. [m]
-        centre: Centre, part frame. [m]
-        axis: Tool axis, part axes.
         approach: Height of approach and retract, see `walk_curve`. [m]
 
     Raises:
@@ -229,7 +196,7 @@ def generate_spiral(
     def curve(count: float) -> ParametricCurve:
         def point(u: Array) -> Array:
             r = inner_radius + span * u / (2.0 * np.pi * count)
-            return np.column_stack([r * np.cos(u), r * np.sin(u), np.zeros(len(u))]) + np.asarray(centre)
+            return np.column_stack([r * np.cos(u), r * np.sin(u), np.zeros(len(u))])
 
         grid = _angles(count)
         return ParametricCurve(point, grid[-1], grid)
@@ -241,7 +208,7 @@ def generate_spiral(
         # The spiral is longer than the circles it passes, pi (outer + inner) a turn: this bounds the turns.
         most = wanted / (np.pi * (outer_radius + inner_radius)) + 1.0
         turns = float(brentq(lambda count: curve(count).lengths()[-1] - wanted, 1e-3, most, xtol=1e-12))
-    return walk_curve(curve(turns), pace, axis=axis, approach=approach)
+    return walk_curve(curve(turns), pace, approach=approach)
 
 
 def generate_cone(
@@ -252,7 +219,6 @@ def generate_cone(
     pace: Pace,
     *,
     levels: bool = False,
-    axis: tuple[float, float, float] = UP,
     approach: float = 0.0,
 ) -> Toolpath:
     """Generate the frustum cone of ISF: from the upper rim down and inwards, counter-clockwise seen from +z.
@@ -266,7 +232,6 @@ def generate_cone(
         pitch: Depth of one turn. [m]
         pace: Feed and density.
         levels: Circles at constant depth joined by straight steps down the wall (z-level), else one helix.
-        axis: Tool axis, part axes.
         approach: Height of approach and retract, see `walk_curve`. [m]
 
     Raises:
@@ -287,7 +252,7 @@ def generate_cone(
         turns = depth / pitch
         grid = _angles(turns)
         helix = ParametricCurve(lambda u: ring(u, u / grid[-1] * depth), grid[-1], grid)
-        return walk_curve(helix, pace, axis=axis, approach=approach)
+        return walk_curve(helix, pace, approach=approach)
     count = max(1, round(depth / pitch))
     # u runs from 0 to 2 on every level: the first half steps down the wall at angle 0, the second goes round
 
@@ -300,40 +265,26 @@ def generate_cone(
     one = np.concatenate([[0.0], np.linspace(1.0, 2.0, 2001)[:-1]])
     grid = np.concatenate([2.0 * level + one for level in range(count)] + [np.array([2.0 * count])])
     corners = np.arange(1.0, 2.0 * count)
-    return walk_curve(ParametricCurve(level_point, 2.0 * count, grid, corners), pace, axis=axis, approach=approach)
-
-
-def _metres(vector_mm: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = vector_mm
-    return x * 1e-3, y * 1e-3, z * 1e-3
+    return walk_curve(ParametricCurve(level_point, 2.0 * count, grid, corners), pace, approach=approach)
 
 
 class GeneratorTable(StrictTable):
     """Keys that every generator has in a job."""
 
-    feed_mm_s: float | None = Field(default=None, gt=0.0)
-    duration_s: float | None = Field(default=None, gt=0.0)
+    feed_mm_s: float = Field(gt=0.0)
     step_mm: float | None = Field(default=None, gt=0.0)
     waypoints: int | None = Field(default=None, ge=2)
-    rate_hz: float | None = Field(default=None, gt=0.0)
-    axis: Vector3 = UP
     approach_mm: float = Field(default=0.0, ge=0.0)
 
     @model_validator(mode="after")
     def _check(self) -> GeneratorTable:
-        if sum(value is not None for value in (self.feed_mm_s, self.duration_s)) != 1:
-            raise ValueError("needs exactly one of feed_mm_s and duration_s")
-        if sum(value is not None for value in (self.step_mm, self.waypoints, self.rate_hz)) != 1:
-            raise ValueError("needs exactly one of step_mm, waypoints and rate_hz")
-        if not np.linalg.norm(self.axis) > 0.0:
-            raise ValueError("axis has length 0, expected a direction")
+        if (self.step_mm is None) == (self.waypoints is None):
+            raise ValueError("needs exactly one of step_mm and waypoints")
         return self
 
     def pace(self) -> Pace:
         """Return feed and density in SI."""
-        feed = None if self.feed_mm_s is None else self.feed_mm_s * 1e-3
-        step = None if self.step_mm is None else self.step_mm * 1e-3
-        return Pace(feed, self.duration_s, step, self.waypoints, self.rate_hz)
+        return Pace(self.feed_mm_s * 1e-3, None if self.step_mm is None else self.step_mm * 1e-3, self.waypoints)
 
     def generate(self) -> Toolpath:
         """Generate the toolpath; an InputError where the parameters contradict each other."""
@@ -346,16 +297,10 @@ class CircleTable(GeneratorTable):
     generator: Literal["circle"]
     radius_mm: float = Field(gt=0.0)
     turns: float = 1.0
-    centre_mm: Vector3 = (0.0, 0.0, 0.0)
-    plane: Literal["xy", "xz", "yz"] = "xy"
-    start_deg: float = 0.0
 
     def generate(self) -> Toolpath:
         """Generate the circle."""
-        return generate_circle(
-            self.radius_mm * 1e-3, self.pace(), turns=self.turns, centre=_metres(self.centre_mm), plane=self.plane,
-            start=float(np.radians(self.start_deg)), axis=self.axis, approach=self.approach_mm * 1e-3,
-        )  # fmt: skip
+        return generate_circle(self.radius_mm * 1e-3, self.pace(), turns=self.turns, approach=self.approach_mm * 1e-3)
 
 
 class SpiralTable(GeneratorTable):
@@ -366,14 +311,13 @@ class SpiralTable(GeneratorTable):
     inner_radius_mm: float = Field(default=0.0, ge=0.0)
     turns: float | None = Field(default=None, gt=0.0)
     length_mm: float | None = Field(default=None, gt=0.0)
-    centre_mm: Vector3 = (0.0, 0.0, 0.0)
 
     def generate(self) -> Toolpath:
         """Generate the spiral."""
         return generate_spiral(
             self.outer_radius_mm * 1e-3, self.pace(), inner_radius=self.inner_radius_mm * 1e-3, turns=self.turns,
-            length=None if self.length_mm is None else self.length_mm * 1e-3, centre=_metres(self.centre_mm),
-            axis=self.axis, approach=self.approach_mm * 1e-3,
+            length=None if self.length_mm is None else self.length_mm * 1e-3,
+            approach=self.approach_mm * 1e-3,
         )  # fmt: skip
 
 
@@ -391,7 +335,7 @@ class ConeTable(GeneratorTable):
         """Generate the cone."""
         return generate_cone(
             self.diameter_mm * 1e-3, self.depth_mm * 1e-3, float(np.radians(self.wall_angle_deg)), self.pitch_mm * 1e-3,
-            self.pace(), levels=self.path == "z_level", axis=self.axis, approach=self.approach_mm * 1e-3,
+            self.pace(), levels=self.path == "z_level", approach=self.approach_mm * 1e-3,
         )  # fmt: skip
 
 

@@ -14,10 +14,9 @@ from compplan.toolpath.generators import (
 
 
 def test_a_circle_lies_on_its_circle_and_has_its_length() -> None:
-    circle = generate_circle(0.5, Pace(feed=0.1, waypoints=2000), centre=(1, 2, 3), plane="xz")
-    away = circle.position - [1, 2, 3]
-    assert np.hypot(away[:, 0], away[:, 2]) == pytest.approx(0.5)
-    assert away[:, 1] == pytest.approx(0)
+    circle = generate_circle(0.5, Pace(feed=0.1, waypoints=2000))
+    assert np.hypot(circle.position[:, 0], circle.position[:, 1]) == pytest.approx(0.5)
+    assert circle.position[:, 2] == pytest.approx(0)
     assert circle.cutting_length == pytest.approx(np.pi, rel=1e-5)
     assert len(circle) == 2000
 
@@ -46,40 +45,34 @@ def test_the_z_level_cone_runs_full_circles_at_constant_depth() -> None:
     assert set(levels[counts > 50]) == {0.005, 0.01, 0.015}
 
 
-def test_rate_and_duration_give_the_number_of_waypoints() -> None:
-    cone = generate_cone(0.04, 0.015, np.radians(45), 0.0005, Pace(duration=500.0, rate=100.0))
-    assert len(cone) == 50_000
-    assert cone.feed[1] * 500 == pytest.approx(cone.cutting_length, rel=1e-4)
-
-
 def test_tables_of_a_job_are_in_millimetres_degrees_and_millimetres_a_second() -> None:
     def generate(**keys: object):
         return GENERATORS[str(keys["generator"])].model_validate(keys).generate()
 
-    # three quarters of a turn from where y is greatest, 1 mm approach: it ends where x is greatest
-    keys = {"centre_mm": (100.0, 200.0, 300.0), "radius_mm": 50.0, "start_deg": 90.0, "turns": 0.75}
+    # three quarters of a turn from where x is greatest, 1 mm approach: it ends where y is least
+    keys = {"radius_mm": 50.0, "turns": 0.75}
     circle = generate(generator="circle", feed_mm_s=20.0, step_mm=0.5, approach_mm=1.0, **keys)
     assert circle.position[[0, 1, -2]] == pytest.approx(
-        np.array([[0.1, 0.25, 0.301], [0.1, 0.25, 0.3], [0.15, 0.2, 0.3]])
+        np.array([[0.05, 0.0, 0.001], [0.05, 0.0, 0.0], [0.0, -0.05, 0.0]]), abs=1e-12
     )
     assert circle.feed[5] == pytest.approx(0.02) and circle.steps[5] == pytest.approx(5e-4, rel=1e-2)
     # a wall of 60 deg against the horizontal comes in by 10 / tan 60 = 5.7735 mm over 10 mm of depth
     keys = {"diameter_mm": 40.0, "depth_mm": 10.0, "wall_angle_deg": 60.0, "pitch_mm": 2.0}
-    cone = generate(generator="isf_cone", duration_s=10.0, waypoints=500, **keys).position
+    cone = generate(generator="isf_cone", feed_mm_s=20.0, waypoints=500, **keys).position
     assert cone[[0, -1]] == pytest.approx(np.array([[0.02, 0, 0], [0.0142265, 0, -0.01]]), abs=1e-7)
     assert np.ptp(np.unwrap(np.arctan2(cone[:, 1], cone[:, 0]))) == pytest.approx(10 * np.pi, rel=1e-6)
-    keys = {"outer_radius_mm": 30.0, "inner_radius_mm": 10.0, "turns": 2.0, "centre_mm": (1.0, 2.0, 3.0)}
-    spiral = generate(generator="spiral", duration_s=10.0, waypoints=100, **keys).position
-    radius = np.hypot(*(spiral[:, :2] - [1e-3, 2e-3]).T)
-    assert (radius[0], radius[-1]) == pytest.approx((0.01, 0.03)) and spiral[:, 2] == pytest.approx(3e-3)
+    keys = {"outer_radius_mm": 30.0, "inner_radius_mm": 10.0, "turns": 2.0}
+    spiral = generate(generator="spiral", feed_mm_s=20.0, waypoints=100, **keys).position
+    radius = np.hypot(*spiral[:, :2].T)
+    assert (radius[0], radius[-1]) == pytest.approx((0.01, 0.03)) and spiral[:, 2] == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda: Pace(feed=1.0, duration=1.0, step=1.0), "2 of feed and duration are given"),
-        (lambda: Pace(feed=1.0), "0 of step, waypoints and rate are given"),
-        (lambda: Pace(feed=-1.0, step=1.0), "must be greater than 0"),
+        (lambda: Pace(feed=1.0, step=1.0, waypoints=9), "2 of step and waypoints are given"),
+        (lambda: Pace(feed=1.0, step=-1.0), "must be greater than 0"),
+        (lambda: Pace(feed=-1.0, step=1.0), "feed is -1000 mm/s"),
         (lambda: generate_spiral(0.25, Pace(feed=1, step=1)), "both or none of turns and length"),
         (lambda: generate_spiral(0.25, Pace(feed=1, step=1), length=0.2), "must exceed the difference of its radii"),
         (lambda: generate_cone(0.04, 0.03, np.radians(45), 0.001, Pace(feed=1, step=1)), "must stay below 20 mm"),

@@ -19,8 +19,8 @@ from compplan.process.force_models import FORCE_MODELS
 @out_folder
 @click.option("--log", type=INPUT, help="Measured forces: CSV with s_mm or t_s, the length or the time cut so far, and "
               "fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.")  # fmt: skip
-@click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, which a "
-              "job then names as its materials; process.toml of a robot folder takes the level instead, which later "
+@click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, for "
+              "[process] of a later job; process.toml of a robot folder takes the level instead, which later "
               "plans read.")  # fmt: skip
 @json_summary
 def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_json: bool) -> None:
@@ -47,7 +47,7 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
         summary = write_forces(found, folder)
     lines = [*_describe(summary), *summary["notes"]]
     if table is not None:
-        hint = f'in a job: [process] materials = "{table.name}", material = "measured"'
+        hint = "in a job: its [process.coefficients] in place of material"
         lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
     left = ", stock.stl" if "engagement" in summary else ""
     show(summary, as_json, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])

@@ -32,11 +32,10 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     summary = write_placement(result, checked, folder)
     there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
     beside = "not to be followed" if here is None else f"{here['p95']:.4g} mm"
-    raised = f"# counted from the robot base, which is raised by {summary['base_height_mm']:g} mm"
     lines = [
         f"remaining deviation (95 %) there {there:.4g} mm, at the job's place {beside}",
         "[part]", f"position_mm = {summary['part']['position_mm']}",
-        f"rotation_deg = {summary['part']['rotation_deg']}", *([raised] if summary["base_height_mm"] else []),
+        f"rotation_deg = {summary['part']['rotation_deg']}",
         f"wrote place.json, report.html to {folder}", "next: put [part] into the job, and plan",
     ]  # fmt: skip
     show(summary, as_json, lines)

@@ -35,7 +35,7 @@ OPTIONS = {"toolpath": "CAMFILE"} | {
 @click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read.")
 @take_cam_options
 @click.option("--plan", "wishes", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture.")
-@click.option("--output", metavar="FILE", help="TOML file as [output] of a job: signals (io), header, footer, ..")
+@click.option("--output", metavar="FILE", help="TOML file as [output] of a job: signals (io), templates, ..")
 @out_folder
 @json_summary
 def command(

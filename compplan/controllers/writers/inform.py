@@ -26,7 +26,7 @@ MOST = 2000
 #: A job's name has 32 letters (older controllers 8), its remarks 32.
 LONGEST_NAME, LONGEST_REMARK = 24, 32
 #: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
-CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1}, int)
+CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1})
 TOOL_VARIABLE, FRAME_VARIABLE, MOVES_PART = 98, 99, True
 RAPID_PERCENT, SLOWEST_PERCENT = 20.0, 0.01
 #: Position level within a cut: 1 is the one that passes nearest without a stop.

@@ -187,7 +187,7 @@ def _moves(number: int, rows: slice, events: dict[int, list[str]]) -> str:
 def _signals(program: Program) -> list[str]:
     """Return the digital inputs and outputs that the programs use, as data of the project."""
     wiring = program.wiring
-    outputs = [wiring.spindle, wiring.spindle_reverse, wiring.coolant, wiring.mist, *wiring.signals.values()]
+    outputs = [wiring.spindle, wiring.coolant, *wiring.signals.values()]
     inputs = [wiring.spindle_ready, wiring.optional_stop]
     names = [name_signal(signal, "doOut") for signal in outputs if signal is not None]
     names += [name_signal(signal, "diIn") for signal in inputs if signal is not None]

@@ -26,11 +26,11 @@ from compplan.planning.posture.lattice import (
 )
 from compplan.planning.posture.motion import price_motion
 from compplan.planning.posture.search import Line, Rungs, measure_rungs, search_line
-from compplan.planning.posture.settings import PostureProblem, PostureSettings
+from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureMap, PostureSummary, mark_collisions, slice_map, summarise_costs
-from compplan.planning.posture.trace import PostureTrace, trace_line
+from compplan.planning.posture.trace import trace_line
 from compplan.statics.ik import CONFIGURATIONS
-from compplan.toolpath.toolpath import Toolpath, pick_even
+from compplan.toolpath.toolpath import pick_even
 
 #: Errors of a finished posture that add up.
 ERRORS = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm")
@@ -81,7 +81,7 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
 def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[PostureSummary, NDArray[np.int_]]:
     """Choose at the given stations; return the posture and the waypoints between where it fails."""
     settings, robot = problem.settings, problem.robot
-    rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step, reconfigure=settings.reconfigure)
+    rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step, reconfigure=True)
     coarse = fill_lattice(problem, stations, build_options(problem, stations))
     own = {**({"travel": 1.0} if settings.motion.stated and settings.preset == "accurate" else {}), **settings.weights}
     weights = choose_weights(settings.preset, least_level(coarse, rungs), own)
@@ -104,7 +104,6 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
     trace = trace_line(problem, stations, fine.options, chosen, smooth=True)
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
-    trace = _allow_changes(trace, problem.nominal, settings)
     bad = trace.missed.copy()
     if problem.margin is not None:
         rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)
@@ -266,15 +265,6 @@ def _keep_slot(lattice: Lattice, line: Line) -> Lattice:
     other = np.arange(lattice.reason.shape[2])[None, :] != line.slot[:, None]
     reason = np.where(lattice.usable & other[:, None, :], NOT_WANTED, lattice.reason).astype(np.int8)
     return replace(lattice, reason=reason)
-
-
-def _allow_changes(trace: PostureTrace, nominal: Toolpath, settings: PostureSettings) -> PostureTrace:
-    """Forgive steps of rapid moves where the arm may change its configuration; elsewhere they count as torn."""
-    if settings.reconfigure:
-        return trace
-    torn = np.zeros(len(trace.q), bool)
-    torn[1:] = np.abs(np.diff(trace.q, axis=0)).max(axis=1) > 1.05
-    return replace(trace, missed=trace.missed | (torn & nominal.rapid))
 
 
 def _list_changes(line: Line, stations: NDArray[np.int_]) -> tuple[tuple[int, str, str], ...]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -27,7 +27,6 @@ CHUNK = 4096
 SAMPLES = 512
 #: Least level of squared sensitivity that presets are scaled with: 0.1 um, far below any robot. [mm^2]
 LEAST_LEVEL = 1e-8
-Measure = Literal["expected", "p95"]
 
 
 @dataclass(frozen=True)
@@ -37,13 +36,11 @@ class ModelScatter:
     Attributes:
         wrench: Relative error of each component of the wrench, part axes.
         compliance: Relative error of each elastic coordinate.
-        joint_zero: Error of each revolute joint's zero (geometry); the place of a rail is the part's. [rad]
 
     """
 
     wrench: float = 0.1
     compliance: float = 0.1
-    joint_zero: float = 0.0
 
 
 class ErrorModel(Protocol):
@@ -67,7 +64,7 @@ class Weights:
     """What each criterion is worth in mm^2 of squared sensitivity, the currency of the search.
 
     Attributes:
-        sensitivity: Per mm^2 of remaining deviation, mean square along the cut (or squared 95 % value).
+        sensitivity: Per mm^2 of remaining deviation, mean square along the cut.
         deviation: Per mm^2 of deviation before compensation, mean square along the cut.
         limits: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
         dexterity: Per unit of (0.1 / inverse condition number)^2, mean along the path.
@@ -109,7 +106,7 @@ class NodeCosts(NamedTuple):
     """What n postures are like.
 
     Attributes:
-        sensitivity: Expected (root mean square) or 95 % remaining deviation of the tool tip. Shape (n,). [m]
+        sensitivity: Expected (root mean square) remaining deviation of the tool tip. Shape (n,). [m]
         deviation: Deviation of the tool tip before compensation. Shape (n,). [m]
         limits: Nearness to joint limits, see `measure_limits`. Shape (n,).
         dexterity: Inverse Frobenius condition number of the length-normalised Jacobian, 0 singular to 1. Shape (n,).
@@ -148,7 +145,7 @@ def choose_weights(preset: str, level: float, own: dict[str, float] | None = Non
 
 def measure_nodes(
     chain: Chain, q: Array, wrench: Array, *, limits: tuple[Array, Array],
-    uncertainty: ModelScatter | ErrorModel | None = None, measure: Measure = "expected", axes: Array | None = None,
+    uncertainty: ModelScatter | ErrorModel | None = None, axes: Array | None = None,
     margin: float = np.radians(10.0),
 ) -> NodeCosts:  # fmt: skip
     """Measure postures q (n, nq) under a wrench (n, 6) on the tool at the TCP, base axes.
@@ -159,7 +156,6 @@ def measure_nodes(
         wrench: Predicted wrench. Shape (n, 6). [N, N m]
         limits: Lower and upper joint limits. Shapes (nq,). [rad or m]
         uncertainty: How well the inputs are known.
-        measure: Root of the expected square, or the 95 % value.
         axes: Axes in whose components the wrench errs, base axes if left out. Shape (3, 3).
         margin: Distance to a limit from which on it does not count. [rad or m]
     """
@@ -176,10 +172,7 @@ def measure_nodes(
         if not isinstance(known, ModelScatter):
             spread = known.columns(q[rows], wrench[rows])
         deviation[rows] = np.linalg.norm(bend, axis=1)
-        if measure == "expected":
-            sensitivity[rows] = np.sqrt(np.einsum("nij,nij->n", spread, spread))
-        else:
-            sensitivity[rows] = np.where(np.isfinite(spread).all(axis=(1, 2)), _quantile(spread), np.inf)
+        sensitivity[rows] = np.sqrt(np.einsum("nij,nij->n", spread, spread))
         dexterity[rows] = measure_dexterity(joint_jacobian(chain, frames), length)
     return NodeCosts(sensitivity, deviation, measure_limits(q, *limits, margin), dexterity)
 
@@ -208,10 +201,6 @@ def _error_columns(
     by_force = (compliance[:, :, :3] @ turn) * (wrench[:, None, :3] @ turn)
     by_moment = (compliance[:, :, 3:] @ turn) * (wrench[:, None, 3:] @ turn)
     parts = [known.compliance * by_spring, known.wrench * by_force, known.wrench * by_moment]
-    if known.joint_zero > 0.0:
-        motion = joint_jacobian(chain, frames)
-        turning = np.linalg.norm(motion[:, 3:], axis=1, keepdims=True)  # 1, and 0 for a slide
-        parts.append(known.joint_zero * motion[:, :3] * turning)
     return np.concatenate(parts, axis=2), by_spring.sum(axis=2)
 
 
@@ -241,10 +230,3 @@ def measure_dexterity(joint_columns: Array, length: float) -> Array:
 def draw_errors(errors: int, samples: int = SAMPLES) -> Array:
     """Draw standard normal errors, the same ones every time. Shape (errors, samples)."""
     return np.random.default_rng(0).standard_normal((errors, samples))
-
-
-def _quantile(spread: Array, level: float = 0.95) -> Array:
-    draws = spread @ draw_errors(spread.shape[2])
-    lengths = np.sqrt(np.einsum("nis,nis->ns", draws, draws))
-    rank = int(np.ceil(level * lengths.shape[1])) - 1
-    return np.asarray(np.partition(lengths, rank, axis=1)[:, rank])

@@ -226,7 +226,7 @@ def fill_lattice(problem: PostureProblem, stations: NDArray[np.int_], options: O
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(
         problem.chain, q[rows], problem.wrench[stations][rows[0]], limits=arm.robot.arm_limits,
-        uncertainty=settings.known, measure=settings.measure, axes=problem.axes, margin=settings.limit_margin,
+        uncertainty=settings.known, axes=problem.axes, margin=settings.limit_margin,
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)

@@ -64,7 +64,6 @@ class PlaceResult:
     Attributes:
         position: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
         turn: Turn about the vertical through it, on top of the job's rotation. [rad]
-        base_height: How far the base has to be raised for that. [m]
         posture_choice: Posture along the path there.
         before: Posture at the job's own place, or None where none leads along the path.
         ratings: Grids, one a turn.
@@ -74,7 +73,6 @@ class PlaceResult:
 
     position: Array
     turn: float
-    base_height: float
     posture_choice: PostureSummary
     before: PostureSummary | None
     ratings: tuple[Ratings, ...]
@@ -99,9 +97,6 @@ def place_part(
         InputError: If the table [place] asks for too many places.
         InfeasibleError: If the path can be followed at none of them.
     """
-    if robot.ground and any(job.place.base_height_mm):
-        message = "raises a base that a positioner turns with the part; leave it out, place moves the part on its plate"
-        raise InputError(message, file=job.file, where="place.base_height_mm")
     axes = _grid_axes(job)
     here = job.T_base_part[:3, 3]
     settings = read_request(job, robot, errors).settings
@@ -127,10 +122,7 @@ def place_part(
     before = search(here, 0.0)
     if before is not None and _rank(before) <= _rank(posture_choice):
         posture_choice, position, turn = before, here, 0.0
-    low, high = (v * 1e-3 for v in job.place.base_height_mm)
-    lowest = job.place.z_mm[0] * 1e-3 if job.place.z_mm else min(axes[2][0] + high, here[2])
-    height = float(np.clip(lowest - position[2], low, high))
-    return PlaceResult(position, turn, height, posture_choice, before, tuple(ratings), here)
+    return PlaceResult(position, turn, posture_choice, before, tuple(ratings), here)
 
 
 def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
@@ -145,7 +137,6 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
             "rotation_deg": list(_turned_rotation(job, result.turn)),
             "turn_deg": float(np.degrees(result.turn)),
         },
-        "base_height_mm": round(1e3 * result.base_height, 3),
         "sensitivity_mm": {
             "expected_rms": result.posture_choice.costs["sensitivity_rms_mm"],
             "p95": result.posture_choice.costs["sensitivity_p95_mm"],
@@ -210,7 +201,7 @@ class Rater:
         rows = np.nonzero(inside)
         nodes = measure_nodes(
             self.chain, q[rows], wrench[rows[0]], limits=self.robot.arm_limits,
-            uncertainty=self.settings.known, measure=self.settings.measure, axes=axes,
+            uncertainty=self.settings.known, axes=axes,
         )  # fmt: skip
         values = np.full(inside.shape, np.inf)
         values[rows] = np.where(nodes.dexterity >= self.settings.singularity_margin, nodes.sensitivity, np.inf)
@@ -218,18 +209,15 @@ class Rater:
 
 
 def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
-    """Build the grid; a raised base is the same as a lowered part."""
+    """Build the grid."""
     table, step = job.place, job.place.step_mm * 1e-3
     here = job.T_base_part[:3, 3]
-    low_height, high_height = (v * 1e-3 for v in table.base_height_mm)
     axes = []
     for k, span in enumerate((table.x_mm, table.y_mm, table.z_mm)):
         around = AROUND_HEIGHT if k == 2 else AROUND
         low, high = (here[k] - around, here[k] + around) if span is None else (span[0] * 1e-3, span[1] * 1e-3)
         if low > high:
             raise InputError("has its bounds in the wrong order", file=job.file, where=f"place.{'xyz'[k]}_mm")
-        if k == 2:
-            low, high = low - high_height, high - low_height
         if not (np.isfinite([low, high]).all() and (high - low) / step < MOST_PLACES):
             message = f"from {low * 1e3:g} to {high * 1e3:g} mm in steps of {table.step_mm:g} mm are too many places"
             raise InputError(f"{message}, at most {MOST_PLACES} are allowed", file=job.file, where="place.step_mm")

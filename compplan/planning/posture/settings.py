@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.costs import ErrorModel, Measure, ModelScatter
+from compplan.planning.posture.costs import ErrorModel, ModelScatter
 from compplan.planning.posture.motion import MotionFigures, list_plays
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
@@ -35,15 +35,13 @@ class PostureSettings:
         preset: "accurate", "error_band", "smooth" or "fast".
         compares: Whether the preset was asked for by name: finished postures are then measured beside those of others.
         weights: Weights in place of the preset's, see `compplan.planning.posture.costs.Weights`.
-        measure: What sensitivity means: "expected" (root mean square) or "p95".
-        uncertainty: How well wrench, compliance and joint zeros are known.
+        uncertainty: How well wrench and compliance are known.
         spin_step: Step of the grid of rotations about the tool axis. [rad]
         lead: How far the tool axis may lean along the travel. [rad]
         lean: How far it may lean across the travel. [rad]
         held_steps: Grid positions of each extra axis (a rail), where there is one; of several together at most thrice
             as many.
         stations: Waypoints that the graph is built at, at most; those between follow.
-        reconfigure: Whether the arm may change its configuration in rapid moves away from the part.
         singularity_margin: Inverse condition number below which a posture counts as singular and costs steeply.
         limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
         limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
@@ -59,14 +57,12 @@ class PostureSettings:
     preset: str = "accurate"
     compares: bool = False
     weights: dict[str, float] = field(default_factory=dict)
-    measure: Measure = "expected"
     uncertainty: ModelScatter = field(default_factory=ModelScatter)
     spin_step: float = float(np.radians(5.0))
     lead: float = 0.0
     lean: float = 0.0
     held_steps: int = 9
     stations: int = 240
-    reconfigure: bool = True
     singularity_margin: float = 0.03
     limit_margin: float = float(np.radians(10.0))
     limit_room: float = float(np.radians(2.0))
@@ -128,9 +124,8 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
     A wrench that is given in tool axes would turn with the tool: the rotation then stays where the job has it.
     """
     words = job.plan.configuration.model_dump(exclude_none=True)
-    words.pop("start_deg", None)
     table = job.posture
-    start = job.plan.start
+    start = job.plan.start_deg
     if start is not None and len(start) == robot.nq:
         scales = np.where(robot.prismatic, 1e-3, np.pi / 180)
         start = tuple(float(value) for value in np.asarray(start) * scales)
@@ -141,15 +136,8 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
         preset=table.preset,
         compares="preset" in table.model_fields_set,
         weights=dict(table.weights),
-        measure=table.measure,
-        uncertainty=ModelScatter(
-            table.wrench_uncertainty, table.compliance_uncertainty, float(np.radians(table.joint_zero_uncertainty_deg))
-        ),
-        spin_step=float(np.radians(table.spin_step_deg)),
         lead=float(np.radians(table.lead_deg)),
         lean=float(np.radians(table.lean_deg)),
-        reconfigure=table.reconfigure == "rapid",
-        singularity_margin=table.singularity_margin,
         limit_margin=float(np.radians(table.limit_margin_deg)),
         motion=_read_motion(robot) if errors is None else _leave_to_band(_read_motion(robot)),
         errors=errors,

@@ -15,7 +15,7 @@ the point enters or leaves, the lips count by the length that is in the material
 of the point is. The forces of the lips across the axis cancel. Valid for moves along the axis.
 
 The second opinion is the relation of Shaw and Oxford as Machinery's Handbook prints it (31st edition, p. 1152: SI
-units, chisel edge of 0.18 D, of 0.03 D where the web is thinned), K_d a constant of the material:
+units, chisel edge of 0.03 D where the web is thinned), K_d a constant of the material:
 
     thrust = 0.05 K_d f^0.8 D^0.8 B + 0.007 K_d D^2 J N      torque = 2.5e-5 K_d f^0.8 D^1.8 A N m
 """
@@ -63,8 +63,8 @@ HANDBOOK = {
     "al6061_t6": 7000.0, "al6082_t6": 7000.0, "al7075_t6": 7000.0, "aluminium_cast": 7000.0, "c45": 24000.0,
     "low_carbon_steel": 24000.0, "low_alloy_steel_300hb": 31000.0, "cast_iron_pearlitic": 14000.0,
 }  # fmt: skip
-#: Its factors A, B and J of a conventional point and of a thinned one.
-CHISELS = {False: (1.085, 1.355, 0.030), True: (1.000, 1.100, 0.001)}
+#: Its factors A, B and J of a thinned point.
+TURN, PUSH, PRESS = 1.000, 1.100, 0.001
 
 
 def drill_coefficients(material: str) -> Coefficients:
@@ -76,14 +76,14 @@ def drill_coefficients(material: str) -> Coefficients:
     )  # fmt: skip
 
 
-def ask_handbook(material: str, diameter: float, feed: float, *, thinned: bool) -> tuple[float, float]:
+def ask_handbook(material: str, diameter: float, feed: float) -> tuple[float, float]:
     """Return thrust [N] and torque [N m] in full cut by the handbook's relation, diameter and feed a turn in mm."""
-    constant, (turn, push, press) = HANDBOOK[material], CHISELS[thinned]
-    thrust = 0.05 * constant * (feed * diameter) ** 0.8 * push + 0.007 * constant * diameter**2 * press
-    return thrust, 2.5e-5 * constant * feed**0.8 * diameter**1.8 * turn
+    constant = HANDBOOK[material]
+    thrust = 0.05 * constant * (feed * diameter) ** 0.8 * PUSH + 0.007 * constant * diameter**2 * PRESS
+    return thrust, 2.5e-5 * constant * feed**0.8 * diameter**1.8 * TURN
 
 
-def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingShape:
+def shape_drilling(found: Engagement, lips: int) -> MillingShape:
     """Work out what each coefficient of a drill contributes to the mean wrench at its tip, path axes.
 
     Moves across the axis carry nothing.
@@ -94,7 +94,7 @@ def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingSha
     share = found.depth.mean(axis=2, dtype=np.float64) * np.maximum(-found.travel[:, 1:], 0.0)  # (n, k)
     length, area = (outer - inner) / radius, (outer**2 - inner**2) / radius**2
     middle = inner < 0.5 * WEB * radius
-    chisel = CHISEL * (1.0 - THINNED * thinned)
+    chisel = CHISEL * (1.0 - THINNED)
     push = share @ (length * (1.0 - CHISEL)) + chisel * share[:, middle].mean(axis=1)
     turn = share @ area
     cutting, constant = np.zeros((len(found), 3, 6)), np.zeros((len(found), 3, 6))
@@ -109,7 +109,6 @@ class DrillProcess(CuttingTable):
     steady: ClassVar[bool] = True
     model: Literal["drill"]
     point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
-    web_thinned: bool = True
 
     @model_validator(mode="after")
     def _check_drilled(self) -> DrillProcess:
@@ -137,7 +136,7 @@ class DrillProcess(CuttingTable):
 
     def shape(self, found: Engagement) -> MillingShape:
         """Return what each coefficient contributes to thrust and torque, from the engagement."""
-        return shape_drilling(found, self.teeth, thinned=self.web_thinned)
+        return shape_drilling(found, self.teeth)
 
     def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
         """Say where the drill moves sideways in material."""
@@ -153,9 +152,9 @@ class DrillProcess(CuttingTable):
         if self.material not in HANDBOOK:
             return []
         feed, size, constant = self.teeth * feed_per_tooth, self.diameter_mm, DRILLED[self.material][0]
-        own = 570.0 * constant * size * feed**0.85 * (1.0 - CHISEL * THINNED * self.web_thinned)
+        own = 570.0 * constant * size * feed**0.85 * (1.0 - CHISEL * THINNED)
         turn = 0.01 * constant * size**2 * (0.630 + 16.84 * feed)
-        other = ask_handbook(self.material, size, feed, thinned=self.web_thinned)
+        other = ask_handbook(self.material, size, feed)
         return [f"In full cut at {feed:.3g} mm a turn the table gives {own:.4g} N and {turn:.3g} N m; second opinion, "
                 f"the handbook's relation of Shaw and Oxford: {other[0]:.4g} N and {other[1]:.3g} N m (its constant is "
                 "assumed)."]  # fmt: skip

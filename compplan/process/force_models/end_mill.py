@@ -17,6 +17,8 @@ words = "end mill in what it meets of the stock"
 cites = milling.cites
 #: Flute length that is assumed where none is given, in diameters.
 FLUTES = 3.0
+#: Helix angle of the ripple; the mean force does not depend on it (assumed). [rad]
+HELIX = float(np.radians(30.0))
 
 
 class ToolModeTable(StrictTable):
@@ -31,9 +33,8 @@ class EndMillProcess(CuttingTable):
     """An end mill whose engagement follows from stock and path, see `compplan.process.milling`."""
 
     model: Literal["end_mill"]
+    flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     corner_radius_mm: float = Field(default=0.0, ge=0.0)
-    helix_deg: float = Field(default=30.0, ge=0.0, le=70.0)
-    runout_mm: float = Field(default=0.0, ge=0.0, le=0.5)
     tool_mode: ToolModeTable | None = None
 
     @model_validator(mode="after")
@@ -47,7 +48,7 @@ class EndMillProcess(CuttingTable):
 
     def spindle(self) -> Spindle:
         """Return how the cutter turns."""
-        return Spindle(self.teeth, self.spindle_rpm / 60.0, float(np.radians(self.helix_deg)), 1e-3 * self.runout_mm)
+        return Spindle(self.teeth, self.spindle_rpm / 60.0, HELIX)
 
     def cutter(self) -> Cutter:
         """Return the cutter's shape."""

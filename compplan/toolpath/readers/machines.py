@@ -4,31 +4,22 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from compplan.errors import InputError
 from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, read_toml, read_toml_model
-from compplan.toolpath.readers.options import Axes, CamTable, Vector
+from compplan.toolpath.readers.options import CamTable, MachineAxes
 
 SHIPPED = Path(__file__).with_name("machines.toml")
 
 
-class NamedMachine(StrictTable):
-    """[machine]: the rotary axes of a machine, by the keys of [cam].
-
-    title: What it is.
-    rotary, rotary_axes, rotary_centre_mm, rotary_offset_mm, pivot_mm, tip_control: As in [cam].
-    """
+class NamedMachine(MachineAxes):
+    """[machine]: what turns (`rotary`, as in [cam]), and the rotary axes; `title` says what it is."""
 
     title: str = ""
     rotary: Literal["head", "table", "head_table"]
-    rotary_axes: Axes
-    rotary_centre_mm: Vector | None = None
-    rotary_offset_mm: Vector | None = None
-    pivot_mm: Annotated[float, Field(ge=0.0, le=1e5)] | None = None
-    tip_control: bool | None = None
 
 
 class MachineFile(StrictTable):
@@ -58,10 +49,8 @@ def find_machine(name: str, folder: Path) -> NamedMachine:
 
 
 def use_machine(options: CamTable, file: Path) -> CamTable:
-    """Return options in which the machine that they name has become its keys; keys that are stated come before it."""
+    """Return options with the machine that they name."""
     if options.machine is None:
         return options
-    said = find_machine(options.machine, file.parent).model_dump(exclude_none=True, exclude={"title"})
-    stated = {key: getattr(options, key) for key in options.model_fields_set & said.keys()}
-    kept = {key: value for key, value in said.items() if stated.get(key) is None}
-    return options.model_copy(update={**kept, "machine": None})
+    machine = find_machine(options.machine, file.parent)
+    return options.with_axes(machine.rotary, machine)

@@ -16,7 +16,7 @@ from compplan.toolpath.readers.arcs import Point, find_arc, sample_arcs
 from compplan.toolpath.readers.cnc.flow import Flow
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import HasLine, MoveLog
-from compplan.toolpath.readers.options import CamTable, find_start
+from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
 #: A number in a robot program, capitals.
 NUMBER = rf"{DECIMAL}(?:E[-+]?\d+)?"
@@ -89,7 +89,7 @@ class RobotMoves:
     """
 
     def __init__(self, options: CamTable, reader: HasLine) -> None:
-        self.reader, self.log = reader, MoveLog(options.chord_tolerance_mm, reader)
+        self.reader, self.log = reader, MoveLog(CHORD_MM, reader)
         self.frame = np.eye(4)
         self.pose: Array | None = None
         self.moved = False
