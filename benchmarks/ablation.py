@@ -26,9 +26,8 @@ from benchmarks.diagnosis import list_cases, name_of
 from compplan.diagnosis.campaign_diagnosis import _register, find_conventions
 from compplan.diagnosis.results import verdict as judged
 from compplan.diagnosis.search.fit import fit_effects
-from compplan.diagnosis.search.polish import polish_fit
 from compplan.diagnosis.search.state import Fit, Problem
-from compplan.diagnosis.validation import calibrated_probability, unmodelled_causes
+from compplan.diagnosis.validation import probability, unmodelled
 from compplan.effects import robot_effects
 from compplan.errors import InputError
 from compplan.measurement.pooling import pool_rows
@@ -36,7 +35,7 @@ from compplan.measurement.reading import read_campaign
 from compplan.measurement.registration import fitted_parts
 from compplan.robot import read_robot_folder
 
-JUDGE, CAUSES, MAP = judged.__name__, unmodelled_causes.__name__, calibrated_probability.__name__
+JUDGE, CAUSES, MAP = judged.__name__, unmodelled.__name__, probability.__name__
 #: Margin, spurious-fit probability and residual similarity, as the map weighs them, that stand for a term that is off
 #: (assumed: below the means of named claims of labelled campaigns, 3.7, 3.4 and 2.3, since doubtful ones count too).
 MEAN = (2.4, 2.8, 2.0)
@@ -47,9 +46,9 @@ Switch = tuple[str, Any]
 
 
 def _without_term(place: int) -> Switch:
-    features = calibrated_probability.features_of
+    features = probability.features_of
 
-    def neutral(evidence: calibrated_probability.Evidence) -> Any:
+    def neutral(evidence: probability.Evidence) -> Any:
         found = features(evidence)
         found[place] = MEAN[place]
         return found
@@ -94,10 +93,10 @@ def fit_case(case: Path) -> Fit:
     parts = fitted_parts(campaign, frames_of(read_truth(case)))
     conventions = find_conventions(robot, campaign, parts)
     problem = Problem(robot, campaign, parts, (), (*robot_effects(robot), *conventions))
-    return polish_fit(fit_effects(problem, _register(problem, campaign)[0], lambda text: None))
+    return fit_effects(problem, _register(problem, campaign)[0], lambda text: None)
 
 
-def answer(fit: Fit, doubt: unmodelled_causes.RevisedProbabilities) -> dict[str, Any]:
+def answer(fit: Fit, doubt: unmodelled.RevisedProbabilities) -> dict[str, Any]:
     """Return the verdict as a contestant's answer; effects known beforehand are left to the score as they are."""
     found = judged.reach_verdict(fit, doubt)
     effects = [
@@ -110,14 +109,14 @@ def answer(fit: Fit, doubt: unmodelled_causes.RevisedProbabilities) -> dict[str,
 def ablate_case(case: Path) -> tuple[dict[str, Score], list[tuple[Any, bool]]]:
     """Score the answers to one campaign, without each mechanism in turn, and list the evidence of its claims."""
     fit, truth = fit_case(case), read_truth(case)
-    doubt = unmodelled_causes.revise_probabilities(fit)
+    doubt = unmodelled.revise_probabilities(fit)
     checks = {name: getattr(judged, name)(fit, doubt) for name in CHECKS}
     scores = {}
     for name, switches in MECHANISMS.items():
         again = any(where.startswith(CAUSES) for where, _ in switches)
         held: list[Switch] = [] if again else [(f"{JUDGE}.{c}", _returns(told)) for c, told in checks.items()]
         with switched_off([*held, *switches]):
-            own = unmodelled_causes.revise_probabilities(fit) if again else doubt
+            own = unmodelled.revise_probabilities(fit) if again else doubt
             scores[name] = score_answer(name_of(case), truth, answer(fit, own))
     return scores, list_evidence(case, fit, doubt)
 
@@ -130,7 +129,7 @@ def _returns(value: Any) -> Callable[..., Any]:
     return lambda *found: value
 
 
-def list_evidence(case: Path, fit: Fit, doubt: unmodelled_causes.RevisedProbabilities) -> list[tuple[Any, bool]]:
+def list_evidence(case: Path, fit: Fit, doubt: unmodelled.RevisedProbabilities) -> list[tuple[Any, bool]]:
     """Return what the map weighs of every claim that a robot can have, named or not, and whether it is right."""
     found = judged.reach_verdict(fit, doubt)
     every = [f for f in (*found.findings, *found.doubtful, *found.minor) if f.evidence is not None and not f.beyond]
@@ -140,7 +139,7 @@ def list_evidence(case: Path, fit: Fit, doubt: unmodelled_causes.RevisedProbabil
     ]  # fmt: skip
     score = score_answer(name_of(case), read_truth(case), {"verdict": {"status": found.status, "effects": said}})
     pairs = zip(every, score.claims, strict=True)
-    return [(calibrated_probability.features_of(f.evidence), c.right) for f, c in pairs if f.evidence is not None]
+    return [(probability.features_of(f.evidence), c.right) for f, c in pairs if f.evidence is not None]
 
 
 def fit_map(claims: Sequence[tuple[Any, bool]]) -> tuple[float, Any]:

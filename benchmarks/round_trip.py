@@ -18,10 +18,9 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.identification.estimate import Estimate, estimate_parameters
 from compplan.identification.forward import attain_fit
 from compplan.identification.parameters import FreeRobot, build_structure
-from compplan.measurement.campaign import Campaign
+from compplan.measurement.campaign import Campaign, make_log
 from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows
-from compplan.measurement.from_arrays import make_log
-from compplan.measurement.poses.pool import take_clear
+from compplan.measurement.pose_selection import take_clear
 from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
 from compplan.robot.springs import link_springs, missing_springs
 from compplan.statics.chain import build_chain, locate_frames

@@ -57,8 +57,7 @@ if TYPE_CHECKING:
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.simulation.predict import Prediction, predict_campaign
     from compplan.simulation.simulated_robot import SimulatedRobot, build_simulated_robot, run_simulated_robot
-    from compplan.studies.comparison import compare_job
-    from compplan.studies.job_study import JobStudy, study_job
+    from compplan.studies.job_study import JobStudy, compare_job, study_job
     from compplan.studies.runner import Settings
     from compplan.toolpath.reading import read_toolpath
     from compplan.toolpath.toolpath import Toolpath, place_toolpath, write_toolpath
@@ -84,7 +83,7 @@ _MODULES = {
     "job.loading": ("load_nominal",),
     "job.operations": ("load_one_job", "split_job"),
     "measurement.campaign": ("Campaign",),
-    "measurement.fit_frames": ("fit_registration",),
+    "measurement.frames": ("fit_registration",),
     "measurement.instrument": ("read_instrument",),
     "measurement.reading": ("read_campaign",),
     "measurement.registration": ("Registration",),
@@ -105,8 +104,7 @@ _MODULES = {
         "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",
     ),
     "robot": ("Robot", "load_robot", "write_robot_folder"),
-    "studies.comparison": ("compare_job",),
-    "studies.job_study": ("JobStudy", "study_job"),
+    "studies.job_study": ("JobStudy", "compare_job", "study_job"),
     "studies.runner": ("Run", "Settings", "run_study"),
     "studies.study": ("Study", "prepare_study"),
     "studies.summary": ("summarise_run",),

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(Path(__file__).parent / "_ext")]
+
+# Notebooks live in notebooks/; the build reads a copy, because Sphinx reads its own folder alone.
+shutil.rmtree(ROOT / "docs" / "notebooks", ignore_errors=True)
+shutil.copytree(ROOT / "notebooks", ROOT / "docs" / "notebooks", ignore=shutil.ignore_patterns("__pycache__", ".*"))
 
 project = "compplan"
 author = copyright = "The compplan developers"
@@ -63,8 +68,8 @@ def shorten_signature(
 
 
 def link_notebooks(app: object, docname: str, source: list[str]) -> None:
-    """Let links to notebook files, which work in the repository, lead to their pages: the folder is a symbolic link."""
-    link = r"\[([^\]]+)\]\((?:\.\./)?notebooks/(\w+)\.ipynb\)"
+    """Let links to notebook files, which work in the repository, lead to the pages of their copies."""
+    link = r"\[([^\]]+)\]\((?:\.\./)+notebooks/(\w+)\.ipynb\)"
     source[0] = re.sub(link, r"{doc}`\1 </notebooks/\2>`", source[0])
 
 

@@ -12,7 +12,7 @@ TITLE = "Forces: is the engagement of a cutter right?"
 QUESTION = "How far are removed volume, axial depth and radial width from a sweep of cubes?"
 METHOD = (
     "`python -m benchmarks engagement` moves a cutter through a block of cubes; it shares no code with the product. "
-    "Mean force and ripple are compared with a simulation tooth by tooth in `tests/process/test_milling.py`."
+    "The mean force is compared with an integral over the teeth in `tests/process/test_milling.py`."
 )
 CHART = Chart("difference to the sweep of cubes, %", {
     name: (name, 0) for name in ("volume", "axial depth", "radial width")

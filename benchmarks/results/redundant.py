@@ -13,7 +13,7 @@ from benchmarks.redundant_jobs import JOBS, write_job
 from benchmarks.results.chart import Chart
 from benchmarks.results.findings import Findings, Settings, draw_table
 from compplan.job.job import Job, check_job
-from compplan.planning.candidates import _choose_run, measure_runs
+from compplan.planning.candidates import ease_run, measure_runs
 from compplan.planning.deflection import measure_bending
 from compplan.planning.feed import time_run
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
@@ -125,7 +125,7 @@ def _plan(name: str, way: str, settings: Settings) -> Row | str:
     start = time.process_time()
     try:
         if way == "CAM posture":
-            options = replace(options, strategy="iterated_mirror", posture=None)
+            options = replace(options, strategy="iterated_mirror", posture=replace(options.posture, search=False))
         elif way.startswith("graph"):
             options = replace(options, strategy="iterated_mirror")
         task = build_task(robot, nominal, options)
@@ -142,9 +142,8 @@ def _ease(task: PlanTask, robot: Robot, nominal: Toolpath, options: PlanOptions)
     asked = Asked(robot, nominal, np.asarray(options.tool_x, float), options.feed, force,
                   partial(_state_task, robot, task.chain, options))  # fmt: skip
     assert task.start is not None
-    runs = measure_runs(task.start, asked)
-    taken = _choose_run("", runs[0], runs, asked)
-    return task if taken is None else asked.state(taken.start)
+    first = measure_runs(task.start, asked)[0]
+    return asked.state(ease_run("", first, first, asked).start)
 
 
 def measure_task(task: PlanTask, robot: Robot, job: Job, options: PlanOptions, spent: float) -> Row:

@@ -74,7 +74,7 @@ def compare(
     from compplan.api.given_job import make_job
     from compplan.job.operations import settle_job
     from compplan.reporting.compare import write_comparison
-    from compplan.studies.comparison import compare_job
+    from compplan.studies.job_study import compare_job
 
     result = compare_job(settle_job(make_job(job, robot, tables)), announce=progress)
     if out is not None:

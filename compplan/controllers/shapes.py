@@ -1,9 +1,4 @@
-"""Lines, arcs and cubics through rows of a path: how far rows lie from one, and at which share of it.
-
-A cubic from x_0 to x_1 with the derivatives d_0 and d_1 by its share u is
-
-    x(u) = x_0 + d_0 u + (3 (x_1 - x_0) - 2 d_0 - d_1) u^2 + (d_0 + d_1 - 2 (x_1 - x_0)) u^3.
-"""
+"""Lines and arcs through rows of a path: how far rows lie from one, and at which share of it."""
 
 from __future__ import annotations
 
@@ -19,8 +14,6 @@ ARC_ROWS, ARC_LENGTH, ARC_RADIUS, ARC_SWEEP = 2, 0.5, 2e4, float(np.radians(170.
 MIDDLE = 0.2
 #: Least angle that the point between and the end make at the start. RAPID asks for it, as for 0.1 mm between. [rad]
 ARC_ANGLE = float(np.radians(1.0))
-#: Rows that a cubic has to go by.
-CURVE_ROWS = 4
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -64,41 +57,6 @@ def is_flat(start: Array, via: Array, end: Array) -> bool:
     """Tell whether controllers may refuse an arc as too flat. Shape (3,) each."""
     first, second = via - start, end - start
     return bool(np.linalg.norm(cross(first, second)) < np.tan(ARC_ANGLE) * (first @ second))
-
-
-def follow_curve(x: Array, along: Array, bend: Array) -> tuple[Array, Array]:
-    """Return the same of a cubic from the first row to the last, and how far it bulges from the chords between rows.
-
-    `along` is the length of the path up to each row, `bend` the derivatives of the cubic by its share at its ends.
-    Shapes (k, 3), (k,), (2, 3). [mm]
-    """
-    share = (along - along[0]) / max(float(along[-1] - along[0]), 1e-12)
-    middle = 0.5 * (share[:-1] + share[1:])
-    off = np.linalg.norm(x - _place(x[0], x[-1], bend, share), axis=1)
-    bulge = np.linalg.norm(0.5 * (x[:-1] + x[1:]) - _place(x[0], x[-1], bend, middle), axis=1)
-    return np.maximum(off, np.r_[0.0, bulge]), share
-
-
-def _place(start: Array, end: Array, bend: Array, u: Array) -> Array:
-    """Return places on a cubic. Shape (k,) -> (k, 3) [mm]."""
-    u = u[:, None]
-    second, third = find_coefficients(end - start, bend)
-    return np.asarray(start + u * (bend[0] + u * (second + u * third)))
-
-
-def find_coefficients(travel: Array, bend: Array) -> tuple[Array, Array]:
-    """Return the factors of u^2 and u^3 of cubics. Shapes (..., 3), (2, ..., 3) -> (..., 3) each."""
-    return 3.0 * travel - 2.0 * bend[0] - bend[1], bend[0] + bend[1] - 2.0 * travel
-
-
-def find_tangents(x: Array, along: Array) -> Array:
-    """Return the derivative of a path by its length at rows: of parabolas through three of them. Shape (n, 3)."""
-    step = np.maximum(np.diff(along), 1e-12)[:, None]
-    slope = np.diff(x, axis=0) / step
-    if len(x) < 3:
-        return np.repeat(slope, 2, axis=0)
-    inner = (slope[:-1] * step[1:] + slope[1:] * step[:-1]) / (step[1:] + step[:-1])
-    return np.vstack([2.0 * slope[0] - inner[0], inner, 2.0 * slope[-1] - inner[-1]])
 
 
 def find_via(x: Array, middle: int) -> Array:

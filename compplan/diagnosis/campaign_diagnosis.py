@@ -5,33 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.conventions import find_conventions
-from compplan.diagnosis.data.shared import LISTED, rank_number
-from compplan.diagnosis.results.delivery import deliver_folders
-from compplan.diagnosis.results.intervals import excludes_zero
+from compplan.diagnosis.data.shared import LISTED, rank_number, rms_length
+from compplan.diagnosis.results.delivery import deliver_robot
 from compplan.diagnosis.results.posterior import state_sizes
 from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
 from compplan.diagnosis.results.verdict import MOST_MARGIN, Finding, Verdict, check_calibration, reach_verdict, unname
 from compplan.diagnosis.search.fit import fit_effects
-from compplan.diagnosis.search.polish import polish_fit
 from compplan.diagnosis.search.search import TRIED, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
-from compplan.diagnosis.validation.calibrated_probability import MOST_SURE
 from compplan.diagnosis.validation.held_out import Folds, make_folds
+from compplan.diagnosis.validation.probability import MOST_SURE
 from compplan.diagnosis.validation.sparse import add_gear_waves
-from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities, revise_probabilities
+from compplan.diagnosis.validation.unmodelled import RevisedProbabilities, revise_probabilities
 from compplan.effects import Effect, robot_effects, solve_model_poses
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import AXES, Place
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.pooling import pool_rows
 from compplan.measurement.registration import Registration, fitted_parts, stated_registration
-from compplan.robot import Array, Robot
+from compplan.robot import Robot
 
 #: Fewest rows that a campaign needs (theory: twice the values of the frames of base and tool, three to a row).
 FEWEST_ROWS = 2 * len(AXES)
@@ -68,7 +64,7 @@ def diagnose_campaign(
     problem = Problem(robot, campaign, parts, tuple(without), (*known, *conventions))
     registration, nominal = _register(replace(problem, fixed=known), campaign)
     started = _register(problem, campaign)[0] if conventions else registration
-    fit = polish_fit(fit_effects(problem, started, progress))
+    fit = fit_effects(problem, started, progress)
     progress("verdict")
     doubt = revise_probabilities(fit, progress)
     verdict = _with_conventions(reach_verdict(fit, doubt), problem, len(known))
@@ -111,43 +107,34 @@ def _conclude(
         plain = replace(plain, residual=before[plain.rows])
     good = campaign.usable.copy()
     good[fit.outliers] = False
-    refuse_open_frames(_rms(before[good]), plain.of(good[plain.rows]).rms, campaign)
+    refuse_open_frames(rms_length(before[good]), plain.of(good[plain.rows]).rms, campaign)
     state = FitState(problem.fixed, {}, registration, fit.state.use)
-    deliveries = deliver_folders(folds, verdict, plain, state, good)
-    first = deliveries[0]
+    first = deliver_robot(folds, verdict, plain, state, good)
     seen = good[plain.rows]
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
-    sizes = state_sizes(fit, named, first.uncertainty.calibration)
-    verdict = unname(_with_sizes(verdict, first.state), lambda f: excludes_zero(f.effect, sizes))
+    sizes, told = state_sizes(fit, named, first.uncertainty.calibration)
+    verdict = unname(_with_sizes(verdict, first.state), told)
     if first.small is not None:
         verdict = check_calibration(verdict, plain.of(seen).rms, first.small.of(seen).rms)
-    ranked = rank_candidates(fit, verdict, folds)
-    taken = {f.effect.place for f in verdict.findings}
     gap = Gap(
-        before=_rms(before[good]),
-        after=_rms(first.residual[good]),
-        held_out_before=_rms(plain.residual[seen]),
-        held_out_after=_rms(first.held.residual[seen]),
+        before=rms_length(before[good]),
+        after=rms_length(first.residual[good]),
+        held_out_before=rms_length(plain.residual[seen]),
+        held_out_after=rms_length(first.held.residual[seen]),
         noise_floor=verdict.structure.floor,
-        registration_only=_rms(plain.residual[seen]),
-        generic=_rms(folds.hold_out([]).residual[seen]),
-        wrong=min((c.held_out for c in ranked if c.place not in taken), default=plain.rms),
     )
     return Diagnosis(
         robot=problem.robot, updated=first.robot(problem.robot, known), fit=fit,
-        doubt=doubt, verdict=verdict, gap=gap, candidates=ranked, residual_before=before,
+        doubt=doubt, verdict=verdict, gap=gap, candidates=rank_candidates(fit, verdict, folds), residual_before=before,
         residual_after=first.residual, registration=first.state.registration, outliers=fit.outliers,
-        deliveries=deliveries, sizes=sizes, noise=fit.noises["position"].source,
+        delivery=first, sizes=sizes, noise=fit.noises["position"].source,
     )  # fmt: skip
 
 
 def refuse_open_frames(inside: float, left_out: float, campaign: Campaign) -> None:
     """Refuse rows that do not tell where instrument, target or contacts are: no folder could be judged by them.
 
-    Args:
-        inside: What the nominal robot leaves of all rows. [m]
-        left_out: What it leaves of poses left out, of which nothing but frames knows. [m]
-        campaign: The rows.
+    `inside` is what the nominal robot leaves of all rows, `left_out` of poses that no frame was fitted to. [m]
 
     Raises:
         InputError: If the poses left out are much farther off.
@@ -206,7 +193,3 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
         held = folds.hold_out_linear([claim])
         candidates.append(Candidate(place, held.rms, probability[place]))
     return tuple(sorted(candidates, key=lambda c: (-round(c.probability, 3), rank_number(c.held_out))))
-
-
-def _rms(residual: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))) if len(residual) else 0.0

@@ -1,11 +1,11 @@
 """Effects: errors of a robot, its instrument and its sensors, one module each.
 
 A module holds `name`, its description `words` ({at} is the place), the place it `sits` at if no joint, the quantity
-that its error `follows`, `of_instrument` for errors of instrument, sensor or clock alone, and three functions:
+that its error `follows`, `of_instrument` for errors of instrument, sensor or clock alone, and up to three functions:
 
     signatures(at)          possible places and forms of the effect, to first order
-    apply(model, effect)    the exact forward model
-    fold(robot, effect)     the robot with the effect in URDF and springs, or None where they cannot express it
+    apply(model, effect)    the exact forward model; left out: the robot of `fold`
+    fold(robot, effect)     the robot with the effect in URDF and springs, or None; left out: they cannot express it
 
 To simulate any mixture of effects exactly:
 
@@ -47,6 +47,7 @@ __all__ = [
     "build_model",
     "command_campaign",
     "driver_of",
+    "fold_effect",
     "fold_effects",
     "is_of_instrument",
     "locate_effect",
@@ -85,8 +86,18 @@ def apply_effects(model: ForwardModel, effects: Iterable[Effect]) -> ForwardMode
 
     """
     for effect in _in_order(effects):
-        model = EFFECTS[effect.name].apply(model, effect)
+        apply = getattr(EFFECTS[effect.name], "apply", None)
+        if apply is not None:
+            model = apply(model, effect)
+        elif (folded := fold_effect(model.robot, effect)) is not None:
+            model = replace(model, robot=folded)
     return model
+
+
+def fold_effect(robot: Robot, effect: Effect) -> Robot | None:
+    """Write an effect into URDF and springs; None where they cannot express it."""
+    fold = getattr(EFFECTS[effect.name], "fold", None)
+    return None if fold is None else fold(robot, effect)
 
 
 def robot_effects(robot: Robot) -> tuple[Effect, ...]:
@@ -125,7 +136,7 @@ def fold_effects(robot: Robot, effects: Iterable[Effect]) -> Robot:
     """
     tables: list[dict[str, Any]] = [dict(table) for table in robot.effects]
     for effect in _in_order(effects):
-        folded = EFFECTS[effect.name].fold(robot, effect)
+        folded = fold_effect(robot, effect)
         if folded is None:
             tables.append(effect.to_table())
         else:

@@ -10,7 +10,7 @@ import numpy as np
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 name = "backlash"
 words = "{at} has lost motion (backlash)"
@@ -68,8 +68,3 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
         follower = min(max(follower, value - half), value + half)
         result.append(follower - value)
     return np.asarray(np.sign(width) * np.array(result))
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot express it."""
-    return None

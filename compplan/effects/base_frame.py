@@ -11,7 +11,7 @@ from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.effects.tool_frame import KEYS, twist_values
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 name = "base_frame"
 words = "measurement frame and robot base are misaligned"
@@ -37,8 +37,3 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Move everything in the measurement frame."""
     return replace(model, base_twist=model.base_twist + twist_values(effect))
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """Not a property of the robot."""
-    return None

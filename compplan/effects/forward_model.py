@@ -33,43 +33,25 @@ Law = Callable[[Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class ForwardModel:
-    """A robot at n rows; nq joints.
+    """A robot at n rows; nq joints."""
 
-    Attributes:
-        robot: The robot, with the effects that URDF and springs express.
-        campaign: Joints, loads, order and times of the rows. Its measured positions are not used.
-        later: Whether the rows belong to a later campaign than that of the effects.
-        zero: True minus link-side position of each joint. Shape (n, nq). [rad or m]
-        drive: Link-side minus motor-side position of each joint, elastic part left out. Shape (n, nq). [rad or m]
-        wrench: True wrench at the TCP, base axes. Shape (n, 6). [N, N m]
-        joint_load: Further load on each joint's own spring. Shape (n, nq). [N m or N]
-        laws: Nonlinear deflections: joint index and law.
-        growth: Relative growth of the placements before each joint, and from the last to the flange. Shape (n, nq + 1).
-        base_twist: Motion of the robot in the measurement frame, base axes about the base origin. Shape (n, 6). [m,
-            rad]
-        tool_twist: Motion of the target on the tool, TCP axes. Shape (n, 6). [m, rad]
-        payload: Mass and first moments about the flange that the model lacks, flange axes. Shape (4,). [kg, kg m]
-        tilt: Compliance of the base about the base axes, without a joint to hold it. Shape (3,). [rad/(N m)]
-        encoder: Error of the link-side encoders. Shape (n, nq). [rad or m]
-        registration: Frames fitted to the campaign, or None.
-
-    """
-
-    robot: Robot
-    campaign: Campaign
-    later: bool
-    zero: Array
-    drive: Array
-    wrench: Array
-    joint_load: Array
-    laws: tuple[tuple[int, Law], ...]
+    robot: Robot  #: The robot, with the effects that URDF and springs express.
+    campaign: Campaign  #: Joints, loads, order and times of the rows. Its measured positions are not used.
+    later: bool  #: Whether the rows belong to a later campaign than that of the effects.
+    zero: Array  #: True minus link-side position of each joint. Shape (n, nq). [rad or m]
+    drive: Array  #: Link-side minus motor-side position of each joint, elastic part left out. Shape (n, nq). [rad or m]
+    wrench: Array  #: True wrench at the TCP, base axes. Shape (n, 6). [N, N m]
+    joint_load: Array  #: Further load on each joint's own spring. Shape (n, nq). [N m or N]
+    laws: tuple[tuple[int, Law], ...]  #: Nonlinear deflections: joint index and law.
+    #: Relative growth of the placements before each joint, and from the last to the flange. Shape (n, nq + 1).
     growth: Array
+    #: Motion of the robot in the measurement frame, base axes about the base origin. Shape (n, 6). [m, rad]
     base_twist: Array
-    tool_twist: Array
-    payload: Array
-    tilt: Array
-    encoder: Array
-    registration: Registration | None = None
+    tool_twist: Array  #: Motion of the target on the tool, TCP axes. Shape (n, 6). [m, rad]
+    payload: Array  #: Mass and first moments about the flange that the model lacks, flange axes. Shape (4,). [kg, kg m]
+    tilt: Array  #: Compliance of the base about the base axes, without a joint to hold it. Shape (3,). [rad/(N m)]
+    encoder: Array  #: Error of the link-side encoders. Shape (n, nq). [rad or m]
+    registration: Registration | None = None  #: Frames fitted to the campaign, or None.
 
     def joint_index(self, joint: str | None) -> int:
         """Return the number of a commanded joint, counted from 0."""
@@ -77,32 +59,18 @@ class ForwardModel:
 
 
 class Attained(NamedTuple):
-    """Solution of a model at n rows.
+    """Solution of a model at n rows."""
 
-    Attributes:
-        position: Measured position of the target. Shape (n, 3). [m]
-        rotation: Measured orientation. Shape (n, 3, 3).
-        link: Link-side readings. Shape (n, nq). [rad or m]
-        motor: Motor-side readings. Shape (n, nq). [rad or m]
-        q: True joint positions, springs left out. Shape (n, nq). [rad or m]
-        theta: Elastic coordinates of the chain. Shape (n, s). [rad or m]
-        wrench: Wrench at the TCP, weights of an unmodelled payload included. Shape (n, 6). [N, N m]
-        chain: The chain that was solved.
-        frames: Its loaded frames, base axes.
-        target: Target in the base frame, before registration and base motion. Shape (n, 3). [m]
-
-    """
-
-    position: Array
-    rotation: Array
-    link: Array
-    motor: Array
-    q: Array
-    theta: Array
-    wrench: Array
-    chain: Chain
-    frames: Frames
-    target: Array
+    position: Array  #: Measured position of the target. Shape (n, 3). [m]
+    rotation: Array  #: Measured orientation. Shape (n, 3, 3).
+    link: Array  #: Link-side readings. Shape (n, nq). [rad or m]
+    motor: Array  #: Motor-side readings. Shape (n, nq). [rad or m]
+    q: Array  #: True joint positions, springs left out. Shape (n, nq). [rad or m]
+    theta: Array  #: Elastic coordinates of the chain. Shape (n, s). [rad or m]
+    wrench: Array  #: Wrench at the TCP, weights of an unmodelled payload included. Shape (n, 6). [N, N m]
+    chain: Chain  #: The chain that was solved.
+    frames: Frames  #: Its loaded frames, base axes.
+    target: Array  #: Target in the base frame, before registration and base motion. Shape (n, 3). [m]
 
 
 def build_model(

@@ -12,7 +12,7 @@ from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.effects.tool_frame import KEYS, twist_values
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 name = "frame_shift"
 words = "base or measuring instrument moved during the campaign"
@@ -57,8 +57,3 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Move everything in the measurement frame from the row on."""
     step = since(model, int(effect.parameters["row"]))[:, None] * twist_values(effect)
     return replace(model, base_twist=model.base_twist + step)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """Not a property of the robot."""
-    return None

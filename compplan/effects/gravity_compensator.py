@@ -10,7 +10,7 @@ import numpy as np
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 name = "gravity_compensator"
 words = "a balancing spring or cylinder loads {at}"
@@ -71,8 +71,3 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     load = model.joint_load.copy()
     load[:, index] += sum(float(value) * parts[key] for key, value in effect.parameters.items() if key in parts)
     return replace(model, joint_load=load)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot express it."""
-    return None

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.folding import add_own_compliance
-from compplan.effects.forward_model import ForwardModel
 from compplan.effects.joint_stiffness import RIGID_SCALE
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
@@ -56,11 +55,6 @@ def _bending_joints(at: Linearization) -> Iterable[Signature]:
     columns = tuple(f"compliance of {joint}" for joint in names)
     fixed = {JOINTS: names}
     yield Signature(name, None, None, JOINTS, keys, scale, twist, encoder, fixed, positive=True, columns=columns)
-
-
-def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Let the weights load the springs."""
-    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

@@ -10,7 +10,6 @@ import numpy as np
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Robot
 
 name = "joint_coupling"
 words = "the reading of {at} contains another joint's motion, or counts against the model"
@@ -47,8 +46,3 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
         zero[:, index] -= 2.0 * q[:, index]
     zero[:, index] += float(values.get("zero_rad", values.get("zero_m", 0.0)))
     return replace(model, zero=zero)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot express it; the controller's counting is no property of the arm."""
-    return None

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from compplan.effects.folding import shift_zero
-from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
@@ -25,11 +23,6 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     for index, joint in enumerate(at.robot.actuated):
         key = "offset_m" if joint.kind == "prismatic" else "offset_rad"
         yield Signature(name, joint.name, None, "", (key,), np.array([SCALE]), at.motion[:, :, index, None])
-
-
-def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Shift the zero."""
-    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from compplan.effects.folding import add_own_compliance
-from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
@@ -49,11 +47,6 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         keys = (compliance_key(joint.kind),)
         least = (-LEAST_SHARE * nominal,)
         yield Signature(name, joint.name, None, "", keys, np.array([scale]), twist, encoder, least=least)
-
-
-def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Change the compliance about the joint's own axis."""
-    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

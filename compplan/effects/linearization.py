@@ -35,33 +35,19 @@ LARGE_ARM = 4e-7
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """A model, its solution and its first derivatives; n rows.
+    """A model, its solution and its first derivatives; n rows."""
 
-    Attributes:
-        scene: The model.
-        attained: Its solution.
-        point: Target in the base frame. Shape (n, 3). [m]
-        motion: Motion of the target per motion of each commanded joint with its mimic joints. Shape (n, 6, nq).
-        spring_motion: The same per deflection of the joint's own spring. Shape (n, 6, nq).
-        elements: Number in `axis`, `origin` and `load` of joint j's axis a: `elements[joint, "rx"]`; of the base:
-            "base".
-        axis: Axes, base axes. Shape (n, e, 3).
-        origin: Their origins, base frame. Shape (n, e, 3). [m]
-        load: Load of wrench and weights on each. Shape (n, e). [N m or N]
-        own: The spring about each joint's own axis.
-
-    """
-
-    scene: ForwardModel
-    attained: Attained
-    point: Array
-    motion: Array
-    spring_motion: Array
+    scene: ForwardModel  #: The model.
+    attained: Attained  #: Its solution.
+    point: Array  #: Target in the base frame. Shape (n, 3). [m]
+    motion: Array  #: Motion of the target per motion of each commanded joint with its mimic joints. Shape (n, 6, nq).
+    spring_motion: Array  #: The same per deflection of the joint's own spring. Shape (n, 6, nq).
+    #: Number in `axis`, `origin` and `load` of joint j's axis a: `elements[joint, "rx"]`; of the base: "base".
     elements: dict[tuple[str, str], int]
-    axis: Array
-    origin: Array
-    load: Array
-    own: dict[int, OwnSpring]
+    axis: Array  #: Axes, base axes. Shape (n, e, 3).
+    origin: Array  #: Their origins, base frame. Shape (n, e, 3). [m]
+    load: Array  #: Load of wrench and weights on each. Shape (n, e). [N m or N]
+    own: dict[int, OwnSpring]  #: The spring about each joint's own axis.
     current: Mapping[Place, Mapping[str, Any]]
 
     @property

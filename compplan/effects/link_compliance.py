@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from compplan.effects.folding import add_compliance, find_joint
-from compplan.effects.forward_model import ForwardModel, own_sign
+from compplan.effects.forward_model import own_sign
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
@@ -34,11 +33,6 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             twist = (at.twist(joint.name, axis) * load[:, None])[:, :, None]
             scale = np.array([SHARE[axis[0]] * at.usual_compliance])
             yield Signature(name, joint.name, axis, "", (KEYS[axis[0]],), scale, twist, positive=True)
-
-
-def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Let the link bend."""
-    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from compplan.effects.folding import shift_origin
-from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Joint, Robot
@@ -45,11 +43,6 @@ def _own(joint: Joint, axis: str) -> bool:
     if (joint.kind == "prismatic") != (axis[0] == "t"):
         return False
     return abs(float((joint.placement[:3, :3] @ joint.axis)["xyz".index(axis[1])])) > 0.9
-
-
-def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Move the joint's origin."""
-    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

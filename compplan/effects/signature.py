@@ -8,27 +8,18 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 
 @dataclass(frozen=True)
 class Effect:
-    """An error of a robot or an instrument, with its parameters.
+    """An error of a robot or an instrument, with its parameters."""
 
-    Attributes:
-        name: Name in the vocabulary.
-        joint: Joint, or None.
-        axis: Axis, or None.
-        parameters: Numbers by key; the key ends in the unit (SI).
-
-    """
-
-    name: str
-    joint: str | None = None
-    axis: str | None = None
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    name: str  #: Name in the vocabulary.
+    joint: str | None = None  #: Joint, or None.
+    axis: str | None = None  #: Axis, or None.
+    parameters: Mapping[str, Any] = field(default_factory=dict)  #: Numbers by key; the key ends in the unit (SI).
 
     @property
     def place(self) -> tuple[str, str | None, str | None]:
@@ -47,39 +38,23 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """Change of the measurement per unit of the parameters of an effect at one place, to first order.
+    """Change of the measurement per unit of the parameters of an effect at one place, to first order."""
 
-    Attributes:
-        name: Name of the effect.
-        joint: Its joint, or None.
-        axis: Its axis, or None.
-        form: Form of the effect; forms at one place exclude each other.
-        keys: Key of each parameter. A key "name#3" is item 3 of the list "name". Length k.
-        scale: Standard deviation of the prior of each parameter. Shape (k,).
-        twist: Motion of the target, base axes, per unit of each parameter. Shape (n, 6, k). [m, rad]
-        encoder: Change of the link-side readings; None for none. Shape (n, nq, k). [rad or m]
-        fixed: Fixed settings of the form, such as a row or a period.
-        positive: Whether no parameter can be negative.
-        least: Lower bound of each parameter; empty for none. Length k.
-        tried: Number of alternatives (rows, periods) compared for this form.
-        columns: Names of the parameters' columns, which signatures of one effect may share; empty for own columns.
-        between: Change of the known distances between contacts; None for none. Shape (d, 1, k). [m]
-    """
-
-    name: str
-    joint: str | None
-    axis: str | None
-    form: str
-    keys: tuple[str, ...]
-    scale: Array
-    twist: Array
-    encoder: Array | None = None
-    fixed: Mapping[str, Any] = field(default_factory=dict)
-    positive: bool = False
-    least: tuple[float, ...] = ()
-    tried: int = 1
+    name: str  #: Name of the effect.
+    joint: str | None  #: Its joint, or None.
+    axis: str | None  #: Its axis, or None.
+    form: str  #: Form of the effect; forms at one place exclude each other.
+    keys: tuple[str, ...]  #: Key of each parameter. A key "name#3" is item 3 of the list "name". Length k.
+    scale: Array  #: Standard deviation of the prior of each parameter. Shape (k,).
+    twist: Array  #: Motion of the target, base axes, per unit of each parameter. Shape (n, 6, k). [m, rad]
+    encoder: Array | None = None  #: Change of the link-side readings; None for none. Shape (n, nq, k). [rad or m]
+    fixed: Mapping[str, Any] = field(default_factory=dict)  #: Fixed settings of the form, such as a row or a period.
+    positive: bool = False  #: Whether no parameter can be negative.
+    least: tuple[float, ...] = ()  #: Lower bound of each parameter; empty for none. Length k.
+    tried: int = 1  #: Number of alternatives (rows, periods) compared for this form.
+    #: Names of the parameters' columns, which signatures of one effect may share; empty for own columns.
     columns: tuple[str, ...] = ()
-    between: Array | None = None
+    between: Array | None = None  #: Change of the known distances between contacts; None for none. Shape (d, 1, k). [m]
 
     @property
     def place(self) -> tuple[str, str | None, str | None]:
@@ -107,21 +82,13 @@ class Signature:
 
 
 class EffectModel(Protocol):
-    """Interface of the module of an effect."""
+    """Interface of the module of an effect; `apply` and `fold` (`compplan.effects`) are not in every one."""
 
     name: str
     words: str
 
     def signatures(self, at: Linearization) -> Iterable[Signature]:
         """List the signatures of the possible places and forms in a campaign."""
-        ...
-
-    def apply(self, model: ForwardModel, effect: Effect) -> ForwardModel:
-        """Put the effect into a model, exactly."""
-        ...
-
-    def fold(self, robot: Robot, effect: Effect) -> Robot | None:
-        """Write the effect into URDF and springs; None where they cannot express it (effects.toml then holds it)."""
         ...
 
 

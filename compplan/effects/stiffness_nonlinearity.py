@@ -10,7 +10,7 @@ import numpy as np
 from compplan.effects.forward_model import ForwardModel, Law
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 name = "stiffness_nonlinearity"
 words = "the deflection of {at} is not proportional to its torque"
@@ -97,8 +97,3 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
 
     laws: tuple[tuple[int, Law], ...] = (*model.laws, (model.joint_index(effect.joint), law))
     return replace(model, laws=laws)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot express it."""
-    return None

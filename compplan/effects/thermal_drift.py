@@ -12,7 +12,7 @@ from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.measurement.campaign import Campaign
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 from compplan.robot.mounting import mounted_tool
 
 name = "thermal_drift"
@@ -96,8 +96,3 @@ def _since_reference(campaign: Campaign, reference: float) -> Array:
     if warming is None:
         return np.zeros(len(campaign))
     return np.asarray(warming + campaign.reference_temperature - reference)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot express it."""
-    return None

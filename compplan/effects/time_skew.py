@@ -11,7 +11,7 @@ from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.measurement.campaign import Campaign
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 name = "time_skew"
 words = "joint readings and positions were not taken at the same instant"
@@ -82,8 +82,3 @@ def _earlier(campaign: Campaign, skew: float) -> Array:
         inside = np.where(before, q[0] + (at - t[0])[:, None] * slope[0], inside)
         change[rows] = np.where(after, q[-1] + (at - t[-1])[:, None] * slope[-1], inside) - q
     return change
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """Not a property of the robot."""
-    return None

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from compplan.effects.folding import change_joint
-from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
@@ -44,11 +42,6 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 def twist_values(effect: Effect) -> Array:
     """Return the step of a frame. Shape (6,). [m, rad]."""
     return np.array([float(effect.parameters.get(key, 0.0)) for key in KEYS])
-
-
-def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Move the TCP frame."""
-    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

@@ -12,7 +12,6 @@ from compplan.effects.frame_shift import since
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.effects.tool_frame import KEYS, SCALE, tool_twists, twist_values
-from compplan.robot import Robot
 
 name = "tool_shift"
 words = "tool or target moved on the flange during the campaign"
@@ -51,8 +50,3 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Move the target on the tool from the row on."""
     step = since(model, int(effect.parameters["row"]))[:, None] * twist_values(effect)
     return replace(model, tool_twist=model.tool_twist + step)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """effects.toml holds it, with the row."""
-    return None

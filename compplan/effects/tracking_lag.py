@@ -11,7 +11,7 @@ from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.measurement.campaign import Campaign
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 name = "tracking_lag"
 words = "{at} lags behind the command in motion"
@@ -65,8 +65,3 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     joints = slice(None) if effect.joint is None else model.joint_index(effect.joint)
     drive[:, joints] += behind[:, joints]
     return replace(model, drive=drive)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot express it."""
-    return None

@@ -16,7 +16,7 @@ from scipy.interpolate import BSpline
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 name = "transmission_error"
 words = "{at} has an error periodic in its angle"
@@ -158,8 +158,3 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     drive = model.drive.copy()
     drive[:, index] += error_at(effect, np.nan_to_num(model.campaign.q[:, index]))
     return replace(model, drive=drive)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot express it."""
-    return None

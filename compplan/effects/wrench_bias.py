@@ -10,7 +10,7 @@ import numpy as np
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 from compplan.statics.chain import build_chain, locate_frames
 
 name = "wrench_bias"
@@ -64,8 +64,3 @@ def _in_base_axes(model: ForwardModel, bias: Array, axes: str) -> Array:
     q = np.nan_to_num(model.campaign.q) + model.zero + model.drive
     R = locate_frames(build_chain(model.robot), q).tcp_rotation
     return np.concatenate([R @ bias[:3], R @ bias[3:]], axis=1)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """Not a property of the robot."""
-    return None

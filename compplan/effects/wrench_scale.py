@@ -10,7 +10,6 @@ import numpy as np
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Robot
 
 name = "wrench_scale"
 words = "the force sensor reads with a wrong gain"
@@ -33,8 +32,3 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Divide the sensor readings by the gain."""
     gain = max(1.0 + float(effect.parameters[KEY]), 0.1)
     return replace(model, wrench=model.wrench / gain)
-
-
-def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """Not a property of the robot."""
-    return None

@@ -25,8 +25,8 @@ from compplan.identification.problem import (
 from compplan.identification.refine import GAIN_LIMIT, Refinement, refine_structure
 from compplan.identification.update import IdentifiedGap, identified_uncertainty, measure_gap, update_robot
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit.heldout import gain_score
-from compplan.measurement.fit.linear_system import weigh
+from compplan.measurement.fit.intervals import gain_score
+from compplan.measurement.fit.least_squares import weigh
 from compplan.measurement.fit.rows import Rows, take_rows
 from compplan.measurement.registration import Registration
 from compplan.robot import Array, Robot
@@ -75,17 +75,11 @@ def identify_campaign(
     robot: Robot, campaign: Campaign, options: IdentifyOptions | None = None, *,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Identification:  # fmt: skip
-    """Identify a robot from a campaign.
+    """Identify a robot from a campaign; an exception raised in `progress` ends the call.
 
     Frames are fitted first (to unloaded poses where there are enough), then along with everything else, so that the
     intervals carry what the frames leave open. Geometry and candidate springs enter as far as they earn their place on
     held-out poses; effects of the robot folder stay as they are.
-
-    Args:
-        robot: The nominal robot.
-        campaign: The measurement log.
-        options: What is fitted, and how.
-        progress: Told what is being done; an exception raised in it ends the call.
 
     Raises:
         InputError: If the log holds too little, or an option names something that does not exist.
@@ -248,13 +242,7 @@ def _describe_negative(estimate: Estimate) -> list[str]:
 
 @dataclass(frozen=True)
 class SpringPlace:
-    """Where a spring sits.
-
-    Attributes:
-        estimate: The fit with the spring there; intervals of the compliances hold for this place.
-        offset: Origin of the spring in the child frame of its joint. Shape (3,). [m]
-        standard_errors: Of the offset; zero along the spring's own axis, where it changes nothing. Shape (3,). [m]
-    """
+    """Where a spring sits: the fit with it there, its offset in the frame behind its joint, standard errors. [m]"""
 
     estimate: Estimate
     offset: Array
@@ -264,13 +252,8 @@ class SpringPlace:
 def place_spring(structure: FreeRobot, name: str, rows: Rows) -> SpringPlace:
     """Fit the two components of a turning spring's offset across its axis, everything else fitted along at each place.
 
-    Args:
-        structure: Robot and free parameters, the spring among them.
-        name: Name of the spring, such as "joint_3.rx".
-        rows: The measured rows.
-
     Raises:
-        InputError: If the spring does not turn about tx ty tz rx ry rz, or no place within 1 m fits.
+        InputError: If the spring does not turn about rx ry rz, or no place within 1 m fits.
     """
     index = structure.spring_labels.index(name)
     springs = list(structure.robot.springs)

@@ -12,8 +12,7 @@ from compplan.effects import EFFECTS, apply_effects, build_model, solve_model_po
 from compplan.effects.forward_model import Attained, ForwardModel, own_springs
 from compplan.effects.linearization import Linearization, coordinate_twists, linearize_model
 from compplan.identification.parameters import TYPICAL_SIZE, FreeRobot, Parameter
-from compplan.measurement.fit.linear_system import ENCODERS, ORIENTATION, POSITION, System
-from compplan.measurement.fit.observed import observe_rows
+from compplan.measurement.fit.least_squares import ENCODERS, ORIENTATION, POSITION, System, observe_rows
 from compplan.measurement.fit.rows import SIGMA_ENCODER, Rows
 from compplan.measurement.frames import frame_columns, name_frames
 from compplan.measurement.registration import Registration, campaign_gap, campaign_turn
@@ -114,10 +113,8 @@ def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
     """Differentiate the measured pose and the encoders' difference by every parameter, those of the frames last.
 
     dx/dc_k = J E_k tau, effects by their signatures; the change of tau with theta is left out (it is of the order of
-    load by buckling load), which changes the steps of Gauss-Newton but not where a consistent fit ends.
-
-    Returns:
-        Pose, linear rows first, measuring axes (n, 6, p + frame parameters); encoders (n, nq, p + frame parameters).
+    load by buckling load), which changes the steps of Gauss-Newton but not where a consistent fit ends. Shapes (n, 6,
+    p), linear rows first, measuring axes, and (n, nq, p).
     """
     structure, n = state.structure, len(rows)
     pose = np.zeros((n, 6, len(structure.parameters)))
@@ -177,9 +174,7 @@ def _add_effects(state: RowState, pose: Array, encoder: Array) -> None:
 def frame_parameters(frames: Registration, turned: bool) -> tuple[Parameter, ...]:
     """List the parameters of the frames that are fitted: small changes of pose against where they stand.
 
-    Args:
-        frames: Frames of the campaign; its `parts` are fitted.
-        turned: Whether orientation is measured; without it a tool is a point.
+    `turned` tells whether orientation is measured; without it a tool is a point.
     """
     return tuple(
         Parameter(f"{label}.{axis}", part, unit := "m" if axis[0] == "t" else "rad", 0.0, TYPICAL_SIZE[unit])

@@ -18,11 +18,10 @@ from compplan.identification.parameters import (
 )
 from compplan.identification.refine import GAIN_LIMIT
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit.heldout import gain_score
-from compplan.measurement.fit.linear_system import BLOCKS
-from compplan.measurement.fit.robust import check_loss
+from compplan.measurement.fit.intervals import gain_score
+from compplan.measurement.fit.least_squares import BLOCKS, check_loss
 from compplan.measurement.fit.rows import Rows, count_poses, usable_rows
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import PARTS, Registration, fitted_parts, folder_registration, match_targets
 from compplan.robot import Array, Robot
 from compplan.robot.springs import candidate_springs, label_spring, link_springs, missing_springs, read_spring
@@ -119,13 +118,7 @@ class IdentifyProblem:
 
 
 def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Registration:
-    """Find the frames to start from: fitted to unloaded poses, read from the robot folder, or known.
-
-    Args:
-        robot: The nominal robot.
-        campaign: The log.
-        parts: Frames to fit: "base", "tool".
-    """
+    """Find the frames to start from: fitted to unloaded poses, read from the robot folder, or known."""
     parts = fitted_parts(campaign, parts)
     stated = folder_registration(robot)
     known = None if stated is None else match_targets(stated, campaign)
@@ -157,9 +150,8 @@ def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[in
     """Leave gross outliers out, as the richest model sees them; a poorer one would take what it lacks for outliers.
 
     Returns:
-        The problem without them, to be fitted by least squares; the rows left out; and sentences on it. Where more rows
-        than `MOST_OUTLIERS` lie apart they are no outliers but structure that no model here holds: then none is left
-        out, and the loss becomes Huber's.
+        The problem without them, to be fitted by least squares; the rows left out; and sentences on it. More rows than
+        `MOST_OUTLIERS` are structure that no model here holds: none is left out then, and the loss becomes Huber's.
     """
     options, rows = problem.options, problem.rows
     if options.loss != "tukey":

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.identification.estimate import Estimate, estimate_parameters
 from compplan.identification.parameters import build_structure
-from compplan.measurement.from_arrays import make_log
+from compplan.measurement.campaign import make_log
 from compplan.robot import Array, Robot, Spring
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium

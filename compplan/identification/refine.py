@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identification.estimate import Estimate, fit_rows, leave_poses_out
+from compplan.identification.estimate import Estimate, find_inseparable, fit_rows, leave_poses_out
 from compplan.identification.forward import linearise
 from compplan.identification.parameters import FreeRobot, Parameter
-from compplan.identification.separability import find_inseparable
-from compplan.measurement.fit.heldout import distance_rms, gain_score
-from compplan.measurement.fit.linear_system import invert, stack, weigh
+from compplan.measurement.fit.intervals import distance_rms, gain_score
+from compplan.measurement.fit.least_squares import invert, stack, weigh
 from compplan.measurement.fit.rows import Rows
 from compplan.robot import Array
 
@@ -28,15 +27,10 @@ MAX_ADDED = 12
 
 @dataclass(frozen=True)
 class RoundCandidate:
-    """One candidate in one round of refinement.
+    """One candidate in one round of refinement: what it would take, and what that would bring.
 
-    Attributes:
-        name: Name of the parameter.
-        value: Value it would take, added to the present model. [unit of the parameter]
-        standard_error: Its standard error. [unit of the parameter]
-        held_out_rms: Held-out rms distance with it. [m]
-        gain: Mean gain of the held-out score over its standard error.
-        told: Whether the data tell it apart from the present parameters at all.
+    `value` and `standard_error` in the parameter's unit, `held_out_rms` with it [m], `gain` the mean gain of the held-
+    out score over its standard error; `told` whether the data tell it apart from the present parameters at all.
     """
 
     name: str
@@ -49,13 +43,7 @@ class RoundCandidate:
 
 @dataclass(frozen=True)
 class RefinementRound:
-    """One test of the model.
-
-    Attributes:
-        held_out_rms: Held-out rms distance of the model that was tested. [m]
-        candidates: What was tried, best first.
-        added: Name of the parameter that was added, or "" where none earned its place.
-    """
+    """One test of a model: its held-out rms [m], what was tried, best first, and what was added ("" for none)."""
 
     held_out_rms: float
     candidates: tuple[RoundCandidate, ...]
@@ -72,13 +60,7 @@ class Refinement:
 
 
 def refine_structure(structure: FreeRobot, start: Sequence[str], rows: Rows) -> Refinement:
-    """Grow a model from `start` towards the parameters of a structure, as far as each one earns its place.
-
-    Args:
-        structure: Robot with every parameter that may be free, candidates included.
-        start: Names of the parameters that are free from the beginning.
-        rows: The measured rows.
-    """
+    """Grow a model from the names of `start` towards all parameters of a structure, as far as each earns its place."""
     names: list[str] = list(start)
     rounds: list[RefinementRound] = []
     signed = {p.name for p in structure.parameters if p.form is not None or "*" in p.name}

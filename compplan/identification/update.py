@@ -9,7 +9,7 @@ import numpy as np
 from compplan.effects import fold_effects, is_of_instrument
 from compplan.identification.estimate import Estimate, fit_rows, leave_poses_out
 from compplan.identification.parameters import FreeRobot
-from compplan.measurement.fit.heldout import distance_rms
+from compplan.measurement.fit.intervals import distance_rms
 from compplan.measurement.fit.rows import Rows
 from compplan.robot import Robot
 from compplan.robot.springs import build_link
@@ -18,13 +18,10 @@ from compplan.uncertainty.assumed import assume_geometry, assume_held
 
 
 def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robot, tuple[str, ...]]:
-    """Return a robot that holds the identified values.
+    """Return a robot that holds the identified values, and a sentence for each that could not be written as it is.
 
     A compliance below zero cannot be built: it is written as zero (a link's 6x6 as the nearest one without a negative
-    eigenvalue), and said so.
-
-    Returns:
-        The robot, and a sentence for each value that could not be written as identified.
+    eigenvalue).
     """
     structure, values = estimate.structure, estimate.model_values
     soft, notes, springs, links = structure.soften(values), [], [], []
@@ -51,18 +48,10 @@ def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robo
 def identified_uncertainty(
     robot: Robot, kept: Estimate, gap: IdentifiedGap, *, difference: bool, sigma: float, source: str
 ) -> Uncertainty:
-    """State how surely an identified robot is known.
+    """State how surely an identified robot is known; `sigma`: of the position measurement per axis. [m]
 
     Compliances and effects keep the covariance of the fit, the frames fitted along. What held-out poses leave beyond
     the instrument is unexplained; under differences of one pose it is that of the deflections.
-
-    Args:
-        robot: The updated robot.
-        kept: Fit that it holds.
-        gap: How far the model lies from held-out measurements.
-        difference: Whether poses were compared with themselves under other loads.
-        sigma: Standard deviation of the position measurement per axis. [m]
-        source: What was measured.
     """
     unknowns, picked = _name_unknowns(kept.structure, kept)
     named, factor = spread_unknowns(unknowns, kept.covariance[np.ix_(picked, picked)])

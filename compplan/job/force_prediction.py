@@ -11,9 +11,8 @@ from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.job.loading import load_path
 from compplan.process.engagement import Engagement
-from compplan.process.fit import ForceFit, fit_forces
+from compplan.process.fit import ForceFit, fit_forces, read_force_log
 from compplan.process.force_law import ForceLaw
-from compplan.process.log import read_force_log
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import Toolpath
 
@@ -26,7 +25,6 @@ class ForcePrediction:
         job: The job.
         nominal: The path with its wrench, base frame.
         law: Force law of the process.
-        ripple: Half of the range of the force through a turn of a cutter, path axes, or None. Shape (n, 3). [N]
         fit: The comparison with a log, or None.
 
     """
@@ -34,7 +32,6 @@ class ForcePrediction:
     job: Job
     nominal: Toolpath
     law: ForceLaw
-    ripple: Array | None
     fit: ForceFit | None
 
     @property
@@ -67,6 +64,5 @@ def predict_forces(job: Job, log: Path | None = None) -> ForcePrediction:
     """
     nominal, law = load_path(job)
     law = replace(law, learned=None)  # a log is compared with the model
-    ripple = None if law.cutting is None else law.cutting.ripple(nominal.feed)
     fit = None if log is None else fit_forces(read_force_log(log), law, nominal, log)
-    return ForcePrediction(job, nominal, law, ripple, fit)
+    return ForcePrediction(job, nominal, law, fit)

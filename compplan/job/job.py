@@ -22,10 +22,9 @@ from compplan.job.profile import apply_profile
 from compplan.job.removed import refuse_removed
 from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
-from compplan.process.force_law import turns_with_travel
+from compplan.process.force_law import Process, turns_with_travel
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.learned_force import LearnedForce
-from compplan.process.wrench import Process
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
@@ -109,7 +108,6 @@ class PostureTable(StrictTable):
     """[posture]: objective of the redundant degree of freedom, and freedom of the tool axis."""
 
     preset: Literal["accurate", "error_band", "smooth", "fast"] = "accurate"
-    weights: dict[str, Annotated[float, Field(le=1e9)]] = Field(default_factory=dict)
     lead_deg: float = Field(default=0.0, ge=0.0, le=90.0)
     lean_deg: float = Field(default=0.0, ge=0.0, le=90.0)
     limit_margin_deg: float = Field(default=10.0, gt=0.0, le=180.0)

@@ -16,7 +16,6 @@ from compplan.job.job import Job
 from compplan.process.cutting import CuttingTable, prepare_cutting
 from compplan.process.force_law import ForceLaw, compare_zero, read_stock_top
 from compplan.process.learned_force import LearnedForce, read_learned_force
-from compplan.process.wrench import describe_process
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.corners import KEPT, SLOWED, round_corners
 from compplan.toolpath.operations import split_operations
@@ -135,14 +134,15 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         if from_cam and job.process.stock is not None:
             note = compare_zero(cutting, toolpath)
     nominal = place_toolpath(toolpath, job.T_base_part)
+    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, cutting=cutting)
     with _name_job(job):
-        notes = describe_process(job.process, nominal, cutting)
+        notes = law.describe(nominal)
     missing = 0 if cutting is None or job.cam.operation is None else job.cam.operation - 1 - len(job.before)
     if missing > 0:
         notes = (f"The cuts of {missing} earlier operations are left out of the stock (assumed): no [[tool]] describes "
                  "them.", *notes)  # fmt: skip
     note = " ".join([*([note] if note else []), *list_remarks(notes)])
-    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting)
+    law = replace(law, note=note)
     with _name_job(job):
         wrench = law.predict(nominal)
     _check_load(wrench, job)

@@ -28,7 +28,6 @@ class OutputTable(StrictTable):
     programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
     form: Literal["linear", "joint", "both"] = "linear"
     fit_tolerance_mm: float | None = Field(default=None, ge=0.0, le=1.0)
-    splines: bool = False
     any_brand: bool = False
     templates: dict[Annotated[str, OneOf(WRITERS)], Annotated[str, Field(min_length=1)]] = Field(default_factory=dict)
     main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None

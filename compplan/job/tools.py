@@ -15,7 +15,7 @@ from compplan.io.tomlfile import StrictTable, check_table
 from compplan.job.frames import ToolTable
 from compplan.job.tool_tables import take_tool
 from compplan.job.tool_tables.listed import LibraryTool
-from compplan.process.wrench import Process
+from compplan.process.force_law import Process
 from compplan.toolpath.operations import Operation
 
 #: Force models with a cutter, and the keys that a tool table supplies.

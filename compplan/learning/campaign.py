@@ -12,23 +12,24 @@ from scipy.special import gammaincinv
 from compplan.effects import solve_model_poses
 from compplan.effects.forward_model import ForwardModel
 from compplan.errors import InputError
-from compplan.learning.candidates import Candidates, find_postures, list_candidates
-from compplan.learning.contacts import (
+from compplan.learning.candidates import (
     LENGTHS,
     PLACES,
     SOCKETS,
+    Candidates,
     Fixture,
+    find_postures,
     find_touching,
+    list_candidates,
     list_fixtures,
     see_distances,
     sight_candidates,
 )
-from compplan.learning.design import Choice, Design, choose_measurements, find_idle
-from compplan.learning.order import order_poses
+from compplan.learning.design import Choice, Design, choose_measurements, find_idle, order_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.distance import band_radius
 from compplan.measurement.observations import DISTANCE, Observations
-from compplan.measurement.poses.information import learn_rows
+from compplan.measurement.pose_selection import learn_rows
 from compplan.planning.plan import Plan
 from compplan.planning.posture.collision_scene import CollisionScene, build_scene
 from compplan.robot import Array, Robot
@@ -37,8 +38,13 @@ from compplan.simulation.predict import predict_campaign
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty, widen_uncertainty
 from compplan.uncertainty.band import lead_unknowns, linearise_path, split_covariance
 from compplan.uncertainty.ladder import CALIBRATION, COMPLIANCES, PATH, TRACKER, Equipment
-from compplan.uncertainty.perturbation import build_varied_model
-from compplan.uncertainty.sensitivities import build_path_model, measure_slopes, read_force_spread, select_model_rows
+from compplan.uncertainty.sensitivities import (
+    build_path_model,
+    build_varied_model,
+    measure_slopes,
+    read_force_spread,
+    select_model_rows,
+)
 
 #: Postures that stand for wherever an arm can stand (assumed).
 REACH = 100
@@ -48,33 +54,20 @@ BY_CHANCE = 0.999
 
 @dataclass(frozen=True, eq=False)
 class PoseCampaign:
-    """Poses to measure, in the order in which to measure them; the last is the first once more.
+    """Poses to measure, in the order in which to measure them; the last is the first once more."""
 
-    Attributes:
-        plan: The plan of the path that they are for.
-        equipment: What there is to measure with.
-        poses: The measurements, in the order of measuring.
-        worth: Their order by what they bring, 1 the most; as `poses`.
-        choice: What they bring, in the order of their worth.
-        design: What is known, and the path.
-        start: Covariance before the first of them.
-        rest: What would narrow the band further afterwards: parameter and share of the variance.
-        touching: Places in the order to which the way touches something.
-        log: Rows of the partial log that counted.
-        notes: What a user has to know, one sentence each.
-    """
-
-    plan: Plan
-    equipment: Equipment
-    poses: Candidates
-    worth: NDArray[np.int_]
-    choice: Choice
-    design: Design
-    start: Array
+    plan: Plan  #: The plan of the path that they are for.
+    equipment: Equipment  #: What there is to measure with.
+    poses: Candidates  #: The measurements, in the order of measuring.
+    worth: NDArray[np.int_]  #: Their order by what they bring, 1 the most; as `poses`.
+    choice: Choice  #: What they bring, in the order of their worth.
+    design: Design  #: What is known, and the path.
+    start: Array  #: Covariance before the first of them.
+    #: What would narrow the band further afterwards: parameter and share of the variance.
     rest: tuple[tuple[str, float], ...]
-    touching: NDArray[np.int_]
-    log: int
-    notes: tuple[str, ...]
+    touching: NDArray[np.int_]  #: Places in the order to which the way touches something.
+    log: int  #: Rows of the partial log that counted.
+    notes: tuple[str, ...]  #: What a user has to know, one sentence each.
 
     def model_part(self, covariance: Array) -> float:
         """Return the root mean square band of the parameters alone. [m]"""
@@ -284,8 +277,8 @@ def _find_rest(design: Design, known: Uncertainty, covariance: Array) -> tuple[t
 
 def _scene_of(plan: Plan) -> CollisionScene:
     start = plan.task.start
-    if start is not None and start.request is not None and start.request.scene is not None:
-        return start.request.scene
+    if start is not None and start.settings.scene is not None:
+        return start.settings.scene
     return build_scene(plan.robot)
 
 

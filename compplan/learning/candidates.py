@@ -2,28 +2,31 @@
 
 Half of the postures lie around the path, half anywhere within the joint limits; those that touch something, or put the
 tool below the base, are left out.
+
+Sockets, dial gauges and ball bars stand where the campaign says, within centimetres: their places are unknown, and
+every place is met more than once. What each kind tells stands in `compplan.measurement.observations`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects import solve_model_poses
+from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.observations import Observations
-from compplan.measurement.poses.pool import take_clear
+from compplan.measurement.observations import CONTACT, DISTANCE, READING, KnownDistances, Observations, along
+from compplan.measurement.pose_selection import take_clear
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.uncertainty import Unknown
-from compplan.statics.chain import build_chain, locate_frames
-from compplan.uncertainty.perturbation import build_varied_model
-from compplan.uncertainty.sensitivities import measure_slopes, select_model_rows
+from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+from compplan.uncertainty.sensitivities import build_varied_model, measure_slopes, select_model_rows
 
 #: Postures that are kept, and drawn for it at most.
 KEPT, DRAWN = 300, 3000
@@ -35,25 +38,37 @@ TURN = np.radians(170.0)
 RUN_UP = (np.radians(1.5), 0.01)
 #: Lowest place of the tip over the base plane, where the path is not lower itself. [m]
 FLOOR = 0.05
+SOCKETS, GAUGE, BALL_BAR = "sockets", "gauge", "ball_bar"
+#: Kind of a row, and places that are put up where nobody says how many.
+KINDS = {SOCKETS: CONTACT, GAUGE: READING, BALL_BAR: DISTANCE}
+PLACES = {SOCKETS: 3, GAUGE: 6, BALL_BAR: 3}
+#: Length of a ball bar where none is stated. [m] (assumed)
+LENGTHS = {BALL_BAR: 0.3}
+#: Standard deviation of the distance of two sockets of a plate. [m] (assumed)
+SURE = 2e-5
+#: Steps to bring the tip to a place, how near it has to come [m], and the greatest turn of a joint in one. [rad]
+STEPS, MET, STEP = 15, 1e-9, 0.2
+#: How an instrument is put up, {at} in the robot's base frame.
+SETUP = {
+    SOCKETS: "socket {label} at ({at}) mm, fixed so that it does not move while its poses are measured",
+    GAUGE: "dial gauge {label} at ({at}) mm, its axis along ({along}) within a few mrad: it reads more where the tip is"
+           " farther that way; zero it anywhere and leave it",
+    BALL_BAR: "ball bar {label} about a ball on a stand at ({at}) mm, {mm} mm from the tips: an error of the"
+              " stand changes the length of the bar; write the distance of both balls' centres down, not its change",
+}  # fmt: skip
+#: Directions of dials and plates, place by place.
+NORMALS = np.eye(3)[[2, 0, 1]]
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Measurements that could be taken; m of them, p parameters.
+    """Measurements that could be taken; m of them, p parameters."""
 
-    Attributes:
-        log: Two rows a measurement, nothing measured yet: where its approach begins, and the pose.
-        tip: Where the tip goes. Shape (m, 3). [m]
-        rotation: Orientation of the TCP. Shape (m, 3, 3).
-        slopes: Motion of the tip per unit of every parameter. Shape (m, 3, p).
-        sights: What another instrument than a tracker sees, or None.
-    """
-
-    log: Campaign
-    tip: Array
-    rotation: Array
-    slopes: Array
-    sights: Observations | None = None
+    log: Campaign  #: Two rows a measurement, nothing measured yet: where its approach begins, and the pose.
+    tip: Array  #: Where the tip goes. Shape (m, 3). [m]
+    rotation: Array  #: Orientation of the TCP. Shape (m, 3, 3).
+    slopes: Array  #: Motion of the tip per unit of every parameter. Shape (m, 3, p).
+    sights: Observations | None = None  #: What another instrument than a tracker sees, or None.
 
     def __len__(self) -> int:
         return len(self.tip)
@@ -138,3 +153,162 @@ def list_candidates(
     scene, rows = build_varied_model(robot, log), np.arange(1, len(way), 2)
     attained = solve_model_poses(select_model_rows(scene, rows))
     return Candidates(log, attained.position, attained.rotation, measure_slopes(scene, unknowns, rows))
+
+
+@dataclass(frozen=True, eq=False)
+class _Meeting:
+    """What decides how the arm meets a place: postures and their tips, the instrument and its length, what is near."""
+
+    robot: Robot
+    postures: Array
+    tip: Array
+    lowest: float
+    instrument: str
+    length: float
+    scene: CollisionScene | None
+
+    def meet(self, centre: Array, number: int) -> list[Array]:
+        """Return postures in which the arm meets a place [m], the `number`-th, or each socket of its plate."""
+        nearest = np.argsort(np.linalg.norm(self.tip - centre, axis=1))[: max(len(self.postures) // 3, 12)]
+        wanted = np.tile(centre, (len(nearest), 1))
+        if self.instrument in LENGTHS:
+            away = self.tip[nearest] - centre
+            away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand is below
+            wanted = centre + self.length * away / np.linalg.norm(away, axis=1)[:, None]
+        half, met = 0.5 * self.length * NORMALS[(number + 1) % 3], []
+        for shift in (-half, half) if self.instrument == SOCKETS and self.length > 0.0 else (np.zeros(3),):
+            found = bring_tips(self.robot, self.postures[nearest], wanted + shift)
+            high = locate_frames(build_chain(self.robot), found).tcp_position[:, 2] >= min(FLOOR, self.lowest)
+            clear = high if self.scene is None else high & (measure_margin(self.scene, found, 0.0) >= 0.0)
+            met.append(found[clear])
+        return met
+
+
+def find_touching(
+    robot: Robot, postures: Array, middle: Array, lowest: float, instrument: str, places: int, length: float,
+    scene: CollisionScene | None,
+) -> tuple[Array, Observations]:  # fmt: skip
+    """Find postures in which the tip is where an instrument sees it. Shape (k, nq) [rad or m], and what it sees.
+
+    Args:
+        robot: The robot with its tool.
+        postures: Postures that the arm can take. Shape (m, nq). [rad or m]
+        middle: Middle of the path. Shape (3,). [m]
+        lowest: Lowest place of the path over the base plane. [m]
+        instrument: "sockets", "gauge" or "ball_bar".
+        places: How many.
+        length: Length of the ball bar, or distance of two sockets of a plate, 0 for single ones. [m]
+        scene: What may touch what, or None.
+
+    Raises:
+        InputError: If the arm meets some place fewer than three times.
+    """
+    tip = locate_frames(build_chain(robot), postures).tcp_position
+    q, label, names = [], [], list[str]()
+    meeting = _Meeting(robot, postures, tip, lowest, instrument, length, scene)
+    offered, chosen = _near(tip, middle), np.empty((0, 3))
+    for number in range(places):
+        most = 0
+        while True:  # what the arm does not meet, or a wall bars, is no place to put anything up
+            if not len(offered):
+                raise InputError(
+                    f"the arm reaches place {number + 1} in {most} postures, expected at least 3, wherever it lies"
+                    " near the path; ask for fewer --places, or check joint limits and collisions"
+                )
+            at = _choose_place(offered, chosen, middle)
+            centre, offered = offered[at], np.delete(offered, at, axis=0)
+            met = meeting.meet(centre, number)
+            most = max(most, fewest := min(map(len, met)))
+            if fewest >= 3:
+                break
+        chosen = np.vstack([chosen, centre])
+        for found in met:
+            side = f"/{len(names) % 2}" if instrument == SOCKETS and length > 0.0 else ""
+            names.append(f"{number + 1}{side}")
+            q.append(found)
+            label.append(np.full(len(found), len(names) - 1))
+    contact, n = np.concatenate(label), sum(map(len, q))
+    of = np.array([int(name.split("/")[0]) - 1 for name in names])[contact]
+    direction = NORMALS[of % 3] if KINDS[instrument] == READING else np.full((n, 3), np.nan)
+    known = KnownDistances()
+    if instrument == SOCKETS and length > 0.0:
+        pairs = np.arange(2 * places).reshape(-1, 2)
+        known = KnownDistances(pairs, np.full(places, length), np.full(places, SURE))
+    kind, value = np.full(n, KINDS[instrument]), np.full(n, length if instrument in LENGTHS else 0.0)
+    return np.concatenate(q), Observations(kind, contact, tuple(names), np.zeros((n, 3)), direction, value, known)
+
+
+def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
+    """Bring the tip to places with least joint motion; only postures within the limits come back. Shape (k, nq)."""
+    chain, q = build_chain(robot), q.copy()
+    for _ in range(STEPS):
+        frames = locate_frames(chain, q)
+        away = wanted - frames.tcp_position
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(joint_jacobian(chain, frames)[:, :3], rcond=1e-3), away)
+        q = q + np.clip(step, -STEP, STEP)
+    good = np.linalg.norm(wanted - locate_frames(chain, q).tcp_position, axis=1) < MET
+    edge = run_up(robot)
+    return np.asarray(q[good & ((q > robot.lower + edge) & (q < robot.upper - edge)).all(axis=1)])
+
+
+@dataclass(frozen=True, eq=False)
+class Fixture:
+    """Where an instrument is put up: its label, its place in the robot's base frame (3,) [m], and how, in words."""
+
+    label: str
+    place: Array
+    says: str
+
+
+def list_fixtures(instrument: str, sights: Observations | None, tip: Array) -> tuple[Fixture, ...]:
+    """Tell where the instrument of a campaign stands, label by label.
+
+    sights: what it sees in every pose, None for a tracker; tip: base frame, (m, 3). [m]
+    """
+    stands, names = [], () if sights is None else sights.names
+    for number, label in enumerate(names):
+        assert sights is not None
+        rows = np.flatnonzero(sights.contact == number)
+        own, value = sights.take(rows), 1e3 * float(sights.value[rows[0]])
+        place = own.start_places(tip[rows])[number] if instrument in LENGTHS else tip[rows].mean(axis=0)
+        says = SETUP[instrument].format(
+            at=", ".join(f"{1e3 * v:.0f}" for v in place + 0.0), label=label, mm=f"{value:g}",
+            along=", ".join(f"{v:g}" for v in own.direction[0]),
+        )  # fmt: skip
+        stands.append(Fixture(label, place, says))
+    return tuple(stands)
+
+
+def _near(tip: Array, middle: Array) -> Array:
+    """Return the half of the tips that is nearer to the path. Shape (k, 3) [m]."""
+    away = np.linalg.norm(tip - middle, axis=1)
+    return tip[away <= np.median(away)]
+
+
+def _choose_place(offered: Array, chosen: Array, middle: Array) -> int:
+    """Choose a place: the first the one nearest to the path, then each as far from the others as can be."""
+    if not len(chosen):
+        return int(np.linalg.norm(offered - middle, axis=1).argmin())
+    return int(np.linalg.norm(offered[:, None] - chosen, axis=2).min(axis=1).argmax())
+
+
+def sight_candidates(candidates: Candidates, sights: Observations) -> Candidates:
+    """Give candidates what is seen of them: as many times as they stand under different loads, from different sides."""
+    times = len(candidates) // len(sights.kind)
+    return replace(candidates, sights=sights.take(np.tile(np.arange(len(sights.kind)), times)))
+
+
+def observe_rows(rows: Array, sights: Observations, point: Array) -> Array:
+    """Return what sights of c contacts see of parameters, frames and places. Shape (m, 3, P + 3 c).
+
+    rows: derivatives of the measured point, (m, 3, P); point: base frame, (m, 3). [m]
+    """
+    places = -sights.place_slopes().reshape(len(rows), 3, -1)
+    return along(sights.directions(point, sights.start_places(point)), np.concatenate([rows, places], axis=2))
+
+
+def see_distances(known: KnownDistances, places: Array, size: int) -> tuple[Array, Array]:
+    """Return what known distances say of a state of `size` numbers that ends with the places, and their variances."""
+    slopes = known.slopes(places).reshape(len(known), 3 * len(places))
+    rows = np.hstack([np.zeros((len(known), size - 3 * len(places))), slopes])
+    return rows[:, None, :], known.sigma**2

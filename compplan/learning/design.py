@@ -1,11 +1,11 @@
-"""Which measurements narrow the 95 % band on a path most: the posterior variance of the tip on that path.
+"""Which measurements narrow the 95 % band on a path most, and in which order to take them.
 
 State x of parameters and unknown frames, covariance S. A measurement of the tip y = H x + noise of covariance R takes
 
     S H^T (H S H^T + R)^-1 H S        off S, and        tr(L S H^T (H S H^T + R)^-1 H S L^T)
 
 off the variance summed along the path, L the slopes there. Poses are chosen one after the other, then exchanged one by
-one while that helps.
+one while that helps. Loads are measured together, by short ways, the first pose once more at the end.
 """
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.learning.candidates import Candidates
-from compplan.learning.contacts import observe_rows
+from compplan.learning.candidates import Candidates, observe_rows
 from compplan.measurement.distance import band_radius
 from compplan.measurement.observations import DISTANCE, Observations
-from compplan.measurement.poses.exchange import settle_choice, take_greedily
-from compplan.measurement.poses.information import learn_rows, measure_gains, weight_rows
-from compplan.robot import Array
+from compplan.measurement.pose_selection import learn_rows, measure_gains, settle_choice, take_greedily, weight_rows
+from compplan.planning.posture.clearance import measure_margin
+from compplan.planning.posture.collision_scene import CollisionScene
+from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes, split_covariance
@@ -33,25 +34,21 @@ from compplan.uncertainty.ladder import pose_variance
 LOOSE = (1.0, 0.5)
 #: A further pose is not worth it where it narrows the band by less than this share.
 WORTH = 0.005
+#: Postures that are looked at on the way between two poses.
+BETWEEN = 7
+#: A way on which something touches counts as so much longer. [s]
+DETOUR = 1e3
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Linear-Gaussian bookkeeping of what measurements tell; p parameters, f numbers of frames.
+    """Linear-Gaussian bookkeeping of what measurements tell; p parameters, f numbers of frames."""
 
-    Attributes:
-        known: What is known before.
-        path: The path to first order.
-        sigma: Standard deviation of the instrument per axis. [m]
-        frames: Which frames are unknown, of "base" and "tool".
-        places: Places of contacts that are unknown.
-    """
-
-    known: Uncertainty
-    path: Slopes
-    sigma: float
-    frames: tuple[str, ...] = ()
-    places: int = 0
+    known: Uncertainty  #: What is known before.
+    path: Slopes  #: The path to first order.
+    sigma: float  #: Standard deviation of the instrument per axis. [m]
+    frames: tuple[str, ...] = ()  #: Which frames are unknown, of "base" and "tool".
+    places: int = 0  #: Places of contacts that are unknown.
 
     @cached_property
     def start(self) -> Array:
@@ -116,19 +113,12 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Measurements that were chosen.
+    """Measurements that were chosen."""
 
-    Attributes:
-        rows: Their numbers among the candidates, in the order in which they help most.
-        greatest: Greatest band along the path after none, one, two ... of them. [m]
-        rms: Root mean square band after none, one, two ... of them. [m]
-        covariance: Covariance of parameters after all of them. Shape (p, p).
-    """
-
-    rows: NDArray[np.int_]
-    greatest: Array
-    rms: Array
-    covariance: Array
+    rows: NDArray[np.int_]  #: Their numbers among the candidates, in the order in which they help most.
+    greatest: Array  #: Greatest band along the path after none, one, two ... of them. [m]
+    rms: Array  #: Root mean square band after none, one, two ... of them. [m]
+    covariance: Array  #: Covariance of parameters after all of them. Shape (p, p).
 
     @property
     def enough(self) -> int | None:
@@ -194,3 +184,63 @@ def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Arr
     greatest = np.array([band.max() for band in bands])
     rms = np.array([np.sqrt(np.mean(band**2)) for band in bands])
     return Choice(np.array(chosen, int), greatest, rms, covariance[:p, :p])
+
+
+def order_poses(
+    robot: Robot, q: Array, start: Array, load: Array, home: Array, scene: CollisionScene | None
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Order poses for short travel, one load after another; return the order, and to which the way touches something.
+
+    q: poses, start: where the approach of each begins, home: where the robot comes from, (m, nq) or (nq,) [rad or m];
+    load: (m, 6) [N, N m]; scene: what may touch what, or None.
+    """
+    way = measure_travel(robot, np.vstack([home[None], q]), np.vstack([home[None], start]), scene)
+    _, group = np.unique(np.round(load, 3), axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    size = np.array([np.abs(load[group == g]).sum() for g in range(group.max() + 1)])
+    order: list[int] = []
+    for number in np.argsort(size, kind="stable"):
+        left, here = set(np.flatnonzero(group == number).tolist()), order[-1] + 1 if order else 0
+        part: list[int] = []
+        while left:
+            nearest = min(left, key=lambda k: (way[here, k + 1], k))
+            part.append(nearest)
+            left.remove(nearest)
+            here = nearest + 1
+        order += _untangle(part, way, order[-1] + 1 if order else 0)
+    steps = [way[a + 1, b + 1] for a, b in zip([-1, *order[:-1]], order, strict=True)]
+    return np.array(order, int), np.flatnonzero(np.array(steps) >= DETOUR)
+
+
+def measure_travel(robot: Robot, q: Array, start: Array, scene: CollisionScene | None) -> Array:
+    """Return the time of the joint move from every pose to every start [s], ways that touch longer. Shape (m, m)."""
+    speed = np.where(np.isfinite(robot.velocity_limits), robot.velocity_limits, 1.0)
+    time = np.max(np.abs(start[None] - q[:, None]) / speed, axis=2)
+    if scene is None:
+        return np.asarray(time)
+    m = len(q)
+    pairs = np.array([(a, b) for a in range(m) for b in range(m) if a != b], int).reshape(-1, 2)
+    share = np.linspace(0.0, 1.0, BETWEEN + 2)[1:-1]
+    postures = q[pairs[:, 0], None] * (1 - share[:, None]) + start[pairs[:, 1], None] * share[:, None]
+    margin = measure_margin(scene, postures.reshape(-1, robot.nq), 0.0).reshape(len(pairs), -1).min(axis=1)
+    touching = pairs[margin < 0.0]
+    time[touching[:, 0], touching[:, 1]] += DETOUR
+    return np.asarray(time)
+
+
+def _untangle(part: list[int], way: Array, before: int) -> list[int]:
+    """Turn stretches of a round about while that makes it shorter."""
+
+    def length(order: list[int]) -> float:
+        at = [before, *(k + 1 for k in order)]
+        return float(sum(way[a, b] for a, b in pairwise(at)))
+
+    best, improved = length(part), True
+    while improved:
+        improved = False
+        for i in range(len(part) - 1):
+            for j in range(i + 1, len(part)):
+                turned = part[:i] + part[i : j + 1][::-1] + part[j + 1 :]
+                if (now := length(turned)) < best - 1e-9:
+                    part, best, improved = turned, now, True
+    return part

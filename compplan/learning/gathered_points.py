@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from compplan.learning.measured_path import MeasuredPath
 from compplan.robot import Array
@@ -14,8 +15,12 @@ from compplan.robot.pose import rigid_columns
 
 #: Points within this distance along the path count for a row of it. [m]
 NEAR = 2e-3
+#: Distance over which directions that were measured count for a place: both sides of a corner do there (assumed). [m]
+AROUND = 0.01
 #: Points of a scan at one row that err apart (assumed: an instrument's errors are smooth).
 ALONE = 10.0
+#: A combination of shift and turn that points tell less than this of what they tell best is not told (rounding).
+TOLD = 1e-6
 #: Share of what was measured that is said to be a motion of the whole part, and how far it stands out of the noise
 #: (assumed).
 WHOLE, CLEAR = 0.6, 3.0
@@ -23,21 +28,13 @@ WHOLE, CLEAR = 0.6, 3.0
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """Measured points gathered at rows of the path; b rows.
+    """Measured points gathered at rows of the path; b rows."""
 
-    Attributes:
-        row: Row of `Slopes` that each stands at. Shape (b,).
-        deviation: Mean deviation in the directions that count. Shape (b, 3). [m]
-        counts: Projector on those. Shape (b, 3, 3).
-        variance: Variance of the mean per axis. Shape (b,). [m^2]
-        points: Points of each. Shape (b,).
-    """
-
-    row: NDArray[np.int_]
-    deviation: Array
-    counts: Array
-    variance: Array
-    points: NDArray[np.int_]
+    row: NDArray[np.int_]  #: Row of `Slopes` that each stands at. Shape (b,).
+    deviation: Array  #: Mean deviation in the directions that count. Shape (b, 3). [m]
+    counts: Array  #: Projector on those. Shape (b, 3, 3).
+    variance: Array  #: Variance of the mean per axis. Shape (b,). [m^2]
+    points: NDArray[np.int_]  #: Points of each. Shape (b,).
 
     def take(self, rows: NDArray[np.bool_]) -> Gathered:
         """Take some rows."""
@@ -74,11 +71,29 @@ def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
     return Gathered(rows, deviation, counts, variance, count)
 
 
-def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> str:
-    """Say how far a part is off as a whole, where that is most of what was measured; "" elsewhere.
+def measured_directions(gathered: Gathered, tip: Array, place: Array) -> Array:
+    """Return at places, (n, 3) [m], how far each direction was measured around there, from 0 to 1. Shape (n, 3, 3).
 
-    Only combinations of shift and turn that stand out of the noise count: others were not measured. tip: at the rows of
-    the path, (k, 3) [m]; R_base_part: part axes seen from the base, (3, 3).
+    A direction counts whole from where half of the points around tell it: a corner is known by both its sides. tip: at
+    the rows of the path, (k, 3) [m].
+    """
+    away = cdist(place, tip[gathered.row]) ** 2
+    weight = np.exp(-0.5 * (away - away.min(axis=1, keepdims=True)) / AROUND**2)
+    around = np.einsum("nb,bij->nij", weight / weight.sum(axis=1, keepdims=True), gathered.counts)
+    value, vector = np.linalg.eigh(around)
+    return np.asarray(np.einsum("nik,nk,njk->nij", vector, np.clip(2.0 * value, 0.0, 1.0), vector))
+
+
+def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected: Array) -> tuple[str, bool]:
+    """Say how far a part is off as a whole where that is most of what was measured, and whether that is unexpected.
+
+    Only combinations of shift and turn that the points tell and that stand out of the noise count.
+
+    Args:
+        gathered: The points.
+        tip: Tip at the rows of the path. Shape (k, 3). [m]
+        R_base_part: Part axes seen from the base. Shape (3, 3).
+        expected: Covariance of the deviations by what is uncertain (`expect_deviations`). Shape (3 b, 3 b). [m^2]
     """
     size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
     sigma = np.repeat(np.sqrt(gathered.variance), 3)
@@ -86,14 +101,16 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> str:
     matrix, seen = columns.reshape(-1, 6), gathered.deviation.reshape(-1)
     left, value, right = np.linalg.svd(matrix / sigma[:, None], full_matrices=False)
     shares = left.T @ (seen / sigma)  # each of variance 1
-    clear = np.abs(shares) > CLEAR
+    clear = (np.abs(shares) > CLEAR) & (value > TOLD * value.max(initial=0.0))
     motion = right[clear].T @ (shares[clear] / value[clear])
     rest = seen - matrix @ motion
     taken = 1.0 - float(rest @ rest) / max(float(seen @ seen), 1e-300)
     if taken < WHOLE or seen @ seen < CLEAR**2 * float(gathered.variance.sum()):
-        return ""
+        return "", False
+    usual = np.einsum("oc,op,pc->c", left, expected / np.outer(sigma, sigma), left)
     where = ", ".join(f"{1e3 * value:.2g}" for value in motion[:3] @ R_base_part)
-    return (
+    said = (
         f"{taken:.0%} of what was measured is a shift of the whole part by [{where}] mm (its middle, part axes) and a"
-        f" turn of {np.degrees(np.linalg.norm(motion[3:])) / size:.2g} deg"
+        f" turn of {round(float(np.degrees(np.linalg.norm(motion[3:]))) / size, 6):.2g} deg"
     )
+    return said, bool((np.abs(shares[clear]) > CLEAR * np.sqrt(usual[clear])).any())

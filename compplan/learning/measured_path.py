@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,10 @@ from compplan.learning.plausibility import (
     fit_rigid,
     sample_cut,
 )
-from compplan.learning.scan import SCAN_SIGMA, read_scan
-from compplan.learning.surface import Surface
-from compplan.measurement.exports import rename_title
+from compplan.learning.scan import SCAN_SIGMA, Surface, read_scan
+from compplan.measurement.instrument import read_directions
+from compplan.measurement.observations import fit_sphere
+from compplan.measurement.reading import rename_title
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 
@@ -57,33 +58,20 @@ NEIGHBOURS, LINE = 12, 0.02
 FLAT = 0.25
 #: Points of a ball bar whose plane is thinner than this share of their circle say nothing of the centre's height.
 FLAT_PATH = 1e-4
-#: How far the length of a direction may be from 1: rounding, or other numbers (assumed).
-ROUNDING = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPath:
-    """Measured points of a cut path, base frame; m of them.
+    """Measured points of a cut path, base frame; m of them."""
 
-    Attributes:
-        length: Place along the path. Shape (m,). [m]
-        deviation: Measured minus wanted tip. Shape (m, 3). [m]
-        counts: Projector on the directions that count. Shape (m, 3, 3).
-        sigma: Standard deviation of the measurement per axis. Shape (m,). [m]
-        left_out: Points that are not of the cut, too far away, or claimed by two stretches.
-        notes: What was read past.
-        scanned: Whether they are a scan: errors of neighbours are then one and the same.
-        motion: Rigid motion that a best fit took off, or None. Shape (4, 4). [m]
-    """
-
-    length: Array
-    deviation: Array
-    counts: Array
-    sigma: Array
-    left_out: int
-    notes: tuple[str, ...] = ()
-    scanned: bool = False
-    motion: Array | None = None
+    length: Array  #: Place along the path. Shape (m,). [m]
+    deviation: Array  #: Measured minus wanted tip. Shape (m, 3). [m]
+    counts: Array  #: Projector on the directions that count. Shape (m, 3, 3).
+    sigma: Array  #: Standard deviation of the measurement per axis. Shape (m,). [m]
+    left_out: int  #: Points that are not of the cut, too far away, or claimed by two stretches.
+    notes: tuple[str, ...] = ()  #: What was read past.
+    scanned: bool = False  #: Whether they are a scan: errors of neighbours are then one and the same.
+    motion: Array | None = None  #: Rigid motion that a best fit took off, or None. Shape (4, 4). [m]
 
     def __len__(self) -> int:
         return len(self.length)
@@ -135,29 +123,18 @@ def _probe_points(table: Table) -> Table:
         return table
     if "column 'contact' is not read" in table.notes:
         raise table.error("contact beside reading_mm: an unknown zero; leave it out and use --align best_fit")
-    if "dir_i" not in table:
-        raise table.error("reading_mm without dir_i dir_j dir_k, expected the direction of each reading")
-    unit = table.stack(["dir_i", "dir_j", "dir_k"])
-    length = np.linalg.norm(unit, axis=1)
-    if (np.abs(length - 1.0) > ROUNDING).any():
-        row = int(np.abs(length - 1.0).argmax())
-        raise table.error(f"dir_i dir_j dir_k has length {length[row]:.4g}, expected a unit vector", row)
-    return _along(table, unit / length[:, None], table.values["reading"])
+    return _along(table, read_directions(table, np.ones(len(table), bool)), table.values["reading"])
 
 
 def _bar_points(table: Table) -> Table:
     """Turn lengths of a ball bar at nominal points into readings along it, from the centre that fits them best.
 
-    |p - c| = r is linear in c and |c|^2 - r's: 2 (p - p0)^T c' - k = |p - p0|^2 - r^2, c' = c - p0, solved once; the
-    centre stays in the plane of the points where nothing shows how far it is out of it.
+    The centre stays in the plane of the points where nothing shows how far it is out of it.
     """
     point, length = table.stack(["x", "y", "z"]), table.values["distance"]
     if "reading" in table:
         raise table.error("columns reading_mm and distance_mm, expected one of them")
-    near = point - point.mean(axis=0)
-    square = np.column_stack([2.0 * near, -np.ones(len(near))])
-    centre = np.linalg.lstsq(square, np.sum(near**2, axis=1) - length**2, rcond=FLAT_PATH)[0][:3]
-    away = near - centre
+    away = point - fit_sphere(point, length, flat=FLAT_PATH)
     size = np.linalg.norm(away, axis=1)
     if not (np.abs(size - length) <= FARTHEST).all():
         row = int(np.abs(size - length).argmax())
@@ -197,14 +174,21 @@ def match_points(
     surface = surface if surface is None or in_base else surface.move(T_base_part)
     if "distance" in table and align != "best_fit":
         raise table.error("distance_mm of a ball bar needs --align best_fit: its centre is unknown")
-    place = _place_points(table, given, nominal, T_base_part, in_base=in_base, align=align, surface=surface)
-    point, normal = place.point, place.normal
+    point, normal, motion, moved = _place_points(
+        table, given, nominal, T_base_part, in_base=in_base, align=align, surface=surface
+    )
     level = sigma or (SCAN_SIGMA if scanned else SIGMA)
     spread = table.values.get("sigma", np.full(len(table), level))
     spread = np.where(np.isfinite(spread), spread, level)
     if surface is not None:
         _check_surface(table, nominal, surface, "base" if in_base else "part")
-    length, deviation, counts, good = _find_places(table, nominal, point, normal, surface)
+        length, deviation, counts, good = _at_surface(nominal, point, surface)
+    elif "s" in table:
+        length, deviation, counts, good = _at_lengths(nominal, point, table.values["s"], normal)
+    else:
+        length, deviation, counts, good = (
+            _at_nearest(nominal, point) if normal is None else _at_normals(nominal, point, normal)
+        )
     distance = np.linalg.norm(deviation, axis=1)
     if not sure:
         place_of_cut = sample_cut(nominal)[1]
@@ -221,7 +205,7 @@ def match_points(
     places = len(np.unique(np.round(length[good], 6)))
     if places < FEWEST:
         raise table.error(f"{int(good.sum())} points are of {places} places of the cut, expected at least {FEWEST}")
-    notes = [*table.notes, *place.notes]
+    notes = [*table.notes, *moved]
     if scanned and sigma is None:
         notes.append(f"no standard deviation of the scan is stated (--sigma-mm): {SCAN_SIGMA * 1e3:g} mm is assumed")
     notes += [] if scanned else _describe_left_out(table, good)
@@ -231,47 +215,27 @@ def match_points(
         good = good & ~again
     return MeasuredPath(
         length[good], deviation[good], counts[good], spread[good], left_out, tuple(notes), scanned,
-        place.motion,
+        motion,
     )  # fmt: skip
-
-
-def _find_places(
-    table: Table, nominal: Toolpath, point: Array, normal: Array | None, surface: Surface | None
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Find where on the path points are: on the surface, at their lengths, along their normals, or nearest."""
-    if surface is not None:
-        return _at_surface(nominal, point, surface)
-    if "s" in table:
-        return _at_lengths(nominal, point, table.values["s"], normal)
-    return _at_nearest(nominal, point) if normal is None else _at_normals(nominal, point, normal)
-
-
-class _Placed(NamedTuple):
-    """Points in the base frame, their normals or None, the motion of a best fit or None, and what is said of it."""
-
-    point: Array
-    normal: Array | None
-    motion: Array | None
-    notes: tuple[str, ...]
 
 
 def _place_points(
     table: Table, given: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str,
     surface: Surface | None,
-) -> _Placed:  # fmt: skip
-    """Bring points to the base frame, by their frame or by the best fit from there."""
+) -> tuple[Array, Array | None, Array | None, tuple[str, ...]]:  # fmt: skip
+    """Bring points to the base frame; return them, their normals, the motion of a best fit, and what is said of it."""
     point = given if in_base else given @ T_base_part[:3, :3].T + T_base_part[:3, 3]
     skin = surface is None and (is_scanned(table) or "nx" in table)
     normal = _find_normals(table, point, None if in_base else T_base_part) if skin else None
     if align == "datum":
-        return _Placed(point, normal, None, ())
+        return point, normal, None, ()
     motion, left = fit_rigid(point, normal, nominal, FARTHEST, surface)
     if not np.isfinite(left):
-        return _Placed(point, normal, None, ())
+        return point, normal, None, ()
     said = f"best fit: the points were moved by {describe_motion(motion, point.mean(axis=0))}"
     turned = None if normal is None else normal @ motion[:3, :3].T
     moved = point @ motion[:3, :3].T + motion[:3, 3]
-    return _Placed(moved, turned, motion, (f"{said}; a shift or turn of the whole part is then ignored",))
+    return moved, turned, motion, (f"{said}; a shift or turn of the whole part is then ignored",)
 
 
 def reach_of(process: object) -> float:

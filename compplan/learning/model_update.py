@@ -50,80 +50,53 @@ Exact = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
-class ModelUpdate:
-    """What is learned from a part; k rows along the path, p parameters.
+class UpdateState:
+    """What measured points of a part leave known; k rows along the path, p parameters."""
 
-    Attributes:
-        taken: Whether a corrected program is written.
-        reason: Why, or why not.
-        values: Posterior mean of the parameters about the folder. Shape (p,). [SI]
-        force: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
-        force_covariance: Their posterior covariance. Shape (4, 4).
-        cross: Posterior covariance of parameters and shares. Shape (p, 4). [SI]
-        own: Posterior mean of what this part has of its own, in the columns of `Own.part`. Shape (m,).
-        own_spread: Posterior standard deviation of its sum with the level, in those of the level.
-        open: What is left open of the next part's tip: columns u with covariance u u^T. Shape (k, 3, r). [m]
-        physics: What the parameters move along the path. Shape (k, 3). [m]
-        pushed: What the force moves beyond them. Shape (k, 3). [m]
-        residual: What is left for the path itself. Shape (k, 3). [m]
-        weight: Weights of the kernel that make it. Shape (k, 3). [1/m]
-        covariance: Posterior covariance of the parameters. Shape (p, p).
-        band_before: Radius that holds the true tip with 95 %, before. Shape (k,). [m]
-        band_after: The same for the next part. Shape (k,). [m]
-        band_seen: Both in the directions that were measured, at the rows of `gathered`. Shape (b,) each. [m]
-        size: Standard deviation of the residual per axis that the part asks for. [m]
-        scale: Distance over which it forgets itself. [m]
-        gathered: The measurements.
-        rms: Root mean square of the measured deviation. [m]
-        held_out: The same after correction, on stretches that were not used. [m]
-        expected: Root mean square deviation that is expected of the next part. [m]
-        model: The model that it was learned with.
-    """
+    values: Array  #: Posterior mean of the parameters about the folder. Shape (p,). [SI]
+    force: Array  #: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
+    force_covariance: Array  #: Their posterior covariance. Shape (4, 4).
+    cross: Array  #: Posterior covariance of parameters and shares. Shape (p, 4). [SI]
+    own: Array  #: Posterior mean of what this part has of its own, in the columns of `Own.part`. Shape (m,).
+    own_spread: float  #: Posterior standard deviation of its sum with the level, in those of the level.
+    covariance: Array  #: Posterior covariance of the parameters. Shape (p, p).
+    physics: Array  #: What the parameters move along the path. Shape (k, 3). [m]
+    pushed: Array  #: What the force moves beyond them. Shape (k, 3). [m]
+    residual: Array  #: What is left for the path itself. Shape (k, 3). [m]
+    weight: Array  #: Weights of the kernel that make it. Shape (k, 3). [1/m]
+    tip: Array  #: Covariance of what the next part repeats. Shape (3 k, 3 k). [m^2]
 
-    taken: bool
-    reason: str
-    values: Array
-    force: Array
-    force_covariance: Array
-    cross: Array
-    own: Array
-    own_spread: float
-    open: Array
-    physics: Array
-    pushed: Array
-    residual: Array
-    weight: Array
-    covariance: Array
-    band_before: Array
-    band_after: Array
+
+@dataclass(frozen=True, eq=False)
+class ModelUpdate(UpdateState):
+    """What is learned from a part, and what it makes of the next program."""
+
+    taken: bool  #: Whether a corrected program is written.
+    reason: str  #: Why, or why not.
+    open: Array  #: What is left open of the next part's tip: columns u with covariance u u^T. Shape (k, 3, r). [m]
+    band_before: Array  #: Radius that holds the true tip with 95 %, before. Shape (k,). [m]
+    band_after: Array  #: The same for the next part. Shape (k,). [m]
+    #: Both in the directions that were measured, at the rows of `gathered`. Shape (b,) each. [m]
     band_seen: tuple[Array, Array]
-    size: float
-    scale: float
-    gathered: Gathered
-    rms: float
-    held_out: float
-    expected: float
-    model: UpdateModel
+    gathered: Gathered  #: The measurements.
+    rms: float  #: Root mean square of the measured deviation. [m]
+    held_out: float  #: The same after correction, on stretches that were not used. [m]
+    expected: float  #: Root mean square deviation that is expected of the next part. [m]
+    model: UpdateModel  #: The model that it was learned with.
 
     def residual_at(self, place: Array, tip: Array) -> Array:
         """Return what is left for the path at places (n, 3) [m]; tip: where it went at its rows, (k, 3) [m]."""
-        shape = np.exp(-0.5 * (cdist(place, tip) / self.scale) ** 2)
-        return np.asarray(self.size**2 * shape @ self.weight)
+        shape = np.exp(-0.5 * (cdist(place, tip) / self.model.scale) ** 2)
+        return np.asarray(self.model.size**2 * shape @ self.weight)
 
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """What a part has of its own along the path, as columns of one standard deviation; k rows.
+    """What a part has of its own along the path, as columns of one standard deviation; k rows."""
 
-    Attributes:
-        part: Of the measured part: its force first, then other things. Shape (k, 3, m). [m]
-        following: Of the next one. Shape (k, 3, n). [m]
-        ratio: Its force's column over that of the level that all parts share.
-    """
-
-    part: Array
-    following: Array
-    ratio: float = 0.0
+    part: Array  #: Of the measured part: its force first, then other things. Shape (k, 3, m). [m]
+    following: Array  #: Of the next one. Shape (k, 3, n). [m]
+    ratio: float = 0.0  #: Its force's column over that of the level that all parts share.
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,15 +127,19 @@ class UpdateModel:
         return columns, force, field
 
 
-def possible_band(
-    slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own, path: Array | None = None, size: float = LEAST
+def expect_deviations(
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own, path: Array | None = None
 ) -> Array:
-    """Return how far folder, force, clamping and instrument let the points be off, with 95 %. Shape (b,). [m]"""
-    path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
-    model = UpdateModel(slopes, known, own, max(size, known.smooth), known.scale, path)
-    blocks = _with_run(model, _blocks(prior_of(model), len(slopes.rows)), own.part)[gathered.row]
-    blocks = blocks + gathered.variance[:, None, None] * np.eye(3)
-    return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
+    """Return the covariance of the points by folder, force, clamping and instrument. Shape (3 b, 3 b). [m^2]"""
+    k, b = len(slopes.rows), len(gathered.row)
+    path = None if path is None else path.reshape(3 * k, -1)
+    prior = prior_of(UpdateModel(slopes, known, own, max(LEAST, known.smooth), known.scale, path))
+    run = (known.repeatability or 0.0) * np.tile(np.eye(3), (k, 1))
+    loose = np.hstack([own.part.reshape(3 * k, -1), run])
+    rows = (3 * gathered.row[:, None] + np.arange(3)).ravel()
+    every = (prior + loose @ loose.T)[np.ix_(rows, rows)] + np.diag(np.repeat(gathered.variance, 3))
+    counts = gathered.counts
+    return np.einsum("aij,ajbk,bkl->aibl", counts, every.reshape(b, 3, b, 3), counts, optimize=True).reshape(3 * b, -1)
 
 
 def learn_part(
@@ -188,7 +165,7 @@ def learn_part(
     for _ in range(PASSES if path is None else 0):
         share = state.force + own.ratio * np.eye(len(state.force))[0] * state.own[0]
         own_push = own.part[:, :, 0] * state.own[0]
-        curved = exact(state.values, share) - (state.physics + state.pushed).reshape(-1, 3) - own_push
+        curved = exact(state.values, share) - state.physics - state.pushed - own_push
         shifted = plain.deviation - np.einsum("bij,bj->bi", plain.counts, curved[plain.row])
         gathered = replace(plain, deviation=shifted)
         state = condition(model, gathered)
@@ -196,22 +173,15 @@ def learn_part(
     taken, reason = _decide(model, plain, float(seen), held)
     k = len(slopes.rows)
     prior = prior_of(model)
-    before = band_radius(_with_run(model, _blocks(prior, k), own.following))
-    after = band_radius(_with_run(model, _blocks(state.tip, k), own.following))
+    before = band_radius(_with_run(model, take_blocks(prior, k), own.following))
     seen_before, seen_after = (_band_seen(model, covariance, gathered) for covariance in (prior, state.tip))
+    following = _with_run(model, take_blocks(state.tip, k), own.following)
+    learned = vars(state) if taken else {**vars(state), "covariance": known.covariance}
     return ModelUpdate(
-        taken=taken, reason=reason, values=state.values, force=state.force,
-        force_covariance=state.force_covariance, cross=state.cross, own=state.own, own_spread=state.own_spread,
-        physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
-        residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
-        covariance=state.covariance if taken else known.covariance,
-        open=_reduce_covariance(state.tip if taken else prior).reshape(k, 3, -1),
-        band_before=before, band_after=after if taken else before,
-        band_seen=(seen_before, seen_after if taken else seen_before), size=model.size, scale=model.scale,
-        gathered=plain, rms=float(seen), held_out=held,
-        expected=float(np.sqrt(np.mean(np.trace(_with_run(model, _blocks(state.tip, k), own.following), axis1=1,
-                                                axis2=2)))),
-        model=model,
+        **learned, taken=taken, reason=reason, open=_reduce_covariance(state.tip if taken else prior).reshape(k, 3, -1),
+        band_before=before, band_after=band_radius(following) if taken else before,
+        band_seen=(seen_before, seen_after if taken else seen_before), gathered=plain, rms=float(seen), held_out=held,
+        expected=float(np.sqrt(np.mean(np.trace(following, axis1=1, axis2=2)))), model=model,
     )  # fmt: skip
 
 
@@ -224,24 +194,6 @@ def choose_model(model: UpdateModel, gathered: Gathered) -> tuple[float, UpdateM
     scores = [_log_evidence(one, gathered) for one in tries]
     best = int(np.argmax(scores))
     return scores[best], tries[best]
-
-
-@dataclass(frozen=True, eq=False)
-class UpdateState:
-    """What a part leaves known, see `ModelUpdate`; tip: covariance of what repeats, (3 k, 3 k) [m^2]."""
-
-    values: Array
-    force: Array
-    force_covariance: Array
-    cross: Array
-    own: Array
-    own_spread: float
-    covariance: Array
-    physics: Array
-    pushed: Array
-    residual: Array
-    weight: Array
-    tip: Array
 
 
 def _observe(model: UpdateModel, gathered: Gathered) -> tuple[Array, Array, Array]:
@@ -293,10 +245,10 @@ def condition(model: UpdateModel, gathered: Gathered) -> UpdateState:
         own=own_columns.T @ weight,
         own_spread=float(np.sqrt(max(whole @ left @ whole, 0.0))),
         covariance=root @ left[:p, :p] @ root.T,
-        physics=model.slopes.model.reshape(len(weight), -1) @ values,
-        pushed=model.slopes.shared.reshape(len(weight), -1) @ share,
-        residual=field @ weight,
-        weight=weight,
+        physics=model.slopes.model @ values,
+        pushed=model.slopes.shared @ share,
+        residual=(field @ weight).reshape(-1, 3),
+        weight=weight.reshape(-1, 3),
         tip=prior - prior @ H.T @ cho_solve(factor, H @ prior),
     )
 
@@ -329,7 +281,7 @@ def _hold_out(model: UpdateModel, gathered: Gathered) -> float:
         if test.all():
             return float("inf")
         state = condition(model, gathered.take(~test))
-        moved = (state.physics + state.pushed + state.residual).reshape(-1, 3)[gathered.row[test]]
+        moved = (state.physics + state.pushed + state.residual)[gathered.row[test]]
         left[test] = gathered.deviation[test] - np.einsum("bij,bj->bi", gathered.counts[test], moved)
     return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
 
@@ -366,14 +318,14 @@ def _is_chance(model: UpdateModel, gathered: Gathered) -> bool:
     return bool(square.sum() <= chdtri(n, share) and square.max() <= chdtri(1, share / n))
 
 
-def _blocks(matrix: Array, k: int) -> Array:
+def take_blocks(matrix: Array, k: int) -> Array:
     """Return the 3x3 blocks on the diagonal. Shape (k, 3, 3)."""
     return np.asarray(matrix.reshape(k, 3, k, 3)[np.arange(k), :, np.arange(k), :])
 
 
 def _band_seen(model: UpdateModel, covariance: Array, gathered: Gathered) -> Array:
     """Return the band in the directions that the points tell. Shape (b,). [m]"""
-    blocks = _with_run(model, _blocks(covariance, len(model.slopes.rows)), model.own.following)[gathered.row]
+    blocks = _with_run(model, take_blocks(covariance, len(model.slopes.rows)), model.own.following)[gathered.row]
     return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
 
 

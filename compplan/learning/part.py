@@ -17,15 +17,15 @@ from compplan.io.quantities import format_length
 from compplan.io.tables import Table
 from compplan.job.job import Job
 from compplan.job.noise import EXPANSION
-from compplan.learning.gathered_points import Gathered, describe_whole, gather_points
+from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
-from compplan.learning.model_update import ModelUpdate, Own, learn_part, possible_band
+from compplan.learning.model_update import ModelUpdate, Own, expect_deviations, learn_part, take_blocks
 from compplan.learning.plausibility import POSSIBLE, explain_points
-from compplan.learning.representable import Learned, list_learned
-from compplan.learning.residual import Residual, read_residual, residual_file
-from compplan.learning.surface import Surface
+from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
+from compplan.learning.scan import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
+from compplan.planning.checks import state_notes
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
 from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.kept_posture import read_lock
@@ -41,7 +41,6 @@ from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
 from compplan.uncertainty.motion import read_placement, shift_part
-from compplan.uncertainty.perturbation import vary_model
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     apply_wrench_to_model,
@@ -49,6 +48,7 @@ from compplan.uncertainty.sensitivities import (
     pick_rows,
     read_force_spread,
     tip_of,
+    vary_model,
 )
 from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
 
@@ -67,41 +67,23 @@ LONG_MOVE = 0.02
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedPart(Shown):
-    """A model update with the plans before and after it.
+    """A model update with the plans before and after it."""
 
-    Attributes:
-        job: The job.
-        robot: The robot of the folder before.
-        taught: The updated robot.
-        lesson: Force, robot and residual learned from the part.
-        measured: The measured points.
-        path: The wanted path, base frame.
-        slopes: The path to first order, as it was cut.
-        length: Length of the path at its rows. Shape (k,). [m]
-        before: The plan that was cut.
-        after: The plan that follows.
-        residual: What the next program takes off beside the robot's model.
-        learned: Parameters that moved most for their width.
-        notes: What a user has to know, one sentence each.
-        travel: What other paths are told.
-        force: What is known of the force of the process, or None.
-    """
-
-    job: Job
-    robot: Robot
-    taught: Robot
-    lesson: ModelUpdate
-    measured: MeasuredPath
-    path: Toolpath
-    slopes: Slopes
-    length: Array
-    before: Plan
-    after: Plan
-    residual: Residual
-    learned: tuple[Learned, ...]
-    notes: tuple[str, ...]
-    travel: Transfer
-    force: LearnedForce | None
+    job: Job  #: The job.
+    robot: Robot  #: The robot of the folder before.
+    taught: Robot  #: The updated robot.
+    lesson: ModelUpdate  #: Force, robot and residual learned from the part.
+    measured: MeasuredPath  #: The measured points.
+    path: Toolpath  #: The wanted path, base frame.
+    slopes: Slopes  #: The path to first order, as it was cut.
+    length: Array  #: Length of the path at its rows. Shape (k,). [m]
+    before: Plan  #: The plan that was cut.
+    after: Plan  #: The plan that follows.
+    residual: Residual  #: What the next program takes off beside the robot's model.
+    learned: tuple[Learned, ...]  #: Parameters that moved most for their width.
+    notes: tuple[str, ...]  #: What a user has to know, one sentence each.
+    travel: Transfer  #: What other paths are told.
+    force: LearnedForce | None  #: What is known of the force of the process, or None.
 
     @property
     def wanted(self) -> Array:
@@ -138,23 +120,15 @@ class LearnedPart(Shown):
 
 @dataclass(frozen=True, eq=False)
 class CutPath:
-    """A path as it was cut.
+    """A path as it was cut."""
 
-    Attributes:
-        scene: The robot on it.
-        known: What is known of the robot.
-        force: Uncertainty of the force, as far as all parts share it.
-        slopes: The path to first order, k rows.
-        length: Length of the wanted path at every waypoint: the corrected path is a little longer or shorter. Shape
-            (n,). [m]
-        touched: The part as the robot found it by touching, or None where its frame is absolute.
-    """
-
-    scene: ForwardModel
-    known: Uncertainty
-    force: ForceSpread
-    slopes: Slopes
+    scene: ForwardModel  #: The robot on it.
+    known: Uncertainty  #: What is known of the robot.
+    force: ForceSpread  #: Uncertainty of the force, as far as all parts share it.
+    slopes: Slopes  #: The path to first order, k rows.
+    #: Length of the wanted path at every waypoint: the corrected path is a little longer or shorter. Shape (n,). [m]
     length: Array
+    #: The part as the robot found it by touching, or None where its frame is absolute.
     touched: TouchedPart | None = None
 
     def with_values(self, values: Array, force: Array) -> ForwardModel:
@@ -223,11 +197,12 @@ def learn_from_part(
     slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
     gathered, own = gather_points(matched, length), own_of(job, slopes, whole, matched)
     left_open = None if old is None else interpolate(length, old.length, old.open)
+    expected = expect_deviations(slopes, known, gathered, own, left_open)
     if not sure:
-        band = possible_band(slopes, known, gathered, own, left_open)
+        band = band_radius(take_blocks(expected, len(gathered.row)))
         ask_possible(points, gathered, band, wanted, job.T_base_part, in_base=in_base, whole=not matched.scanned)
     allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
-    stood = "" if allowed else ask_stood(points, gathered, slopes.tip, job, asked=align is None and not sure)
+    stood = "" if allowed else ask_stood(points, gathered, slopes.tip, job, expected, asked=align is None and not sure)
     learn = partial(learn_part, slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
     lesson = learn(left_open)
     # what the path left open stands for robot and force there: other paths are told what these say alone
@@ -236,7 +211,9 @@ def learn_from_part(
     others = (
         transfer_to_paths(job, robot, before.task, wide, known, whole) if told else transfer_nothing(job, robot, wide)
     )
-    residual = add_residual(old, lesson, cut, before.task, others) if told else old
+    residual = old
+    if told:
+        residual, lesson = add_residual(old, lesson, cut, before.task, others)
     announce("the plan that follows")
     job = job.with_force(others.force)
     after = plan_learned(job, others.robot, residual)[1] if told else before
@@ -254,7 +231,7 @@ def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
 
     length, (k,) [m], and q, (k, nq) [rad or m]: at the rows of the update.
     """
-    return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), q, lesson.open)
+    return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.model.size), q, lesson.open)
 
 
 def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:
@@ -278,14 +255,14 @@ def _list_notes(
     return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
 
 
-def ask_stood(points: Table, gathered: Gathered, tip: Array, job: Job, *, asked: bool) -> str:
+def ask_stood(points: Table, gathered: Gathered, tip: Array, job: Job, expected: Array, *, asked: bool) -> str:
     """Say how the part stood off as a whole, "" where it did not.
 
     Raises:
-        InputError: If it did, and that is asked about.
+        InputError: If it did beyond what robot, force and clamping explain, and that is asked about.
     """
-    stood = describe_whole(gathered, tip, job.T_base_part[:3, :3])
-    if stood and asked:
+    stood, beyond = describe_whole(gathered, tip, job.T_base_part[:3, :3], expected)
+    if beyond and asked:
         raise points.error(f"{stood}; was the part there? {WHOLE_PART}")
     return stood
 
@@ -321,7 +298,7 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     if residual is not None:
         most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
         said = f"the path is shifted by up to {most:.3g} mm as learned from cut parts; deviations count from there"
-        plan = replace(plan, notes=(said, *plan.notes))
+        plan = plan.add_checks(state_notes([said]), first=True)
     return nominal, plan
 
 
@@ -359,22 +336,36 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     return replace(task, q_start=q, rotation=rotation, missed=missed)
 
 
-def add_residual(old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: PlanTask, others: Others) -> Residual:
+def add_residual(
+    old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: PlanTask, others: Others
+) -> tuple[Residual, ModelUpdate]:
     """Add what stays with the path: what the update says of its tip, less what robot folder and process now say there.
+
+    It moves in measured directions alone: elsewhere it interpolates what other places of the path say. What robot
+    folder and process say is a model that stretches left out support, and moves in all of them. The band of the update
+    that is returned counts what is not taken off.
 
     old: what was learned before, or None; others: what robot folder and process say now.
     """
     rows, slopes = pick_rows(task.cut, MOST_PLACES), cut.slopes
     length, at = cut.length[rows], cut.length[slopes.rows]
     if old is not None:
-        moved = tip_of(cut.scene, rows) + old.at(length)
-        moved = moved + interpolate(length, at, lesson.residual)
+        before, moved = old.at(length), tip_of(cut.scene, rows) + interpolate(length, at, lesson.residual)
     else:
-        moved = cut.tip(lesson.values, lesson.force, rows)
+        before, moved = np.zeros((len(rows), 3)), cut.tip(lesson.values, lesson.force, rows)
         moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
-    moved = moved - cut.tip(others.held, others.shares, rows)
-    left = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
-    return Residual(length, moved, left, task.q_start[rows], interpolate(length, at, lesson.open))
+    own = moved - cut.tip(others.held, others.shares, rows)
+    known = measured_directions(lesson.gathered, slopes.tip, task.position[rows])
+    taken = np.einsum("nij,nj->ni", known, own)
+    left = np.interp(at, length, np.linalg.norm(own - taken, axis=1))
+    lesson = replace(
+        lesson,
+        band_after=lesson.band_after + left,
+        expected=float(np.hypot(lesson.expected, np.sqrt(np.mean(left**2)))),
+    )
+    spread = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.model.size, 1e-7)))
+    residual = Residual(length, before + taken, spread, task.q_start[rows], interpolate(length, at, lesson.open))
+    return residual, lesson
 
 
 def with_band(plan: Plan, lesson: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from compplan.io.tables import Table
-from compplan.learning.surface import Surface
+from compplan.learning.scan import Surface
 from compplan.robot import Array
 from compplan.robot.pose import build_pose, rigid_columns
 from compplan.toolpath.toolpath import Toolpath

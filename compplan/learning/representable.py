@@ -1,21 +1,30 @@
-"""What a robot folder can hold of an update: parameters that URDF and springs can say, and the uncertainty of all."""
+"""What a robot folder can hold of an update, and the file of what a path has learned beyond its robot.
+
+URDF and springs hold some parameters, effects others; what neither holds stays with the path.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from compplan.effects import EFFECTS, Effect
+from compplan.effects import Effect, fold_effect
 from compplan.effects.checks import check_effect
 from compplan.effects.signature import pack_parameters
 from compplan.errors import CompplanError
+from compplan.io.columns import FileColumn
+from compplan.io.tables import read_table
+from compplan.job.job import Job
+from compplan.learning.model_update import KEPT
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
+from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import LINK_ELASTICITY
-from compplan.uncertainty.perturbation import vary_robot
+from compplan.uncertainty.sensitivities import vary_robot
 
 #: Effects that are one spring.
 SPRINGS = ("joint_stiffness", "link_compliance", "base_compliance")
@@ -24,27 +33,19 @@ ADDS = {"backlash": ("width",), "transmission_error": ("sine", "cosine", "height
 
 
 class Learned(NamedTuple):
-    """A parameter that a part told something of.
+    """A parameter that a part told something of."""
 
-    Attributes:
-        name: Its name for people.
-        key: Its key; the unit is its end.
-        value: What it moved by. [SI]
-        width: Its standard deviation before. [SI]
-        kept: Whether the robot folder holds it, nine tenths of it at least.
-    """
-
-    name: str
-    key: str
-    value: float
-    width: float
-    kept: bool
+    name: str  #: Its name for people.
+    key: str  #: Its key; the unit is its end.
+    value: float  #: What it moved by. [SI]
+    width: float  #: Its standard deviation before. [SI]
+    kept: bool  #: Whether the robot folder holds it, nine tenths of it at least.
 
 
 def apply_update(
     robot: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
 ) -> tuple[Robot, Array]:
-    """Put what was learned into a robot folder, counterparts together, and its uncertainty.
+    """Put what was learned into a robot folder; also return how much of each value it holds now. Shape (p,). [SI]
 
     What URDF and springs cannot say becomes an effect of the folder. What neither holds (the tool of a job, a spring
     below zero) stays with the path; its mean counts as not known, m m^T.
@@ -55,9 +56,6 @@ def apply_update(
         values: Posterior means about the folder. Shape (p,). [SI]
         covariance: Posterior covariance. Shape (p, p).
         own_tool: Whether the tool is the folder's, not the job's.
-
-    Returns:
-        The robot, and how much of each value it holds now. Shape (p,). [SI]
     """
     held: list[Array] = []
     for unknown, own in split_unknowns(known.unknowns, values):
@@ -82,7 +80,7 @@ def fit_representable(robot: Robot, unknown: Unknown, own: Array) -> tuple[Robot
     if unknown.joint is not None and unknown.joint not in joints:
         return robot, np.zeros(len(own))
     effect = Effect(unknown.effect, unknown.joint, unknown.axis, pack_parameters(unknown.keys, own, unknown.fixed))
-    folded = EFFECTS[unknown.effect].fold(robot, effect)
+    folded = fold_effect(robot, effect)
     if folded is None:
         return add_effect(robot, effect, own)
     if unknown.effect in SPRINGS:
@@ -154,3 +152,50 @@ def list_learned(known: Uncertainty, values: Array, held: Array, most: int = 10)
     return [
         Learned(names[k], keys[k], float(values[k]), float(width[k]), bool(kept[k])) for k in np.argsort(-share)[:most]
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """What a path keeps beyond its robot: the deviation that the next program takes off; b places along it."""
+
+    length: Array  #: Places along the path. Shape (b,). [m]
+    deviation: Array  #: Deviation there, base axes. Shape (b, 3). [m]
+    spread: Array  #: Standard deviation of it per axis. Shape (b,). [m]
+    q: Array  #: How the arm stood there, unloaded on the path. Shape (b, nq). [rad or m]
+    open: Array  #: What the last update left open of the tip, as columns u with covariance u u^T. Shape (b, 3, r). [m]
+
+    @property
+    def typical(self) -> float:
+        """Mean standard deviation of it per axis. [m]"""
+        return float(np.mean(self.spread))
+
+    def at(self, length: Array) -> Array:
+        """Return the deviation at places along the path. Shape (n, 3). [m]."""
+        return interpolate(length, self.length, self.deviation)
+
+
+def residual_file(robot: Robot, job: Job) -> Path | None:
+    """Return the file of a robot folder that holds what it learned on the path of a job."""
+    return None if robot.folder is None else robot.folder / f"learned_{job.file.stem}.csv"
+
+
+def read_residual(file: Path | None, robot: Robot) -> Residual | None:
+    """Read what was learned on a path; None where there is no such file.
+
+    Raises:
+        InputError: If it is not such a table.
+    """
+    if file is None or not file.exists():
+        return None
+    columns = [FileColumn(name, "length", required=True) for name in ("s", "dx", "dy", "dz", "sigma")]
+    for number, slides in enumerate(robot.prismatic, 1):
+        columns.append(FileColumn(f"q{number}", "length" if slides else "angle", required=True))
+    names = [[f"u{n}{axis}" for axis in "xyz"] for n in range(1, KEPT + 1)]
+    columns += [FileColumn(name, "length", required=True) for own in names for name in own]
+    table = read_table(file, columns)
+    length = table.values["s"]
+    if not len(length) or (np.diff(length) < 0).any():
+        raise table.error("s_mm has to rise from row to row, and there has to be one")
+    joints = table.stack([f"q{number}" for number in range(1, robot.nq + 1)])
+    left_open = np.stack([table.stack(own) for own in names], axis=2)
+    return Residual(length, table.stack(["dx", "dy", "dz"]), table.values["sigma"], joints, left_open)

@@ -2,7 +2,8 @@
 
 A part is dealt to long stretches. Learned from the others, without the residual that belongs to the path, the force
 alone and force and robot together have to leave less on the stretch that they did not see. Then the updated robot is
-tried on paths that the part did not see at all (`compplan.learning.generalisation`).
+tried on paths that the part did not see: copies of the path, moved aside. Where it moves the tip farther than the
+folder before allowed with 95 %, or finds no equilibrium, it explains the part by what does not hold elsewhere.
 """
 
 from __future__ import annotations
@@ -14,39 +15,41 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.errors import ConvergenceError
 from compplan.job.job import Job
 from compplan.job.loading import find_learned_force
 from compplan.learning.gathered_points import Gathered
-from compplan.learning.generalisation import check_generalisation
 from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, condition
 from compplan.learning.representable import apply_update
+from compplan.measurement.distance import band_radius
 from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, LearnedPartTable, add_part, find_axes
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
-from compplan.uncertainty.sensitivities import ForceSpread
+from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.uncertainty.band import linearise_path, split_covariance
+from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model, pick_rows, tip_of
 from compplan.uncertainty.shrinkage import shrink_alike
 
 #: Stretches that a part is dealt to.
 STRETCHES = 4
 #: What a step has to leave, at most, of what is left without it (assumed: less is no lesson for another path).
 FORCE, ROBOT = 0.97, 0.95
+#: How far a copy is moved along each base axis, at least (assumed: as far as a neighbouring part lies), and how many
+#: rows of it are looked at. [m]
+ASIDE, ROWS = 0.15, 60
+#: Where a copy is reached. [m, rad]
+REACHED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """What travels.
+    """What travels."""
 
-    Attributes:
-        force: Whether the force does.
-        robot: Whether the robot does.
-        reason: What the stretches say.
-        left: What nothing, the force, and force and robot leave on stretches that they did not see, rms. [m]
-    """
-
-    force: bool
-    robot: bool
-    reason: str
+    force: bool  #: Whether the force does.
+    robot: bool  #: Whether the robot does.
+    reason: str  #: What the stretches say.
+    #: What nothing, the force, and force and robot leave on stretches that they did not see, rms. [m]
     left: tuple[float, float, float]
 
     def without_robot(self, why: str) -> Transfer:
@@ -65,7 +68,7 @@ def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
             return Transfer(False, False, "the part was measured at one place alone", (np.inf,) * 3)
         state, rows = condition(model, gathered.take(~test)), gathered.row[test]
         own = model.own.part[rows] @ state.own
-        force, robot = (moved.reshape(-1, 3)[rows] for moved in (state.pushed, state.physics))
+        force, robot = state.pushed[rows], state.physics[rows]
         for k, moved in enumerate((0.0 * own, own + force, own + force + robot)):
             seen = np.einsum("bij,bj->bi", gathered.counts[test], moved)
             left[k, test] = gathered.deviation[test] - seen
@@ -220,3 +223,57 @@ def plan_updated(
     """
     alike = replace(shrink_alike(robot, planned), visited=None)
     return apply_update(alike, known, values, covariance, own_tool=own_tool)
+
+
+def check_generalisation(
+    task: PlanTask, taught: Robot, known: Uncertainty, shares: Array, spread: ForceSpread
+) -> tuple[bool, str]:
+    """Try an updated robot on copies of the path, moved along each base axis to where the arm reaches.
+
+    Returns whether it holds there, and what the copies say; "" where none is reached.
+
+    Args:
+        task: The task that was cut, with the robot of the folder before.
+        taught: The updated robot, with the tool of the job.
+        known: What was known of the robot.
+        shares: What is told of the force, in standard deviations of level and turns. Shape (4,).
+        spread: Uncertainty of the force before.
+    """
+    rows = pick_rows(task.cut, ROWS)
+    wrench, every = task.wrench[rows], np.ones(len(rows), bool)
+    moved, allowed = [], []
+    for q in _move_aside(task, rows):
+        try:
+            before, after = (build_path_model(robot, q, wrench) for robot in (task.robot, taught))
+            here = np.arange(len(rows))
+            change = tip_of(apply_wrench_to_model(after, shares, spread), here) - tip_of(before, here)
+        except ConvergenceError:
+            return False, "the updated arm has no equilibrium on a displaced copy of the path"
+        slopes = linearise_path(before, known, spread, every)
+        parts = split_covariance(slopes, known)
+        moved.append(np.linalg.norm(change, axis=1))
+        allowed.append(band_radius(np.asarray(sum(parts.values()))))
+    if not moved:
+        return True, ""
+    size, band = (np.sqrt(np.mean(np.square(values), axis=1)) for values in (moved, allowed))
+    worst = int(np.argmax(size / np.maximum(band, 1e-12)))
+    said = (
+        f"on {len(moved)} displaced copies of the path, the updated robot moves the tip by up to"
+        f" {1e3 * size[worst]:.3g} mm where the old folder allowed {1e3 * band[worst]:.3g} mm (95 %)"
+    )
+    return bool(size[worst] <= band[worst]), said
+
+
+def _move_aside(task: PlanTask, rows: NDArray[np.int_]) -> list[Array]:
+    """Return joint positions of the copies that are reached within the limits. Shape (k, nq) each. [rad or m]"""
+    robot, place = task.robot, task.position[rows]
+    arm, way = build_arm(robot), max(ASIDE, float(np.ptp(place, axis=0).max()))
+    found = []
+    for axis in np.eye(3):
+        for shift in (way * axis, -way * axis):
+            q = refine_ik(arm, task.q_start[rows], place + shift, task.rotation[rows], iterations=30)
+            miss = np.abs(pose_error(arm.chain, q, place + shift, task.rotation[rows])).max()
+            if miss <= REACHED and ((q >= robot.lower) & (q <= robot.upper)).all():
+                found.append(q)
+                break
+    return found

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from compplan.errors import ShapeError
 from compplan.io.display import Shown
 from compplan.measurement.observations import Observations
 from compplan.robot import Array
@@ -27,6 +28,9 @@ FORCE_NOISE, MOMENT_NOISE = 5.0, 2.0
 SAME_LOAD = 0.02
 MODES = ("U1", "U2", "L1", "L2")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+#: Assumed where a log states no standard deviation: they set the weight of orientation against position to begin with;
+#: both are then replaced by what the residuals say. [m, rad]
+ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION = 5e-5, 1e-4
 
 
 def number_rows(values: Array) -> NDArray[np.int_]:
@@ -155,14 +159,7 @@ class Campaign(Shown):
         return bool(self.is_load(np.ptp(np.percentile(wrench, (3, 97), axis=0), axis=0)[None])[0])
 
     def is_load(self, wrench: Array) -> NDArray[np.bool_]:
-        """Tell which wrenches (or changes of one) are more than the sensor's noise; the one answer to "loaded?".
-
-        Args:
-            wrench: Wrenches. Shape (n, 6). [N, N m]
-
-        Returns:
-            Shape (n,).
-        """
+        """Tell which wrenches, (n, 6) [N, N m], or changes of one are more than the sensor's noise. Shape (n,)."""
         force = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1)
         moment = np.linalg.norm(np.nan_to_num(wrench[:, 3:]), axis=1)
         share = SAME_LOAD * self.load_scale
@@ -270,3 +267,51 @@ class Campaign(Shown):
             value = getattr(self, name)
             fields[name] = None if value is None else value[rows]
         return replace(self, **fields, sights=None if self.sights is None else self.sights.take(rows))
+
+
+def make_log(
+    q: ArrayLike, wrench: ArrayLike, position: ArrayLike, rotation: ArrayLike | None = None, *,
+    sigma: ArrayLike | None = None, sigma_rotation: ArrayLike | None = None, link_side: ArrayLike = False,
+    encoder: ArrayLike | None = None,
+) -> Campaign:  # fmt: skip
+    """Make a log of settled poses from arrays.
+
+    Args:
+        q: Commanded joint positions. Shape (n, nq). [rad, m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (6,). [N, N m]
+        position: Measured point. Shape (n, 3). [m]
+        rotation: Measured orientation of the TCP frame as matrices. Shape (n, 3, 3).
+        sigma: Standard deviation of position per axis; 0.05 mm is assumed if left out. Scalar or shape (n,). [m]
+        sigma_rotation: The same of orientation; 0.1 mrad is assumed if left out. Scalar or shape (n,). [rad]
+        link_side: Rows whose q are link-side readings (modes U2 and L2). Scalar or shape (n,).
+        encoder: Link-side minus motor-side readings. Shape (n, nq). [rad, m]
+
+    Raises:
+        ShapeError: If an array does not have the shape above.
+    """
+    joints = np.atleast_2d(np.asarray(q, float))
+    n = len(joints)
+
+    def shaped(name: str, value: ArrayLike | None, *allowed: tuple[int, ...]) -> Array | None:
+        array = None if value is None else np.asarray(value, float)
+        if array is not None and array.shape not in allowed:
+            raise ShapeError(f"{name} has shape {array.shape}, expected {' or '.join(map(str, allowed))}")
+        return None if array is None else np.broadcast_to(array, allowed[0])
+
+    side = np.broadcast_to(np.asarray(link_side, bool), (n,))
+    extra, place = shaped("encoder", encoder, joints.shape), shaped("position", position, (n, 3))
+    load = shaped("wrench", wrench, (n, 6), (6,))
+    assert place is not None and load is not None
+    return Campaign(
+        run=np.array(["static_1"] * n),
+        q=joints,
+        wrench=load,
+        position=place,
+        rotation=shaped("rotation", rotation, (n, 3, 3)),
+        link=None if extra is None else joints + extra,
+        sigma=shaped("sigma", ASSUMED_SIGMA_POSITION if sigma is None else sigma, (n,), ()),
+        sigma_rotation=shaped(
+            "sigma_rotation", ASSUMED_SIGMA_ROTATION if sigma_rotation is None else sigma_rotation, (n,), ()
+        ),
+        mode=np.where(side, "L2", "L1") if side.any() else None,
+    )

@@ -1,7 +1,7 @@
 """What a measurement log cannot hold: joints beyond any turn, forces of a rocket, clocks that run back, sigma of zero.
 
 One row in fifty may be a gross outlier: a few absurd rows are left out, with a note; more of them are a mistake of
-units, and refused with one sentence.
+units, and refused with one sentence. Rows that were pasted again measure nothing anew.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from compplan.errors import InputError
 from compplan.io.parsing import LEAST_SIGMA
 from compplan.io.tables import Table
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.repeated_rows import find_pasted
 from compplan.robot import Array, Robot
 
 #: Beyond its limits a joint may read one turn [rad] or this way [m] more: zeros that are off, limits that were opened.
@@ -31,6 +30,8 @@ OUTLIERS = 0.02
 LEAST_ROWS, MOST_TURN = 3, 4.0 * np.pi
 #: Joints that move less stand still [rad or m]; positions that spread more have moved [m], and less have not [m].
 STILL, MOVED, SAME = 1e-9, 0.05, 1e-9
+#: Joints that move more come to other positions. [rad or m]
+FAR_APART = 1e-2
 #: Measured positions spread this many times more, or less, than the robot moved: another unit. [1]
 OTHER_UNIT = 5.0
 
@@ -42,10 +43,8 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
         InputError: With file and line, if so many rows are that it is a mistake of the whole log, or the log
             contradicts itself.
     """
-    _check_sigma(campaign, table)
+    _check_values(campaign, table)
     _check_clock(campaign, table)
-    _check_temperature(campaign, table)
-    _check_orientation(table)
     notes = list(table.notes)
     bad = find_pasted(table)
     if bad.any():
@@ -76,15 +75,7 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
 
 
 def check_unit(campaign: Campaign, predicted: Array) -> None:
-    """Refuse a log whose positions spread many times more, or less, than the robot moved: a mistake of units.
-
-    Args:
-        campaign: The log.
-        predicted: TCP of every row, base frame. Shape (n, 3). [m]
-
-    Raises:
-        InputError: If they do.
-    """
+    """Refuse a log whose positions spread many times more, or less, than the TCP moved (predicted, (n, 3) [m])."""
     known = np.isfinite(campaign.position).all(1) & np.isfinite(predicted).all(1)
     if known.sum() < 3:
         return
@@ -98,11 +89,7 @@ def check_unit(campaign: Campaign, predicted: Array) -> None:
 
 
 def check_runs(campaign: Campaign) -> None:
-    """Refuse a log in which every row is a run of its own, or which is too short: there is nothing to learn from it.
-
-    Raises:
-        InputError: If it is.
-    """
+    """Refuse a log in which every row is a run of its own, or which is too short: there is nothing to learn from it."""
     n, usable = len(campaign), int(campaign.usable.sum())
     if usable < LEAST_ROWS:
         message = f"{usable} rows have joints, load and position, expected at least {LEAST_ROWS}"
@@ -116,16 +103,23 @@ def _spread(points: Array) -> Array:
     return np.asarray(np.linalg.norm(points - np.median(points, axis=0), axis=1))
 
 
-def _check_sigma(campaign: Campaign, table: Table) -> None:
-    for key, values in (("sigma_position", campaign.sigma), ("sigma_rotation", campaign.sigma_rotation)):
-        if values is None:
-            continue
-        wrong = (values < LEAST_SIGMA) | (values > MOST_SIGMA)
-        if wrong.any():
+def _check_values(campaign: Campaign, table: Table) -> None:
+    """Refuse standard deviations, temperatures and orientations that there are not."""
+    for name, values, low, high, unit, expected in (
+        (table.headers.get("sigma_position"), campaign.sigma, LEAST_SIGMA, MOST_SIGMA, "m", ""),
+        (table.headers.get("sigma_rotation"), campaign.sigma_rotation, LEAST_SIGMA, MOST_SIGMA, "rad", ""),
+        ("temperature", campaign.temperature, COLDEST, HOTTEST, "C", " C"),
+    ):
+        wrong = np.zeros(0, bool) if values is None else (values < low) | (values > high)
+        if values is not None and wrong.any():
             row = int(np.flatnonzero(wrong)[0])
-            unit = "m" if key == "sigma_position" else "rad"
-            message = f"{table.headers[key]} is {values[row]:g} {unit}, expected {LEAST_SIGMA:g} to {MOST_SIGMA:g}"
-            raise table.error(message, row)
+            raise table.error(f"{name} is {values[row]:g} {unit}, expected {low:g} to {high:g}{expected}", row)
+    turns = np.abs(table.stack(["rx", "ry", "rz"])).max(axis=1) if "rx" in table else np.zeros(1)
+    if (turns > MOST_TURN).any():
+        row = int(np.flatnonzero(turns > MOST_TURN)[0])
+        turn, most = np.degrees([turns[row], MOST_TURN])
+        message = f"orientation of {turn:g} deg, a rotation vector has at most {most:g} deg"
+        raise table.error(f"{message}; is column '{table.headers['rx']}' in another unit?", row)
 
 
 def _check_clock(campaign: Campaign, table: Table) -> None:
@@ -143,28 +137,6 @@ def _check_clock(campaign: Campaign, table: Table) -> None:
         raise table.error(f"column '{table.headers['time']}' never changes; leave it out where no time was taken")
     if np.ptp(time) > LONGEST:
         raise table.error(f"time spans {np.ptp(time):g} s, at most {LONGEST:g} s; is it in another unit?")
-
-
-def _check_temperature(campaign: Campaign, table: Table) -> None:
-    if campaign.temperature is None:
-        return
-    wrong = (campaign.temperature < COLDEST) | (campaign.temperature > HOTTEST)
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        message = f"temperature is {campaign.temperature[row]:g} C, expected {COLDEST:g} to {HOTTEST:g} C"
-        raise table.error(message, row)
-
-
-def _check_orientation(table: Table) -> None:
-    if "rx" not in table:
-        return
-    turns = np.abs(table.stack(["rx", "ry", "rz"])).max(axis=1)
-    wrong = turns > MOST_TURN
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        turn, most = np.degrees([turns[row], MOST_TURN])
-        message = f"orientation of {turn:g} deg, a rotation vector has at most {most:g} deg"
-        raise table.error(f"{message}; is column '{table.headers['rx']}' in another unit?", row)
 
 
 def _absurd_rows(campaign: Campaign, robot: Robot) -> dict[str, NDArray[np.bool_]]:
@@ -217,7 +189,7 @@ def _check_motion(campaign: Campaign, table: Table) -> None:
         return
     joints, positions = campaign.q[rows], campaign.position[rows]
     moves, travels = bool((np.ptp(joints, axis=0) > STILL).any()), float(np.ptp(positions, axis=0).max())
-    if moves and travels <= SAME and _far_apart(joints):
+    if moves and travels <= SAME and np.ptp(joints, axis=0).max() > FAR_APART:
         where = [float(value) for value in positions[0] * 1e3]
         raise table.error(f"all positions are the same, {where} mm, while the joints move; were they recorded?")
     if not moves and travels > MOVED and len(campaign.target_names) == 1:
@@ -227,11 +199,30 @@ def _check_motion(campaign: Campaign, table: Table) -> None:
         raise table.error("all rows have the same joints and position; expected different poses")
 
 
-def _far_apart(joints: Array) -> bool:
-    return bool(np.ptp(joints, axis=0).max() > 1e-2)
-
-
 def list_notes(notes: Sequence[str], shown: int = 5) -> list[str]:
     """Return notes on a log as lines, the many in one."""
     lines = [f"note: {note}" for note in notes[:shown]]
     return lines if len(notes) <= shown else [*lines, f"note: and {len(notes) - shown} more of them"]
+
+
+def find_pasted(table: Table) -> NDArray[np.bool_]:
+    """Find the rows that say what an earlier row says, in every column. Shape (n,).
+
+    Where the log has a clock, two rows that agree in time and in all that was read are one. Without a clock a repeated
+    measurement may agree by chance, as rounded readings do; then only a log that repeats itself whole counts as pasted.
+    """
+    n = len(table)
+    columns = [table.values[key] for key in table.values] + [
+        np.unique(table.text[key], return_inverse=True)[1] for key in table.text
+    ]
+    if n < 2 or not columns:
+        return np.zeros(n, bool)
+    rows = np.nan_to_num(np.column_stack(columns).astype(float), nan=np.inf)
+    pasted = np.ones(n, bool)
+    if "time" in table and np.ptp(table.values["time"]) > 0.0:
+        pasted[np.unique(rows, axis=0, return_index=True)[1]] = False
+        return pasted
+    periods = [n // times for times in range(n // 2, 1, -1) if n % times == 0 and n // times > 1]
+    whole = next((period for period in periods if (rows == np.tile(rows[:period], (n // period, 1))).all()), n)
+    pasted[:whole] = False
+    return pasted

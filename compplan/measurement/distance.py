@@ -44,16 +44,13 @@ def calibrate_band(error: Array, model: Array, noise: Array, group: NDArray[np.i
 
     Split conformal over groups [Vovk2005]: each group scores the root mean square of its errors over their radii, and
     the ceil((m + 1) LEVEL)-th of m scores may not exceed one. With fewer groups than the level needs (19 for 95 %) the
-    largest score counts.
+    largest score counts. Returns the factor and the number of groups.
 
     Args:
         error: Measured minus predicted, of rows that the model never saw. Shape (n, 3). [m]
         model: Covariance that the model states for them. Shape (n, 3, 3). [m^2]
         noise: Covariance of the measurement. Shape (n, 3, 3). [m^2]
         group: Group of each row, such as its pose. Shape (n,).
-
-    Returns:
-        The factor, and the number of groups.
     """
     if not len(error):
         return 1.0, 0

@@ -1,19 +1,30 @@
-"""How the frames of a log move, and what that does to its measured poses."""
+"""Fit frames to a campaign (instrument, target, contacts), move them, and differentiate measured poses by them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.measurement.observations import Observations
-from compplan.measurement.registration import CONTACTS, Registration
+from compplan.errors import InputError
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.observations import Observations, along
+from compplan.measurement.registration import CONTACTS, PARTS, Registration
 from compplan.robot import Array
 
 #: Along and about which axes a frame moves.
 TURNS: tuple[str, ...] = ("tx", "ty", "tz", "rx", "ry", "rz")
+STEPS = 60
+#: Rows that fix a frame at the least, and the extent of places that are one place. [m]
+LEAST_ROWS, STANDING = 3, 1e-6
+#: A step below this has converged [m or rad].
+SETTLED = 1e-10
+#: Radians of orientation that weigh as much as a metre of position.
+ANGLE_WEIGHT = 0.5
 
 
 def frame_columns(
@@ -82,3 +93,142 @@ def move_frames(frames: Registration, change: Array, turned: bool) -> Registrati
         used += size
     places = frames.places + change[used:].reshape(-1, 3) if CONTACTS in frames.parts else frames.places
     return replace(frames, base=base, tool=tools, places=places)
+
+
+def fit_registration(
+    campaign: Campaign,
+    position: Array,
+    rotation: Array,
+    parts: Sequence[str],
+    *,
+    rows: NDArray[np.bool_] | None = None,
+    start: Registration | None = None,
+) -> Registration:
+    """Fit frames and places of contacts to a campaign, robustly; the robot's own poses stay as they are.
+
+    Minimises the distance of T_world_base T_base_tcp T_tcp_target from the measured targets, orientation included where
+    it was measured, and what `compplan.measurement.observations` says of other instruments, by Gauss-Newton steps with
+    Huber weights, started from the best rigid fit of the positions.
+
+    Args:
+        campaign: What was measured.
+        position: TCP that the robot model predicts, base frame. Shape (n, 3). [m]
+        rotation: Its orientation. Shape (n, 3, 3).
+        parts: Which of "base", "tool" and "contact" to fit.
+        rows: Rows to use; all usable ones if left out. Shape (n,), bool.
+        start: Frames to begin with, and to keep where they are not fitted; base frame and target offset if left out.
+
+    Raises:
+        InputError: If the rows cannot fix a frame: fewer than three, or the tool at one place in all of them.
+    """
+    use = campaign.usable if rows is None else np.asarray(rows, bool) & campaign.usable
+    index = np.flatnonzero(use)
+    registration = replace(start or Registration.identity(campaign, parts), parts=tuple(parts))
+    if not len(index) or not parts:
+        return registration
+    _check_rows(campaign, position[index], len(index), parts)
+    seen = _Seen(
+        position[index], rotation[index], campaign.position[index],
+        None if campaign.rotation is None else campaign.rotation[index], campaign.target_index[index],
+        None if campaign.sights is None else campaign.sights.take(index),
+        1.0 if campaign.sigma is None else float(np.nanmedian(campaign.sigma[index])),
+    )  # fmt: skip
+    if "base" in parts:
+        registration = replace(registration, base=_start_base(seen))
+    if campaign.sights is not None:
+        tool = registration.tool[campaign.target_index, :3, 3]
+        point = np.where(campaign.usable[:, None], position + np.einsum("nij,nj->ni", rotation, tool), np.nan)
+        places = campaign.sights.start_places(point)
+        registration = replace(registration, contacts=campaign.sights.names, places=places)
+    for _ in range(STEPS):
+        step = _step(seen, registration)
+        registration = move_frames(registration, step, seen.turned is not None)
+        if np.abs(step).max(initial=0.0) < SETTLED:
+            break
+    return registration
+
+
+class _Seen(NamedTuple):
+    """Rows that frames are fitted to: TCP of the model and what was measured; n rows."""
+
+    p: Array  #: TCP, base frame. Shape (n, 3). [m]
+    R: Array  #: Its orientation. Shape (n, 3, 3).
+    measured: Array  #: Measured target, NaN where there is none. Shape (n, 3). [m]
+    turned: Array | None  #: Measured orientation, or None. Shape (n, 3, 3).
+    tool_of: NDArray[np.int_]  #: Number of the target. Shape (n,).
+    sights: Observations | None  #: What other instruments saw, or None.
+    sigma: float  #: Standard deviation of a row, against that of known distances. [m]
+
+
+def _check_rows(campaign: Campaign, position: Array, count: int, parts: Sequence[str]) -> None:
+    """Refuse rows that leave frames open: too few of them, or none in which the tool or the target has moved."""
+    asked = [part for part in parts if part in PARTS]
+    words = f"--register {','.join(asked)}" if asked else "a log of contacts"
+    if count < LEAST_ROWS:
+        message = f"{words} needs at least {LEAST_ROWS} rows with joints and a measured position, the log has {count}"
+        raise InputError(message, file=campaign.file)
+    measured = campaign.position[campaign.usable & campaign.measured]
+    for what, points in (("joints", position), ("measured positions", measured)):
+        if len(points) and float(np.ptp(points, axis=0).max()) < STANDING:
+            message = f"{words} needs poses that differ, the {what} leave the tool at one place in all {count} rows"
+            raise InputError(message, file=campaign.file)
+
+
+def _start_base(seen: _Seen) -> Array:
+    """Start from orientations where there are any, otherwise from the best rigid fit of the positions."""
+    base, here = np.eye(4), np.isfinite(seen.measured).all(axis=1)
+    p, R, measured = seen.p[here], seen.R[here], seen.measured[here]
+    turned = np.full((len(p), 3, 3), np.nan) if seen.turned is None else seen.turned[here]
+    known = np.isfinite(turned).all((1, 2))
+    if known.sum() >= 3:
+        base[:3, :3] = _base_rotation(R[known], turned[known])
+    else:
+        centred, aside = p - np.median(p, axis=0), measured - np.median(measured, axis=0)
+        base[:3, :3] = Rotation.align_vectors(aside, centred)[0].as_matrix()
+    base[:3, 3] = np.median(measured - p @ base[:3, :3].T, axis=0)
+    return base
+
+
+def _base_rotation(R: Array, turned: Array) -> Array:
+    """Solve R_measured = X R Y for X: relative rotations of both sides have the same axis up to X."""
+    pairs = np.random.default_rng(0).integers(0, len(R), (400, 2))
+    a = Rotation.from_matrix(R[pairs[:, 0]] @ np.swapaxes(R[pairs[:, 1]], 1, 2)).as_rotvec()
+    b = Rotation.from_matrix(turned[pairs[:, 0]] @ np.swapaxes(turned[pairs[:, 1]], 1, 2)).as_rotvec()
+    fair = (np.linalg.norm(a, axis=1) > 0.2) & (np.linalg.norm(a, axis=1) < 2.8)
+    if fair.sum() < 3:
+        return np.eye(3)
+    return np.asarray(Rotation.align_vectors(b[fair], a[fair])[0].as_matrix())
+
+
+def _step(rows: _Seen, frames: Registration) -> Array:
+    """Take one weighted Gauss-Newton step, in the order of `move_frames`."""
+    n, base, local = len(rows.p), frames.base, frames.tool[rows.tool_of]
+    point = rows.p + np.einsum("nij,nj->ni", rows.R, local[:, :3, 3])
+    seen = point @ base[:3, :3].T + base[:3, 3]
+    parts = frame_columns(frames, seen, rows.R, rows.tool_of, rows.turned is not None, rows.sights)
+    jacobian, residual = np.concatenate(parts, axis=2), np.zeros((n, 6))
+    size = jacobian.shape[2]
+    residual[:, :3] = rows.measured - seen
+    if rows.turned is not None:
+        known, world = np.isfinite(rows.turned).all((1, 2)), base[:3, :3] @ rows.R @ local[:, :3, :3]
+        residual[known, 3:] = Rotation.from_matrix(rows.turned[known] @ np.swapaxes(world[known], 1, 2)).as_rotvec()
+        jacobian[~known, 3:] = 0.0
+    else:
+        jacobian[:, 3:] = 0.0
+    residual[:, 3:] *= ANGLE_WEIGHT
+    jacobian[:, 3:] *= ANGLE_WEIGHT
+    if rows.sights is not None:
+        sighted = rows.sights.seen
+        slopes = along(rows.sights.directions(point, frames.places), base[:3, :3].T @ jacobian[:, :3])
+        residual[:, :3] = np.where(sighted[:, None], rows.sights.gap(point, frames.places), residual[:, :3])
+        jacobian[:, :3] = np.where(sighted[:, None, None], slopes, jacobian[:, :3])
+    length = np.linalg.norm(residual, axis=1)
+    knee = 3.0 * max(float(np.median(length)), 1e-9)
+    root = np.sqrt(np.minimum(1.0, knee / np.maximum(length, 1e-12)))
+    a, b = (jacobian * root[:, None, None]).reshape(-1, size), (residual * root[:, None]).reshape(-1)
+    if rows.sights is not None and CONTACTS in frames.parts:
+        sure = rows.sights.known
+        weight, own = rows.sigma / sure.sigma, sure.slopes(frames.places).reshape(len(sure), 3 * len(frames.places))
+        slopes = np.hstack([np.zeros((len(sure), size - 3 * len(frames.places))), own])
+        a, b = np.vstack([a, slopes * weight[:, None]]), np.r_[b, sure.gap(frames.places) * weight]
+    return np.asarray(np.linalg.lstsq(a, b, rcond=1e-10)[0])

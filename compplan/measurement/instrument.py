@@ -86,10 +86,7 @@ def read_instrument(file: Path) -> InstrumentFile:
 def read_observations(table: Table, position: Array, instrument: InstrumentFile | None) -> ObservedRows | None:
     """Read the columns contact, reading, dir and distance of a log; None where it has none of them.
 
-    Args:
-        table: The log.
-        position: Its positions, NaN where there are none. Shape (n, 3). [m]
-        instrument: What the instrument file says, if there is one.
+    position: positions of the log, NaN where there are none, (n, 3) [m].
 
     Raises:
         InputError: With file and line, if a row says two things at once, or not all that belongs to one.
@@ -113,7 +110,7 @@ def read_observations(table: Table, position: Array, instrument: InstrumentFile 
     origin = np.where((measured & (kind == READING))[:, None], position, origin)
     sights = Observations(
         kind=kind, contact=np.where(kind == POSITION, -1, contact), names=names, origin=origin,
-        direction=_read_directions(table, kind) @ turn.T,
+        direction=read_directions(table, kind == READING) @ turn.T,
         value=np.where(kind == DISTANCE, distance, np.where(kind == READING, reading, np.nan)),
     )  # fmt: skip
     if (kind == CONTACT).any() and not (kind != CONTACT)[kind != POSITION].any() and not measured.any():
@@ -176,11 +173,7 @@ def _drop_lonely(
 ) -> tuple[Observations, list[str]]:
     """Drop labels whose rows are so few that the unknown place takes all that they tell, and say so.
 
-    Args:
-        table: The log, for the error.
-        sights: What it says.
-        tied: Labels whose place known distances tell something of.
-        measured: Rows with a position. Shape (n,).
+    tied: labels whose place known distances tell something of; measured: rows with a position, (n,).
 
     Raises:
         InputError: If no row is left that tells anything.
@@ -210,9 +203,8 @@ def _count_least(rows: Observations) -> int:
     return 1 + int(np.linalg.matrix_rank(rows.direction)) if len(rows.kind) else 0
 
 
-def _read_directions(table: Table, kind: NDArray[np.int_]) -> Array:
-    """Return unit vectors of the readings, NaN elsewhere. Shape (n, 3)."""
-    rows = kind == READING
+def read_directions(table: Table, rows: NDArray[np.bool_]) -> Array:
+    """Return unit vectors of the readings in some rows, NaN elsewhere. Shape (n, 3)."""
     if not rows.any():
         return np.full((len(table), 3), np.nan)
     if "dir_i" not in table:

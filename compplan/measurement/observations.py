@@ -95,9 +95,7 @@ class Observations:
     def gap(self, point: Array, places: Array) -> Array:
         """Return seen minus expected as a vector, along the direction where one number was seen; NaN for positions.
 
-        Args:
-            point: Measured point that a model expects, base frame. Shape (n, 3). [m]
-            places: Places of the contacts, base frame. Shape (contacts, 3). [m]
+        point: measured point that a model expects, (n, 3); places: of the contacts, (contacts, 3); base frame. [m]
         """
         away = self._away(point, places)
         along = self.directions(point, places)
@@ -124,8 +122,7 @@ class Observations:
     def start_places(self, point: Array) -> Array:
         """Find places to begin with: means of contacts, zeros of readings, centres of spheres. Shape (contacts, 3). [m]
 
-        Args:
-            point: Measured point that a model expects, base frame, NaN where it is unknown. Shape (n, 3). [m]
+        point: measured point that a model expects, base frame, NaN where it is unknown. Shape (n, 3). [m]
         """
         places = np.zeros((len(self.names), 3))
         known = np.isfinite(point).all(axis=1)
@@ -152,13 +149,19 @@ def _start_place(rows: Observations, point: Array) -> Array:
     """Find the place of one contact. Shape (3,). [m]"""
     point = point - rows.origin
     if (rows.kind == DISTANCE).any():
-        # |p|^2 - s^2 = 2 c^T p - |c|^2: linear in c and |c|^2; about the mean, so that far places lose nothing
-        middle = point.mean(axis=0)
-        near = point - middle
-        a = np.column_stack([2.0 * near, -np.ones(len(near))])
-        b = np.sum(near**2, axis=1) - rows.value**2
-        return np.asarray(middle + np.linalg.lstsq(a, b, rcond=1e-9)[0][:3])
+        return fit_sphere(point, rows.value)
     if (rows.kind == CONTACT).any():
         return np.asarray(np.median(point[rows.kind == CONTACT], axis=0))
     left = np.einsum("ni,ni->n", rows.direction, point) - rows.value
     return np.asarray(np.linalg.lstsq(rows.direction, left, rcond=1e-9)[0])
+
+
+def fit_sphere(point: Array, distance: Array, flat: float = 1e-9) -> Array:
+    """Find the centre that points, (n, 3), have distances from; thinner than `flat`, they leave it in their plane. [m]
+
+    |p|^2 - s^2 = 2 c^T p - |c|^2 is linear in c and |c|^2; about the mean, so that far places lose nothing.
+    """
+    middle = point.mean(axis=0)
+    near = point - middle
+    a = np.column_stack([2.0 * near, -np.ones(len(near))])
+    return np.asarray(middle + np.linalg.lstsq(a, np.sum(near**2, axis=1) - distance**2, rcond=flat)[0][:3])

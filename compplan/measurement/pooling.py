@@ -38,9 +38,6 @@ def pool_rows(campaign: Campaign) -> Campaign:
     """Return a campaign of one row a pose where a log has very many rows, said in its notes.
 
     Short logs, logs of paths and readings along a direction stay as they are; of very many poses an even part is taken.
-
-    Args:
-        campaign: The campaign.
     """
     rows = np.flatnonzero(campaign.usable)
     if len(rows) <= FROM_ROWS or campaign.on_path.any() or campaign.sights is not None:
@@ -80,10 +77,7 @@ def find_copies(campaign: Campaign, rows: NDArray[np.int_]) -> NDArray[np.int_]:
 def scatter_beyond_chance(position: Array, group: NDArray[np.int_], pose: NDArray[np.int_]) -> bool:
     """Tell whether means of groups of one pose scatter beyond what the rows within the groups explain.
 
-    Args:
-        position: Positions of the rows. Shape (n, 3). [m]
-        group: Group of each row. Shape (n,).
-        pose: Pose of each row; a group is part of one pose. Shape (n,).
+    position: (n, 3) [m]; group, a part of one pose, and pose of each row: (n,).
     """
     group, pose = (np.unique(label, return_inverse=True)[1].reshape(-1) for label in (group, pose))
     of_group, of_pose = (_mean(position, label, np.bincount(label).astype(float))[label] for label in (group, pose))

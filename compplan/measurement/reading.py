@@ -1,7 +1,18 @@
-"""Read a measurement log, and check it before anything is computed from it."""
+"""Read a measurement log, and check it before anything is computed from it; write the head of an empty one.
+
+Titles of exports of tracker and CMM programs, and of robots, that state axis and unit are read as a log calls them:
+
+| title, in any case and brackets | read as |
+|---|---|
+| X [mm], Measured X (mm), Actual_X_mm, X act. [m] | x_mm, x_m |
+| J1 [deg], Axis 1 (rad), A1 [deg] | q1_deg, q1_rad |
+
+Columns of nominal values and deviations stay what they are. A title without a unit is no column: `doctor` names it.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +28,30 @@ from compplan.io.scans import is_scan
 from compplan.io.tables import Table
 from compplan.measurement.campaign import MODES, WRENCH, Campaign
 from compplan.measurement.checks import check_campaign
-from compplan.measurement.exports import rename_title
 from compplan.measurement.instrument import COLUMNS, InstrumentFile, ObservedRows, read_observations
 from compplan.robot import Array, Robot
+
+_UNIT = r"[ _]*[\[(]?(?P<unit>{units})?[\])]?"
+_SEEN = r"(?:(?:measured|meas\.?|actual|act\.?)[ _]*)?"
+#: Titles (assumed), with name and usual unit in a log.
+_TITLES = (
+    (re.compile(rf"{_SEEN}(?P<of>[xyz]){_UNIT.format(units='mm|m')}", re.IGNORECASE), "{}", "mm"),
+    (re.compile(rf"(?P<of>[xyz])[ _]*(?:measured|meas\.?|actual|act\.?){_UNIT.format(units='mm|m')}", re.IGNORECASE),
+     "{}", "mm"),
+    (re.compile(rf"(?:j|joint|axis|a|q)[ _]*(?P<of>[1-9]){_UNIT.format(units='deg|rad')}", re.IGNORECASE),
+     "q{}", "deg"),
+)  # fmt: skip
+_HEAD = """\
+# Measurement log of {robot}. One row a measured pose, or a sample of a path; rows in time order. # begins a note.
+# run              rows of one run were taken without a break: static1 (approached, settled, measured), path1 (moving)
+# time_s           since the campaign began
+# q                commanded joint positions, as the motor-side encoders read them
+# fx_N .. mz_Nm    wrench of the environment on the tool, at the TCP, base axes, weights not in it; all zero: no load
+# x_mm y_mm z_mm   measured point, robot base frame (or --register base); another point than the TCP: --target-offset
+# temperature_C    of the structure, or the best proxy there is; sigma_mm: standard deviation of the instrument, an axis
+# Columns that you do not have may be left out, but run, q and x y z. Further ones: mode, target, rx_deg ry_deg rz_deg,
+# q1_link_deg, q1_motor_deg, sigma_deg. Measure some poses twice, with others between: they show the noise.
+"""
 
 
 def log_columns(robot: Robot | None = None) -> list[FileColumn]:
@@ -157,3 +189,34 @@ def _modes(table: Table) -> NDArray[np.str_] | None:
             message = f"mode is {mode!r}, choose from {list(MODES)}"
             raise InputError(message, file=table.file, where=int(table.lines[row]))
     return table.text["mode"]
+
+
+def rename_title(title: str) -> str:
+    """Return a log's name of a column of such an export that states its unit, any other name as it is."""
+    found = _find(title)
+    return title if found is None or not found[1] else "_".join(found)
+
+
+def guess_name(title: str) -> str | None:
+    """Return a log's name of a column that states no unit, in the usual one; None of any other column."""
+    found = _find(title)
+    return None if found is None or found[1] else f"{found[0]}_{found[2]}"
+
+
+def _find(title: str) -> tuple[str, ...] | None:
+    for form, name, usual in _TITLES:
+        if match := form.fullmatch(title.strip()):
+            unit = (match["unit"] or "").lower()
+            return (name.format(match["of"].lower()), unit) if unit else (name.format(match["of"].lower()), "", usual)
+    return None
+
+
+def write_log_text(robot: Robot) -> str:
+    """Write the head of an empty log of a robot.
+
+    Args:
+        robot: The robot: how many joints it has, and which of them slide.
+    """
+    wrench = [f"{name}_{'N' if number < 3 else 'Nm'}" for number, name in enumerate(WRENCH)]
+    columns = ["run", "time_s", *robot.joint_headers, *wrench, "x_mm", "y_mm", "z_mm", "temperature_C", "sigma_mm"]
+    return _HEAD.format(robot=robot.name) + ",".join(columns) + "\n"

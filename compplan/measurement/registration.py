@@ -71,10 +71,8 @@ def fitted_parts(campaign: Campaign, parts: Sequence[str]) -> tuple[str, ...]:
 def campaign_gap(campaign: Campaign, position: Array, registration: Registration | None) -> Array:
     """Return measured minus expected, base axes: of positions, and of what other instruments saw. Shape (n, 3). [m]
 
-    Args:
-        campaign: What was measured.
-        position: Measured point that a model expects, measuring frame. Shape (n, 3). [m]
-        registration: Frames of the campaign; none if the instrument stands in the robot's base frame.
+    position: measured point that a model expects, measuring frame, (n, 3) [m]; registration: its frames, None
+    if the instrument stands in the robot's base frame.
     """
     gap = campaign.position - position
     if registration is not None:
@@ -87,15 +85,7 @@ def campaign_gap(campaign: Campaign, position: Array, registration: Registration
 
 
 def campaign_turn(campaign: Campaign, rotation: Array) -> Array:
-    """Return the turn from expected to measured, a rotation vector in measuring axes, NaN where none is known. [rad]
-
-    Args:
-        campaign: What was measured.
-        rotation: Orientation that a model expects, measuring frame. Shape (n, 3, 3).
-
-    Returns:
-        Shape (n, 3).
-    """
+    """Return the turn from expected, (n, 3, 3), to measured, measuring axes, NaN where unknown. Shape (n, 3). [rad]"""
     turn = np.full((len(campaign), 3), np.nan)
     if campaign.rotation is not None:
         known = campaign.usable & np.isfinite(campaign.rotation).all(axis=(1, 2))
@@ -107,10 +97,7 @@ def campaign_turn(campaign: Campaign, rotation: Array) -> Array:
 def campaign_directions(campaign: Campaign, position: Array, registration: Registration | None) -> Array | None:
     """Return the direction in which a row tells one number, NaN where it tells three, base axes; None: all tell three.
 
-    Args:
-        campaign: What was measured.
-        position: Measured point that a model expects, measuring frame. Shape (n, 3). [m]
-        registration: Frames of the campaign, or None.
+    Arguments as of `campaign_gap`.
     """
     if campaign.sights is None or (campaign.sights.kind <= CONTACT).all():
         return None

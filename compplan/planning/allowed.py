@@ -16,22 +16,13 @@ CORNER = float(np.radians(10.0))
 
 
 class Allowed(NamedTuple):
-    """The tolerance of a path; n waypoints.
+    """The tolerance of a path; n waypoints."""
 
-    Attributes:
-        normal: Greatest deviation across the travel, or in all where they do not count apart. Shape (n,). [m]
-        tangential: Greatest deviation along the travel. Shape (n,). [m]
-        apart: Whether both count apart. Shape (n,).
-        travel: Unit vector of the travel. Shape (n, 3).
-        moves: The first of the move that ends at each waypoint but 0. Shape (n - 1,). [m]
-
-    """
-
-    normal: Array
-    tangential: Array
-    apart: NDArray[np.bool_]
-    travel: Array
-    moves: Array
+    normal: Array  #: Greatest deviation across the travel, or in all where they do not count apart. Shape (n,). [m]
+    tangential: Array  #: Greatest deviation along the travel. Shape (n,). [m]
+    apart: NDArray[np.bool_]  #: Whether both count apart. Shape (n,).
+    travel: Array  #: Unit vector of the travel. Shape (n, 3).
+    moves: Array  #: The first of the move that ends at each waypoint but 0. Shape (n - 1,). [m]
 
     def use(self, away: Array) -> Array:
         """Return the share of its tolerance that a deviation (n, 3) [m] uses at each waypoint. Shape (n,)."""

@@ -16,7 +16,7 @@ from compplan.planning.timing import ease, ease_duration
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import select_waypoints
 
@@ -30,24 +30,16 @@ DWELL = 0.02
 
 @dataclass(frozen=True)
 class Passage:
-    """The way to the first waypoint, or from the last one, that waypoint not counted; k rows in order of time.
+    """The way to the first waypoint, or from the last one, that waypoint not counted; k rows in order of time."""
 
-    Attributes:
-        key_q: Joint positions that a program goes through: above, and the unloaded tool at the point. Shape (k', nq),
-            k' from 0 to 3: the third lies on the other side of lost motion.
-        key_gap: Time from each of them to the next, the waypoint's own included. Shape (k',). [s]
-        q: Joint positions of the rows. Shape (k, nq). [rad or m]
-        position: Wanted tip. Shape (k, 3). [m]
-        wrench: Wrench that acts. Shape (k, 6). [N, N m]
-        gap: Time from each row to the next, the waypoint's own included. Shape (k,). [s]
-    """
-
+    #: Joint positions that a program goes through: above, and the unloaded tool at the point. Shape (k', nq), k' from 0
+    #: to 3: the third lies on the other side of lost motion.
     key_q: Array
-    key_gap: Array
-    q: Array
-    position: Array
-    wrench: Array
-    gap: Array
+    key_gap: Array  #: Time from each of them to the next, the waypoint's own included. Shape (k',). [s]
+    q: Array  #: Joint positions of the rows. Shape (k, nq). [rad or m]
+    position: Array  #: Wanted tip. Shape (k, 3). [m]
+    wrench: Array  #: Wrench that acts. Shape (k, 6). [N, N m]
+    gap: Array  #: Time from each row to the next, the waypoint's own included. Shape (k,). [s]
 
 
 def plan_approach(task: PlanTask, q: Array) -> Passage:

@@ -24,8 +24,9 @@ from compplan.planning.feed import time_run
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
+from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.start import find_plain, stand
-from compplan.planning.posture.summary import Bettered, Easing, PostureSummary, Start
+from compplan.planning.posture.summary import Easing, PostureSummary, Start
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import INERTIA_WINDOWS, parameter_steps, time_rapids
@@ -40,8 +41,8 @@ LOG = logging.getLogger(__name__)
 BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error_band": ("accurate", "smooth"),
           "smooth": ("accurate", "fast")}  # fmt: skip
 LEAST = {"fast": "driven_s", "accurate": "band_mm", "error_band": "band_mm", "smooth": "joint_travel_deg"}
-#: Windows of smoothing, as shares of those that plans have, and candidates whose speed is eased, the best ones.
-WINDOWS, EASED = (1.0, 0.7), 2
+#: Windows of smoothing, as shares of those that plans have.
+WINDOWS = (1.0, 0.7)
 #: Gain that a posture is changed for, and difference of time or band that counts as none.
 LEAST_GAIN, SAME = 0.01, 1e-3
 #: Joint positions that differ by less are one posture. [rad or m]
@@ -56,42 +57,31 @@ CALM = 0.5
 LONGEST = 8000
 #: Eased runs that are tried at most, and waypoints times runs.
 ROUNDS, WORK = 14, 40_000
-#: Target of the band from one pair of rounds to the next, least share of it that is left to vibration.
+#: Target of the band from one pair of rounds to the next until it takes too long, and its least share for vibration.
 LOWER, LEAST_ROOM = 0.86, 0.2
 #: Exponent g, and the least and greatest change of a factor in one round.
 GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
-#: A run that takes longer than another by more is followed by runs half way back, so many.
-TOO_LONG, BISECTIONS = 1.02, 2
-#: What the program weighs by preset; a preset that is not here keeps the posture of the search.
+#: Postures that a program starts from, in words.
+ORIGINS = {"search": "the posture of the search", "programmed": "one configuration with x of the tool as programmed"}
+#: What the program weighs by preset, one solve each; a preset that is not here keeps the posture of the search. Where a
+#: run may take no longer than the base's, one solve is for time and band, the other for the band alone.
+BALANCED, NARROW = Prices(time=1.0, band=0.3), Prices(time=0.1, band=1.0)
 PRICES = {
-    "fast": Prices(most_band=np.inf),
-    "accurate": Prices(time=0.1, band=1.0),
-    "error_band": Prices(time=0.1, band=1.0),
-    "": Prices(time=1.0, band=0.3),
-}
+    "fast": (Prices(most_band=np.inf), NARROW), "accurate": (NARROW, BALANCED), "error_band": (NARROW, BALANCED),
+    "": (BALANCED, NARROW),
+}  # fmt: skip
 
 
 class TimedStart(NamedTuple):
-    """A run of a start, nothing corrected.
+    """A run of a start, nothing corrected."""
 
-    Attributes:
-        start: The start, with its pace.
-        time: The whole run. [s]
-        band: Widest 95 % band along the cut. [m]
-        still: The same, vibration left out. [m]
-        quiet: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
-        origin: Where it comes from: "search" or "programmed".
-        shaped: What the program did, None for nothing.
-
-    """
-
-    start: Start
-    time: float
-    band: float
-    still: float
-    quiet: Array
-    origin: str = "search"
-    shaped: Shaped | None = None
+    start: Start  #: The start, with its pace.
+    time: float  #: The whole run. [s]
+    band: float  #: Widest 95 % band along the cut. [m]
+    still: float  #: The same, vibration left out. [m]
+    quiet: Array  #: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
+    origin: str = "search"  #: Where it comes from: "search" or "programmed".
+    shaped: Shaped | None = None  #: What the program did, None for nothing.
 
 
 def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
@@ -102,16 +92,16 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     finished postures are compared alone, and the program shapes none.
     """
     posture_choice = start.posture_choice
-    if posture_choice is None or start.request is None or posture_choice.settings.weights:
+    if posture_choice is None:
         return start
     if posture_choice.settings.compares:
         start = _compare_presets(start, asked)
         posture_choice = start.posture_choice or posture_choice
     settings = posture_choice.settings
     preset = settings.preset if settings.compares else ""
-    prices, most = PRICES.get(preset), max(settings.lead, settings.lean, asked.tube)
+    most = max(settings.lead, settings.lean, asked.tube)
     free = settings.free_spin or most > 0.0 or posture_choice.q.shape[1] > 6
-    if prices is None or not free or posture_choice.missed.any() or not shape or settings.start is not None:
+    if preset not in PRICES or not free or posture_choice.missed.any() or not shape or settings.start is not None:
         return start
     task = asked.state(start)
     if (not preset or (preset == "fast" and len(task) > LONGEST)) and _keeps_feed(task, asked):
@@ -119,34 +109,43 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     runs = measure_runs(start, asked)
     if not runs:
         return start
-    first, origins = runs[0], {"search": (task, start)}
+    first, origins = runs[0], [("search", task, start)]
+    base = ease_run(preset, first, first, asked)  # what a candidate is compared with: the same posture, eased as it is
     plain = find_plain(asked.robot, asked.nominal, asked.tool_x, start) if len(task) <= LONGEST else None
     if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=ALIKE):
         for run in measure_runs(plain, asked):
             runs.append(run._replace(origin="programmed"))
             if run.time / first.time + run.band / first.band < 2.0:
-                origins["programmed"] = asked.state(plain), plain
-    other = PRICES["accurate" if preset == "fast" else ""]
-    for name, (state, origin) in origins.items():
-        for weights in dict.fromkeys((prices, other) if name == "search" else (other,)):
-            found = shape_start(state, origin, asked, weights)
-            if found is None:  # other weights have the same limits
-                break
-            runs += [run._replace(origin=name, shaped=found[1]) for run in measure_runs(found[0], asked)]
-    taken = _choose_run(preset, first, runs, asked)
-    return start if taken is None else _take(start, first, taken, least_time(task))
+                origins.append(("programmed", asked.state(plain), plain))
+    for name, state, origin in origins:
+        most_time = np.inf
+        for prices in PRICES[preset]:
+            if (found := shape_start(state, origin, asked, prices, most_time)) is None:
+                continue
+            for run in measure_runs(found[0], asked):
+                runs.append(run._replace(origin=name, shaped=found[1]))
+                if preset != "fast":  # the next one takes no longer than the base
+                    most_time = found[1].time * base.time / run.time
+    for run in runs:
+        LOG.debug(
+            "%s %s: %.4f s, %.4f mm, still %.4f", run.origin, run.shaped, run.time, 1e3 * run.band, 1e3 * run.still
+        )
+    best = min(runs, key=lambda run: _value(preset, run, base))
+    taken = min(base, ease_run(preset, best, base, asked), key=lambda run: judge_gain(preset, run, base))
+    return (
+        _take(start, first, taken, least_time(task)) if judge_gain(preset, taken, first) < 1.0 - LEAST_GAIN else start
+    )
 
 
 def _compare_presets(start: Start, asked: Asked) -> Start:
     """Take the best of the finished postures of several presets, by the measure of the preset that was asked for."""
-    posture_choice, request = start.posture_choice, start.request
-    assert posture_choice is not None and request is not None
-    settings = posture_choice.settings
+    posture_choice, settings = start.posture_choice, start.settings
+    assert posture_choice is not None
     found: dict[str, PostureSummary] = {settings.preset: posture_choice}
     for other in BESIDE[settings.preset]:
         try:
-            other_request = replace(request, settings=replace(settings, preset=other))
-            found[other] = choose_posture_path(other_request.state(asked.robot, asked.nominal, asked.tool_x))
+            other_settings = replace(settings, preset=other)
+            found[other] = choose_posture_path(PostureProblem(asked.robot, asked.nominal, asked.tool_x, other_settings))
         except InfeasibleError:
             continue
     cost = LEAST[settings.preset]
@@ -154,7 +153,7 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
     def measure(one: PostureSummary) -> float:
         if cost in one.costs:
             return one.costs[cost]
-        stood = stand(one, asked.nominal, request)
+        stood = stand(one, asked.nominal, settings)
         if cost == "driven_s":
             return asked.time(asked.state(stood))
         return next((1e3 * run.band for run in measure_runs(stood, asked)), np.inf)
@@ -163,7 +162,7 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
     name = min(compared, key=lambda each: compared[each])
     best = found[name]
     return stand(replace(best, settings=settings, costs={**best.costs, cost: compared[name]}, compared=compared,
-                         compared_by=cost), asked.nominal, request)  # fmt: skip
+                         compared_by=cost), asked.nominal, settings)  # fmt: skip
 
 
 def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
@@ -199,7 +198,7 @@ def measure_runs(
     plain = Easing(window, np.zeros(1), np.ones(1))
     task, found = asked.state(start if window == 1.0 else replace(start, pace=plain)), list[TimedStart]()
     slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
-    kept, beyond = slower, 0
+    low, high = 0.0, np.inf if beside is None else beside.band
     dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
     try:
         still = spread_tip(task, asked.force, rows) if quiet is None else quiet
@@ -213,14 +212,12 @@ def measure_runs(
             band = band_radius(still + rings, mean=aside)
             widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
             found.append(TimedStart(eased, float(time[-1]), widest, least, still))
-            if beside is None or not rings.any() or beyond == BISECTIONS:
+            if beside is None or not rings.any():
                 break
-            if time[-1] > TOO_LONG * beside.time:
-                slower, beyond = np.sqrt(kept * slower), beyond + 1
-                continue
-            kept = slower if time[-1] <= (1.0 + SAME) * beside.time else kept
-            if count % 2 == 0:
-                target = LOWER * min(target, found[-1].band if count == 0 else np.inf, beside.band)
+            if count % 2 == 0:  # two rounds bring the run near to a target, then the time says which way it goes on
+                late = time[-1] > (1.0 + SAME) * beside.time
+                low, high = (target, high) if late else (low, min(target, widest))
+                target = 0.5 * (low + high) if low > 0.0 else LOWER * high
             room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
             use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / room
             wide = _widen(np.interp(np.arange(len(task)), rows, use), time, task.smoothing)
@@ -255,11 +252,15 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 
 def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Start:
     """Return the start of the candidate that was taken, with what it brings beside the first."""
-    posture_choice, chosen, request = start.posture_choice, run.start.posture_choice, start.request
-    assert posture_choice is not None and chosen is not None and request is not None
-    shaped = run.shaped or Shaped(0, ())
-    gained = Bettered((first.time, run.time), (1e3 * first.band, 1e3 * run.band), least, run.origin,
-                      shaped.iterations, shaped.names)  # fmt: skip
+    posture_choice, chosen, pace = start.posture_choice, run.start.posture_choice, run.start.pace
+    assert posture_choice is not None and chosen is not None
+    shaped = run.shaped or Shaped(0, (), 0.0)
+    program = {
+        "free": list(shaped.names), "start": run.origin, "steps": shaped.iterations,
+        "time_s": {"graph": first.time, "program": run.time},
+        "band_p95_max_mm": {"graph": 1e3 * first.band, "program": 1e3 * run.band},
+        "least_time_s": least,
+    }  # fmt: skip
     costs = {**chosen.costs, "driven_s": run.time, "band_mm": 1e3 * run.band}
     cost, compared = posture_choice.compared_by, dict(posture_choice.compared)
     if compared:
@@ -267,45 +268,42 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     chosen = replace(chosen, settings=posture_choice.settings, costs=costs, compared=compared, compared_by=cost)
     upright = run.start.upright
     nominal = run.start.nominal if upright is None else replace(run.start.nominal, axis=upright)
-    stood = stand(chosen, nominal, request)
-    return replace(stood, bettered=gained, aside=run.start.aside, pace=run.start.pace,
-                   notes=(*stood.notes, gained.sentence(run.start.pace)))  # fmt: skip
+    stood = stand(chosen, nominal, start.settings)
+    most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
+    eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
+    eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
+    head = f"Posture and speed are of one program ({', '.join(shaped.names)} free)"
+    if not shaped.iterations:
+        head = f"Posture and speed are chosen together ({ORIGINS[run.origin]})"
+    note = (f"{head}: run {first.time:.4g} -> {run.time:.4g} s (the programmed feed takes {least:.4g} s), widest 95 % "
+            f"band {1e3 * first.band:.3g} -> {1e3 * run.band:.3g} mm, before correction{eased}.")  # fmt: skip
+    return replace(stood, program=program, aside=run.start.aside, pace=pace, notes=(*stood.notes, note))
 
 
-def _choose_run(preset: str, first: TimedStart, runs: list[TimedStart], asked: Asked) -> TimedStart | None:
-    """Choose the run that a preset is for, of all runs and of the best ones eased; None where none gains."""
-    beside = None if preset == "fast" else first
-
-    def band_at_first(run: TimedStart) -> float:
-        """Return the band at the time of the first run, where vibration falls with the square of the time. [m]"""
-        ring = (run.band**2 - run.still**2) * (run.time / first.time) ** 4
-        return float(np.sqrt(run.still**2 + max(ring, 0.0)))
-
-    order = sorted(runs, key=lambda run: run.time if preset == "fast" else band_at_first(run))
-    alike = [any(abs(run.time / one.time - 1.0) + abs(run.band / one.band - 1.0) < SAME for one in order[:number])
-             for number, run in enumerate(order)]  # fmt: skip
-    order = [run for run, again in zip(order, alike, strict=True) if not again]
-    for number, run in enumerate(order[:EASED]):
-        for window in WINDOWS if number == 0 else WINDOWS[:1]:
-            if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * first.time):
-                eased = measure_runs(run.start, asked, window=window, beside=beside, quiet=run.quiet)
-                runs = runs + [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
-
-    def value(run: TimedStart) -> float:
-        return judge_gain(preset, run.time / first.time, run.band / first.band, run.still / first.still)
-
-    for run in runs:
+def ease_run(preset: str, run: TimedStart, base: TimedStart, asked: Asked) -> TimedStart:
+    """Return the best of a run and of those of its posture that go slower where the arm vibrates, beside a base."""
+    beside, runs = None if preset == "fast" else base, [run]
+    for window in WINDOWS:
+        if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * base.time):
+            eased = measure_runs(run.start, asked, window=window, beside=beside, quiet=run.quiet)
+            runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
+    for each in runs:
         LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", run.origin, ", program" if run.shaped else "",
-                  first.time, run.time, 1e3 * first.band, 1e3 * run.band)  # fmt: skip
-    best = min(runs, key=value)
-    return best if value(best) < 1.0 - LEAST_GAIN else None
+                  base.time, each.time, 1e3 * base.band, 1e3 * each.band)  # fmt: skip
+    return min(runs, key=lambda each: judge_gain(preset, each, base))
 
 
-def judge_gain(preset: str, time: float, band: float, still: float) -> float:
-    """Return what a preset ("" for none) makes less; infinite where that is bought with what it may not.
+def _value(preset: str, run: TimedStart, base: TimedStart) -> float:
+    """Return the time of a run [s], or its band [m] at the time of the base: vibration falls with time squared."""
+    if preset == "fast" or run.time > (1.0 + SAME) * base.time:
+        return run.time if preset == "fast" else np.inf
+    ring = (run.band**2 - run.still**2) * (run.time / base.time) ** 4
+    return float(np.sqrt(run.still**2 + max(ring, 0.0)))
 
-    Time, widest band, and the same with vibration left out (`still`) are shares of the start's.
-    """
+
+def judge_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
+    """Return what a preset ("" for none) makes less, as a share; infinite where that is bought with what it may not."""
+    time, band, still = run.time / base.time, run.band / base.band, run.still / base.still
     if preset == "fast":
         return time
     if max(time, band) > 1.0 + SAME:

@@ -1,12 +1,14 @@
-"""Checks of a plan: what it has to show before it says "solved", as one list with values, limits and sentences.
+"""Checks of a plan, as one list: name, value, limit, sentence and severity of each.
 
-The independent check reads robot folder and tool by itself (`compplan.simulation.exact_model`) and brings the loaded
-tool to rest at and between waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from
-the commanded joints by engines of their own. A plan is not confirmed where one check fails.
+Status, notes, terminal, page and plan.json come from this list (`compplan.planning.result.Plan`). The independent check
+reads robot folder and tool by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest at and
+between waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints
+by engines of their own. Sentences without a figure, such as a remark of a reader, are checks that failed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,12 +19,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from compplan.controllers.readback.robot import JointTable, read_joints
+from compplan.controllers.readback.joint_table import JointTable, read_joints
+from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED, Bending
 from compplan.planning.evaluate import Evaluation, Margins, find_part
 from compplan.planning.executed import ExecutedPath, bound_executed
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
+from compplan.planning.stability import find_buckling
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown
 from compplan.robot import Array
@@ -65,59 +69,62 @@ SAMPLE = 1e-3
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
 
 
+#: Severities: the plan is not confirmed; it has to be settled before the machine moves; a remark.
+STOP, SETTLE, REMARK = "stop", "settle", "note"
+
+
 class Check(NamedTuple):
-    """One check of a plan.
+    """One check of a plan."""
 
-    Attributes:
-        name: What is checked.
-        value: What was found, in the unit of the limit.
-        limit: Greatest value that passes.
-        sentence: What a failed check says.
-        severity: "stop" where a failed check keeps the plan from being confirmed, "note" otherwise.
-
-    """
-
-    name: str
-    value: float
-    limit: float
-    sentence: str
-    severity: str = "stop"
+    name: str  #: What is checked.
+    value: float  #: What was found, in the unit of the limit; NaN where a sentence has no figure.
+    limit: float  #: Greatest value that passes.
+    sentence: str  #: What a failed check says.
+    #: "stop" where a failed check keeps the plan from being confirmed, "settle" where it has to be settled before the
+    #: machine moves, "note" otherwise.
+    severity: str = STOP
 
     @property
     def fails(self) -> bool:
         """Tell whether the value is beyond the limit."""
         return not self.value <= self.limit
 
+    @property
+    def note(self) -> str:
+        """Its sentence, as a note of its severity (`compplan.io.notes`)."""
+        return Stop(self.sentence) if self.severity == SETTLE else self.sentence
+
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
         return {"name": self.name, "value": self.value, "limit": self.limit, "fails": self.fails}
 
 
+def state_notes(notes: Iterable[str]) -> tuple[Check, ...]:
+    """Return checks without a figure that say given notes."""
+    return tuple(Check("note", np.nan, 0.0, str(text), SETTLE if isinstance(text, Stop) else REMARK) for text in notes)
+
+
+def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
+    """Return checks without a figure that keep a plan from being confirmed."""
+    return tuple(Check(name, np.nan, 0.0, text) for text in sentences)
+
+
 @dataclass(frozen=True)
 class Bench:
-    """What a plan is checked with, of its own reading.
+    """What a plan is checked with, of its own reading."""
 
-    Attributes:
-        cell: The robot as modelled.
-        wrench: Wrench at every waypoint. Shape (n, 6). [N, N m]
-        bias: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
-        folder: The robot folder that was read; None for robots and paths in memory, whose other checks are left out.
-        moving: The robot as read, with all masses and no weight.
-
-    """
-
-    cell: SimulatedRobot
-    wrench: Array
-    bias: Array | None = None
+    cell: SimulatedRobot  #: The robot as modelled.
+    bias: Array | None = None  #: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
+    #: The robot folder that was read; None for robots and paths in memory, whose other checks are left out.
     folder: Path | None = None
-    moving: ExactRobot | None = None
+    moving: ExactRobot | None = None  #: The robot as read, with all masses and no weight.
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
     """Read robot and tool a second time; a robot or a path in memory is taken as it is, and a faded robot."""
     if job is None or task.robot.folder is None or job.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
-        return Bench(find_part(task, build_simulated_robot(task.robot)), task.wrench, bias)
+        return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
     tool = job.model_dump(by_alias=True, exclude_unset=True).get("tool")
     if has_faded(task.robot):  # no file holds it
         cell, moving = find_part(task, build_simulated_robot(task.robot)), build_dynamics(task.robot).standing
@@ -128,7 +135,7 @@ def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
             believed = read_exact_robot(Path(task.robot.folder), tool, geometry="controller.urdf")
             cell = touch_cell(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
     bias = _load_springs(task, moving, timing.time) if task.inertia else None
-    return Bench(cell, task.wrench, bias, Path(task.robot.folder), moving)
+    return Bench(cell, bias, Path(task.robot.folder), moving)
 
 
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
@@ -275,6 +282,12 @@ def _angle(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
 
 
+def _check_each_joint(name: str, joints: JointTable, use: Array, limit: float, says: str) -> list[Check]:
+    """Check a figure of every joint; `says` what a failed check says of joint and figure."""
+    return [Check(name, float(value), limit, says.format(joint=joint, value=value))
+            for joint, value in zip(joints.names, use, strict=True)]  # fmt: skip
+
+
 def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
     """Joints stay within the limits that the robot folder states, in place and in time."""
     limits, step = job.limits, np.diff(time)
@@ -293,15 +306,14 @@ def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job
         return checks
     moved = np.abs(np.diff(q, axis=0))
     use = (moved / np.maximum(step, 1e-12)[:, None] / joints.velocity / limits.velocity_scale).max(axis=0)
-    checks += [Check("joint velocity, share of robot.urdf", float(use[j]), ROUNDED,
-                     f"{name} moves {use[j]:.3g} times as fast as robot.urdf allows")
-               for j, name in enumerate(joints.names)]  # fmt: skip
+    checks += _check_each_joint("joint velocity, share of robot.urdf", joints, use, ROUNDED,
+                                "{joint} moves {value:.3g} times as fast as robot.urdf allows")  # fmt: skip
     rows = _find_moving(task, time)
     if len(rows):
         most = (np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.acceleration_scale).max(axis=0)
-        checks += [Check("joint acceleration, share of elasticity.toml", float(most[j]), ROUNDED * 1.01,
-                         f"{name} accelerates {most[j]:.3g} times as much as elasticity.toml allows")
-                   for j, name in enumerate(joints.names)]  # fmt: skip
+        checks += _check_each_joint("joint acceleration, share of elasticity.toml", joints, most, ROUNDED * 1.01,
+                                    "{joint} accelerates {value:.3g} times as much as elasticity.toml allows"
+                                    )  # fmt: skip
     return [*checks, *_check_jerk(task, q, time, joints)]
 
 
@@ -325,9 +337,8 @@ def _check_jerk(task: PlanTask, q: Array, time: Array, joints: JointTable) -> li
         if len(rows) > 2 and len(samples) > 3:
             curve = CubicSpline(time[rows], q[rows], bc_type="clamped")
             use = np.maximum(use, np.abs(np.diff(curve(samples), 3, axis=0)).max(axis=0) / SAMPLE**3 / allowed)
-    return [Check("joint jerk, share of its limit", float(use[j]), ROUNDED,
-                  f"{name} jerks {use[j]:.3g} times as much as is allowed")
-            for j, name in enumerate(joints.names)]  # fmt: skip
+    return _check_each_joint("joint jerk, share of its limit", joints, use, ROUNDED,
+                             "{joint} jerks {value:.3g} times as much as is allowed")  # fmt: skip
 
 
 def _check_feed(task: PlanTask, time: Array) -> Check:
@@ -370,10 +381,10 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
         moves = np.union1d(worst, pick_even(moves, EVEN))
     if not len(moves):
         return 0.0, -1
-    half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, bench.wrench)]
+    half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, task.wrench)]
     bias = None if bench.bias is None else 0.5 * (bench.bias[moves] + bench.bias[moves + 1])
     if task.robot.effects:  # they see the whole path in order
-        path, load = insert_between(q, half[0], moves, 0.5), insert_between(bench.wrench, half[1], moves, 0.5)
+        path, load = insert_between(q, half[0], moves, 0.5), insert_between(task.wrench, half[1], moves, 0.5)
         more = None if bench.bias is None or bias is None else insert_between(bench.bias, bias, moves, 0.5)
         tip = run_simulated_robot(bench.cell, path, load, divide_times(task.step_time, 0.5), more).position[
             2 * moves + 1
@@ -386,6 +397,16 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
     return float(distance[worst_of]), int(moves[worst_of])
 
 
+def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[int, str]) -> dict[int, str]:
+    """Find the waypoints of a command that fail and the limits that stop them; `near`: those that come too near."""
+    lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
+    jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
+    stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
+    for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
+        stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
+    return stopped
+
+
 def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
     """Find waypoints whose static load is beyond the effort of a joint, and name the joint and both torques."""
     efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # nobody states what lies on a positioner
@@ -393,9 +414,9 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
         return {}
     rows = np.flatnonzero(task.compensated)
     if len(rows) > WORST + EVEN:
-        heavy = rows[np.argsort(np.linalg.norm(bench.wrench[rows, :3], axis=1))[-WORST:]]
+        heavy = rows[np.argsort(np.linalg.norm(task.wrench[rows, :3], axis=1))[-WORST:]]
         rows = np.union1d(heavy, pick_even(rows, EVEN))
-    share = np.abs(hold_load(bench.cell.judge, q[rows], bench.wrench[rows])) / np.maximum(efforts, 1e-9)
+    share = np.abs(hold_load(bench.cell.judge, q[rows], task.wrench[rows])) / np.maximum(efforts, 1e-9)
     found = {}
     for k in np.flatnonzero((share > ROUNDING).any(axis=1)).tolist():
         waypoint, j = int(rows[k]), int(share[k].argmax())

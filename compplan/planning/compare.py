@@ -32,17 +32,11 @@ SAME = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What strategies leave on the drawn robots, forces and sensors of a Monte Carlo study.
+    """What strategies leave on the drawn robots, forces and sensors of a Monte Carlo study."""
 
-    Attributes:
-        source: Where the widths come from.
-        rms: By strategy, rms deviation over the cut of every drawn robot. Shape (draws,). [m]
-        interval: By strategy, 95 % interval of the median. [m]
-    """
-
-    source: str
-    rms: Mapping[str, Array]
-    interval: Mapping[str, tuple[float, float]]
+    source: str  #: Where the widths come from.
+    rms: Mapping[str, Array]  #: By strategy, rms deviation over the cut of every drawn robot. Shape (draws,). [m]
+    interval: Mapping[str, tuple[float, float]]  #: By strategy, 95 % interval of the median. [m]
 
     def median(self, strategy: str) -> float:
         """Return what every second robot stays below. [m]."""
@@ -55,28 +49,16 @@ class Drawn:
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Shown):
-    """Strategies side by side, with everything that they were compared on.
+    """Strategies side by side, with everything that they were compared on."""
 
-    Attributes:
-        name: Name of the job.
-        task: Robot, nominal path, predicted wrench, posture, limits.
-        cells: The cells; in the first the planner's model is the truth.
-        commands: What each strategy commands.
-        evaluations: By cell name and strategy, the run against the path.
-        judge: Name of the model that computed the evaluations.
-        job: The job, or None.
-        drawn: What the strategies leave on robots drawn from the folder's own uncertainty, or None.
-
-    """
-
-    name: str
-    task: PlanTask
-    cells: tuple[SimulatedRobot, ...]
-    commands: Mapping[str, Command]
-    evaluations: Mapping[str, Mapping[str, Evaluation]]
-    judge: str = JUDGE
-    job: Job | None = None
-    drawn: Drawn | None = None
+    name: str  #: Name of the job.
+    task: PlanTask  #: Robot, nominal path, predicted wrench, posture, limits.
+    cells: tuple[SimulatedRobot, ...]  #: The cells; in the first the planner's model is the truth.
+    commands: Mapping[str, Command]  #: What each strategy commands.
+    evaluations: Mapping[str, Mapping[str, Evaluation]]  #: By cell name and strategy, the run against the path.
+    judge: str = JUDGE  #: Name of the model that computed the evaluations.
+    job: Job | None = None  #: The job, or None.
+    drawn: Drawn | None = None  #: What the strategies leave on robots drawn from the folder's own uncertainty, or None.
 
     @property
     def as_modelled(self) -> Mapping[str, Evaluation]:

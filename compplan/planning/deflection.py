@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.summary import PostureRequest
+from compplan.planning.posture.settings import PostureSettings
 from compplan.planning.task import PlanTask, differentiate_equations, pose_equations
 from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot
@@ -16,7 +16,7 @@ from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import locate_loaded, solve_equilibrium
 from compplan.statics.ik import middle_of_limits
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
-from compplan.statics.sensitivity import AttainedPose, chunk_rows
+from compplan.statics.stiffness import AttainedPose, chunk_rows
 from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm
@@ -37,27 +37,17 @@ SHORTEST, LONGEST = 0.02, 0.3
 
 @dataclass(frozen=True)
 class Bending:
-    """Greatest displacement of the tip over the cut by each cause, and the lowest natural frequencies along it.
+    """Greatest displacement of the tip over the cut by each cause, and the lowest natural frequencies along it."""
 
-    Attributes:
-        process: By the wrench on the tool. [m]
-        weight: By the weights that the model carries. [m]
-        inertia: By the inertia of the timed motion, answered by the modes of the arm; NaN without masses. [m]
-        compensated: Whether the plan compensates that.
-        frequencies: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
-        masses: Where the folder has its masses from.
-        motion: What the motion adds to the band, or None.
-        at_once: Greatest displacement by inertia if the springs gave at once; NaN without masses. [m]
-
-    """
-
-    process: float
-    weight: float
-    inertia: float
-    compensated: bool
+    process: float  #: By the wrench on the tool. [m]
+    weight: float  #: By the weights that the model carries. [m]
+    inertia: float  #: By the inertia of the timed motion, answered by the modes of the arm; NaN without masses. [m]
+    compensated: bool  #: Whether the plan compensates that.
+    #: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
     frequencies: Array
-    masses: str
-    motion: Motion | None = None
+    masses: str  #: Where the folder has its masses from.
+    motion: Motion | None = None  #: What the motion adds to the band, or None.
+    #: Greatest displacement by inertia if the springs gave at once; NaN without masses. [m]
     at_once: float = float("nan")
 
     def describe(self) -> dict[str, object]:
@@ -180,14 +170,13 @@ def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
     return float(np.clip(1.0 / lowest.min(), SHORTEST, LONGEST))
 
 
-def state_frequency(request: PostureRequest, robot: Robot) -> PostureRequest:
+def state_frequency(settings: PostureSettings, robot: Robot) -> PostureSettings:
     """Weight the inertia of joint motion by the arm's lowest natural frequency at mid-range, where known."""
     lowest = float(natural_frequencies(build_dynamics(robot), middle_of_limits(robot)[None], 1)[0, 0])
     if not np.isfinite(lowest):
-        return request
-    motion = request.settings.motion
-    source = f"{motion.source}; natural frequency of the robot folder's masses and springs"
-    return replace(request, settings=replace(request.settings, motion=motion._replace(frequency=lowest, source=source)))
+        return settings
+    source = f"{settings.motion.source}; natural frequency of the robot folder's masses and springs"
+    return replace(settings, motion=settings.motion._replace(frequency=lowest, source=source))
 
 
 def _greatest(shift: Array) -> float:

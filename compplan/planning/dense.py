@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from compplan.planning.costs import Cost, Departure, MissedPose, Time
-from compplan.planning.limits import CorrectionLimit, JointRange, Limit, PoseEquation, VelocityLimit
+from compplan.planning.costs import Departure, MissedPose, Time
+from compplan.planning.limits import CorrectionLimit, JointRange, PoseEquation, VelocityLimit
 from compplan.planning.nlp import Solution, explain_conflict, solve_problem
-from compplan.planning.problem import PlanningProblem
+from compplan.planning.problem import Cost, Limit, PlanningProblem
 from compplan.planning.task import (
     AT_CORRECTION,
     PlanTask,
@@ -32,7 +32,7 @@ from compplan.planning.task import (
     pose_equations,
 )
 from compplan.robot import Array
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.toolpath import pick_even
 
 LOG = logging.getLogger(__name__)
@@ -53,24 +53,14 @@ ALIKE_MEMORY = 1e-7
 
 @dataclass(frozen=True)
 class PathSolution:
-    """The program's solution along a path.
+    """The program's solution along a path."""
 
-    Attributes:
-        q: Joint positions at every waypoint. Shape (n, nq). [rad or m]
-        stations: The last solution of the program.
-        solves: How often the program was solved.
-        iterations: Iterations of the solver in all.
-        cpu: CPU time of the program in all. [s]
-        conflict: Which limits conflict and where, "" where none do.
-
-    """
-
-    q: Array
-    stations: Solution
-    solves: int
-    iterations: int
-    cpu: float
-    conflict: str = ""
+    q: Array  #: Joint positions at every waypoint. Shape (n, nq). [rad or m]
+    stations: Solution  #: The last solution of the program.
+    solves: int  #: How often the program was solved.
+    iterations: int  #: Iterations of the solver in all.
+    cpu: float  #: CPU time of the program in all. [s]
+    conflict: str = ""  #: Which limits conflict and where, "" where none do.
 
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
@@ -245,7 +235,7 @@ def _find_hurried(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> tuple
 
     A posture that was shaped together with the speed keeps both.
     """
-    if task.start is not None and task.start.bettered is not None:
+    if task.start is not None and task.start.program is not None:
         return ()
     rate = np.abs(np.diff(q, axis=0)) / np.maximum(task.step_time, 1e-9)[:, None]
     cut = task.cut[1:] & task.cut[:-1] & (task.nominal.steps > 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,8 @@ from compplan.simulation.simulated_robot import (
     run_simulated_robot,
     touch_cell,
 )
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
+from compplan.toolpath.toolpath import interpolate
 
 #: Waypoints that are judged in a cell with other compliances.
 MOST_JUDGED = 10_000
@@ -28,54 +29,39 @@ MOST_JUDGED = 10_000
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A run in a cell against its path; n waypoints, base frame. Figures are of the waypoints of the cut.
+    """A run in a cell against its path; n waypoints, base frame. Figures are of the waypoints of the cut."""
 
-    Attributes:
-        cell: Name of the cell.
-        position: Attained tip. Shape (n, 3). [m]
-        rotation: Attained orientation of the TCP frame. Shape (n, 3, 3).
-        deviation: Attained minus nominal tip. Shape (n, 3). [m]
-        tilt: Angle between attained and nominal tool axis. Shape (n,). [rad]
-        cut: Waypoints that are compensated and evaluated. Shape (n,).
-
-    """
-
-    cell: str
-    position: Array
-    rotation: Array
-    deviation: Array
-    tilt: Array
-    cut: NDArray[np.bool_]
+    cell: str  #: Name of the cell.
+    position: Array  #: Attained tip. Shape (n, 3). [m]
+    rotation: Array  #: Attained orientation of the TCP frame. Shape (n, 3, 3).
+    deviation: Array  #: Attained minus nominal tip. Shape (n, 3). [m]
+    tilt: Array  #: Angle between attained and nominal tool axis. Shape (n,). [rad]
+    cut: NDArray[np.bool_]  #: Waypoints that are compensated and evaluated. Shape (n,).
 
     @cached_property
     def distance(self) -> Array:
-        """Distance of the attained tip from the nominal one. Shape (n,). [m]."""
+        """Distance of the attained tip from the nominal one. Shape (n,). [m]"""
         return np.asarray(np.linalg.norm(self.deviation, axis=1))
 
     @property
     def rms_deviation(self) -> float:
-        """Root mean square distance over the cut. [m]."""
+        """Root mean square distance over the cut. [m]"""
         return float(np.sqrt(np.mean(self.distance[self.cut] ** 2)))
 
     @property
-    def mean_deviation(self) -> float:
-        """Mean distance over the cut. [m]."""
-        return float(self.distance[self.cut].mean())
-
-    @property
     def max_deviation(self) -> float:
-        """Greatest distance over the cut. [m]."""
+        """Greatest distance over the cut. [m]"""
         return float(self.distance[self.cut].max())
 
     @property
     def max_tilt(self) -> float:
-        """Greatest angle between attained and nominal tool axis over the cut. [rad]."""
+        """Greatest angle between attained and nominal tool axis over the cut. [rad]"""
         return float(self.tilt[self.cut].max())
 
     @property
     def figures(self) -> dict[str, float]:
-        """Deviation over the cut as files hold it: rms, mean and max. [mm]."""
-        sizes = {"rms": self.rms_deviation, "mean": self.mean_deviation, "max": self.max_deviation}
+        """Deviation over the cut as files hold it: rms, mean and max. [mm]"""
+        sizes = {"rms": self.rms_deviation, "mean": float(self.distance[self.cut].mean()), "max": self.max_deviation}
         return {name: value * 1e3 for name, value in sizes.items()}
 
     def share_within(self, tolerance: float) -> float:
@@ -84,83 +70,30 @@ class Evaluation:
 
 
 class Margins(NamedTuple):
-    """How far a command stays from its limits.
+    """How far a command stays from its limits."""
 
-    Attributes:
-        position: Least distance of a joint from its position limits; negative beyond. [rad or m]
-        joint: The joint that comes nearest, counted from 0.
-        velocity_ratio: Greatest joint velocity against its limit.
-        acceleration_ratio: Greatest joint acceleration against its limit.
-        max_correction: Greatest correction in the cut. [m]
-
-    """
-
-    position: float
-    joint: int
-    velocity_ratio: float
-    acceleration_ratio: float
-    max_correction: float
+    position: float  #: Least distance of a joint from its position limits; negative beyond. [rad or m]
+    joint: int  #: The joint that comes nearest, counted from 0.
+    velocity_ratio: float  #: Greatest joint velocity against its limit.
+    acceleration_ratio: float  #: Greatest joint acceleration against its limit.
+    max_correction: float  #: Greatest correction in the cut. [m]
 
 
-@dataclass(frozen=True, eq=False)
-class Mismatch:
-    """What a command leaves in a cell that differs from the planner's model.
-
-    Attributes:
-        cell: Name of the cell; says in what it differs.
-        rows: Waypoints of the cut that were judged, evenly spread. Shape (k,).
-        deviation: Attained minus nominal tip there. Shape (k, 3). [m]
-
-    """
-
-    cell: str
-    rows: NDArray[np.int_]
-    deviation: Array
-
-    @cached_property
-    def distance(self) -> Array:
-        """Distance of the attained tip from the nominal one. Shape (k,). [m]."""
-        return np.asarray(np.linalg.norm(self.deviation, axis=1))
-
-    @property
-    def rms_deviation(self) -> float:
-        """Root mean square distance. [m]."""
-        return float(np.sqrt(np.mean(self.distance**2)))
-
-    @property
-    def max_deviation(self) -> float:
-        """Greatest distance. [m]."""
-        return float(self.distance.max())
-
-    @property
-    def waypoints(self) -> int:
-        """How many waypoints were judged."""
-        return len(self.rows)
-
-    def describe(self) -> dict[str, Any]:
-        """Describe it for plan.json."""
-        return {"cell": self.cell, "rms_mm": self.rms_deviation * 1e3, "max_mm": self.max_deviation * 1e3,
-                "waypoints": self.waypoints}  # fmt: skip
-
-    def along(self, count: int) -> Array:
-        """Return the distance at all waypoints of the path, interpolated between those judged. Shape (count,). [m]."""
-        return np.asarray(np.interp(np.arange(count), self.rows, self.distance))
-
-
-def evaluate_mismatch(task: PlanTask, q: Array) -> Mismatch:
+def evaluate_mismatch(task: PlanTask, q: Array) -> Evaluation:
     """Run a command (n, nq) in a cell whose compliances are all wrong by one factor, which is assumed, not measured.
 
-    At most MOST_JUDGED waypoints are judged; all of them where effects of the robot depend on the motion.
+    At most MOST_JUDGED waypoints are judged, those of `cut`; between them the deviation is interpolated.
     """
     cell = build_simulated_robot(task.robot.scale_compliance(MISMATCHES[0]), f"compliance x {MISMATCHES[0]:g}")
     cell = find_part(task, cell)
-    rows = np.flatnonzero(task.compensated)
-    if task.robot.effects:
-        position = run_simulated_robot(cell, q, task.wrench, task.step_time).position[rows]
-    else:
-        rows = rows[:: max(1, -(-len(rows) // MOST_JUDGED))]
-        position = run_simulated_robot(cell, q[rows], task.wrench[rows]).position
-    return Mismatch(cell.name, rows, position - task.programmed[rows])
+    if task.robot.effects:  # they see the whole path in order
+        return _compare(task, cell.name, run_simulated_robot(cell, q, task.wrench, task.step_time))
+    rows, every, cut = np.flatnonzero(task.compensated), np.arange(len(q)), np.zeros(len(q), bool)
+    rows = rows[:: max(1, -(-len(rows) // MOST_JUDGED))]
+    cut[rows] = True
+    run = run_simulated_robot(cell, q[rows], task.wrench[rows])
+    away = interpolate(every, rows, run.position - task.programmed[rows])
+    return Evaluation(cell.name, task.programmed + away, task.rotation, away, np.zeros(len(q)), cut)
 
 
 def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:
@@ -178,12 +111,11 @@ def evaluate_run(
     Wrench (n, 6) [N, N m] and load of inertia on each elastic coordinate (n, s) are the task's if left out.
     """
     load, more = task.wrench if wrench is None else wrench, task.bias if bias is None else bias
-    cell = find_part(task, cell)
-    return _compare(task, cell.name, run_simulated_robot(cell, q, load, task.step_time, more))
+    return _compare(task, cell.name, run_simulated_robot(find_part(task, cell), q, load, task.step_time, more))
 
 
 def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
-    """Compare a command (n, nq) with the nominal path as the planner's own model sees the loaded tool; no judge."""
+    """Compare a command (n, nq) with the nominal path as the planner's own model sees the loaded tool."""
     if task.robot.effects:
         found = attain_rows(task, q, np.arange(len(q)), slope=False)
     else:

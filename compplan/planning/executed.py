@@ -8,7 +8,7 @@ It decides what is written: zones are made smaller where they would leave the pa
 tolerance, and where identified drives would leave the tolerance, the run is made slower (`slow_around`).
 
 Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
-(`compplan.controllers.motion.drives`). To second order the inverse of it, a delay T of the whole path aside, is
+(`compplan.controllers.motion.run`). To second order the inverse of it, a delay T of the whole path aside, is
 
     q_cmd = q + (T1 - T - T1 T') q' + (T2 - T1 T + T^2 / 2) q'',
 
@@ -29,10 +29,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from compplan.controllers.motion.align import find_nearest
-from compplan.controllers.motion.drives import follow_command
-from compplan.controllers.motion.from_program import build_moves
-from compplan.controllers.motion.geometry import build_path, follow_path
-from compplan.controllers.motion.timing import schedule_path
+from compplan.controllers.motion.geometry import build_moves, build_path, follow_path
+from compplan.controllers.motion.run import follow_command, schedule_path
 from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.joint_convention import believed_robot, load_motion
 from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion
@@ -46,7 +44,7 @@ from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 
@@ -63,33 +61,20 @@ MOST_PLACES = 200_000
 
 @dataclass(frozen=True)
 class ExecutedPath:
-    """How far the controller leaves the loaded tip beside the path of a cut, the time along it aside.
+    """How far the controller leaves the loaded tip beside the path of a cut, the time along it aside."""
 
-    Attributes:
-        near: Farthest of what is sent, on the moves beside each waypoint. Shape (n,). [m]
-        p95: 95th percentile of what is sent. [m]
-        most: Farthest of what is sent. [m]
-        plain: The last two of the command that leads by nothing. [m]
-        sent: Joint positions that programs hold. Shape (n, nq). [rad or m]
-        leads: Whether they lead by the lag.
-        source: Who says how the drives follow, or "assumed".
-        zone: How far before a corner programs let it leave; None where it follows the waypoints.
-        duration: Time that it takes for the moves of the path, as far as its speed law is known. [s]
-        smaller: Corners at which programs ask for a smaller zone than their language's.
-        pieces: Ends and kinds of the written moves, with arcs and without cubics, or None.
-
-    """
-
-    near: Array
-    p95: float
-    most: float
-    plain: tuple[float, float]
-    sent: Array
-    leads: bool
-    source: str
+    near: Array  #: Farthest of what is sent, on the moves beside each waypoint. Shape (n,). [m]
+    p95: float  #: 95th percentile of what is sent. [m]
+    most: float  #: Farthest of what is sent. [m]
+    plain: tuple[float, float]  #: The last two of the command that leads by nothing. [m]
+    sent: Array  #: Joint positions that programs hold. Shape (n, nq). [rad or m]
+    leads: bool  #: Whether they lead by the lag.
+    source: str  #: Who says how the drives follow, or "assumed".
+    #: How far before a corner programs let it leave; None where it follows the waypoints.
     zone: BlendZone | None = None
-    duration: float = 0.0
-    smaller: int = 0
+    duration: float = 0.0  #: Time that it takes for the moves of the path, as far as its speed law is known. [s]
+    smaller: int = 0  #: Corners at which programs ask for a smaller zone than their language's.
+    #: Ends and kinds of the written moves, with arcs, or None.
     pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
 
     @property
@@ -134,10 +119,9 @@ def describe_floor(task: PlanTask, q: Array) -> str:
 
 def describe_unfollowed(output: OutputTable, *, carries: bool) -> list[str]:
     """Say which written moves the executed path leaves out; `carries`: whether joints carry the part."""
-    cubics = "Executed path: cubics (POLY) are replaced by lines and arcs of the same accuracy."
     carried = "Executed path: written moves are not followed where joints carry the part."
     moves = carries and output.form != "joint" and set(output.programs) - {"csv"}
-    return [cubics] * ("sinumerik" in output.programs and output.splines) + [carried] * bool(moves)
+    return [carried] * bool(moves)
 
 
 @dataclass(frozen=True)

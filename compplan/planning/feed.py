@@ -22,36 +22,21 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class FeedRequest:
-    """What the process asks of the feed.
+    """What the process asks of the feed."""
 
-    Attributes:
-        constant: Whether the whole cut needs one feed.
-        torque: Whether joint torques have to stay within the robot's efforts.
-
-    """
-
-    constant: bool = False
-    torque: bool = False
+    constant: bool = False  #: Whether the whole cut needs one feed.
+    torque: bool = False  #: Whether joint torques have to stay within the robot's efforts.
 
 
 @dataclass(frozen=True)
 class ConstantFeed:
-    """The highest feed that holds along the whole cut.
+    """The highest feed that holds along the whole cut."""
 
-    Attributes:
-        feed: The feed. [m/s]
-        programmed: The lowest programmed feed of the cut, which bounds it. [m/s]
-        waypoint: Waypoint that limits it, -1 where the programmed feed does.
-        joint: Name of the joint that limits it, or "".
-        kind: "velocity" or "acceleration".
-
-    """
-
-    feed: float
-    programmed: float
-    waypoint: int
-    joint: str
-    kind: str
+    feed: float  #: The feed. [m/s]
+    programmed: float  #: The lowest programmed feed of the cut, which bounds it. [m/s]
+    waypoint: int  #: Waypoint that limits it, -1 where the programmed feed does.
+    joint: str  #: Name of the joint that limits it, or "".
+    kind: str  #: "velocity" or "acceleration".
 
 
 def time_run(

@@ -28,10 +28,8 @@ def bearable_share(job: Job) -> float:
         InputError, InfeasibleError: If its path cannot be followed.
     """
     robot, nominal, options = prepare_job(job)
-    if options.posture is not None:
-        coarse = replace(options.posture.settings, spin_step=SPIN_STEP)
-        options = replace(options, posture=replace(options.posture, settings=coarse))
-    task = build_task(robot, nominal, options, file=job.file)
+    coarse = replace(options.posture, spin_step=SPIN_STEP)
+    task = build_task(robot, nominal, replace(options, posture=coarse), file=job.file)
     rows = np.flatnonzero(task.cut)
     frames = locate_frames(task.chain, task.q_start[rows])
     torque = np.abs(np.einsum("kij,ki->kj", joint_jacobian(task.chain, frames), task.wrench[rows]))

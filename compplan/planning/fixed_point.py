@@ -43,7 +43,7 @@ from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import Chain
 from compplan.statics.inertia import build_moving_chain
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.toolpath import interpolate
 
 #: Stated tolerance: force, feed and motion agree where a turn moves the tip by less than this share of the tolerance.
@@ -62,32 +62,18 @@ STEP_CHORDS = 4.0
 
 @dataclass(frozen=True)
 class Compensation:
-    """A command with the time and the loads that belong to it.
+    """A command with the time and the loads that belong to it."""
 
-    Attributes:
-        task: The task as divided, with the feed programmed and the wrench at the feed driven.
-        strategy: The strategy; "none" where the correction lies below the robot's resolution.
-        command: The command.
-        timing: Its run.
-        between: Where the loaded tip goes between waypoints, by the planner's model.
-        executed: Where the controller takes the tip, None where it is not known.
-        excess: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
-        change: Shift of the tip that the last turn still made. [m]
-        turns: Turns of the loop.
-        notes: Sentences for the user.
-
-    """
-
-    task: PlanTask
-    strategy: str
-    command: Command
-    timing: Timing
-    between: Between
-    executed: ExecutedPath | None = None
-    excess: float = 0.0
-    change: float = 0.0
-    turns: int = 1
-    notes: tuple[str, ...] = ()
+    task: PlanTask  #: The task as divided, with the feed programmed and the wrench at the feed driven.
+    strategy: str  #: The strategy; "none" where the correction lies below the robot's resolution.
+    command: Command  #: The command.
+    timing: Timing  #: Its run.
+    between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
+    executed: ExecutedPath | None = None  #: Where the controller takes the tip, None where it is not known.
+    excess: float = 0.0  #: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
+    change: float = 0.0  #: Shift of the tip that the last turn still made. [m]
+    turns: int = 1  #: Turns of the loop.
+    notes: tuple[str, ...] = ()  #: Sentences for the user.
 
 
 def compensate(
@@ -129,12 +115,9 @@ def _refuse_inertia(found: Compensation) -> str:
 
 
 def _settle(
-    task: PlanTask,
-    strategy: str,
-    feed_request: FeedRequest,
-    output: OutputTable | None,
+    task: PlanTask, strategy: str, feed_request: FeedRequest, output: OutputTable | None,
     progress: Callable[[str], None],
-) -> Compensation:
+) -> Compensation:  # fmt: skip
     """Run the loop; arguments as of `compensate`.
 
     Where the loads depend on the motion, the run is that of the uncorrected motion, so that it does not follow the
@@ -273,9 +256,7 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
     rows = np.flatnonzero(task.compensated)
     biases = (None if each.bias is None else each.bias[rows] for each in (task, other))
     now, then = (
-        attain_pose(
-            task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias, theta=task.theta[rows]
-        ).position
+        attain_pose(task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias, theta=task.theta[rows])[0]
         for each, bias in zip((task, other), biases, strict=True)
     )
     return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))
@@ -283,11 +264,9 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
 
 def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
     """Tell into how many pieces moves have to be divided so that the deflection changes little in each."""
-    plain = replace(task, wrench=np.zeros_like(task.wrench))
-    every = np.arange(len(task))
-    bent = attain_rows(task, task.q_start, every, slope=False).position
-    bent = bent - attain_rows(plain, task.q_start, every, slope=False).position
-    change = np.linalg.norm(np.diff(bent, axis=0), axis=1)
+    still, every = replace(task, wrench=np.zeros_like(task.wrench)), np.arange(len(task))
+    loaded, plain = (attain_rows(each, task.q_start, every, slope=False).position for each in (task, still))
+    change = np.linalg.norm(np.diff(loaded - plain, axis=0), axis=1)
     change[task.nominal.rapid[1:] | task.lead[1:] | (task.nominal.steps < 1e-6)] = 0.0
     return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
 
@@ -331,10 +310,10 @@ def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
-    between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(ways)))
+    between = Between(*(np.maximum(way - ends, 0.0) for way in ways))
     if links is not None:
         crosses = find_crossings(found.command.q, links)
-        for way, whole in zip(_ways(between), (found.between.joint, found.between.cartesian), strict=False):
+        for way, whole in zip(between[:2], found.between, strict=False):
             way[crosses] = np.maximum(way, whole)[crosses]
     pieces = wanted_pieces(between, task.move_chord)
     pieces[task.nominal.steps < 1e-6] = 1
@@ -361,7 +340,3 @@ def _even_crossings(found: Compensation, pieces: NDArray[np.int_]) -> NDArray[np
         finer = np.ceil(step[near] / max(step[move], 1e-9) - 0.5).astype(int)
         more[near] = np.maximum(more[near], np.maximum(finer, 1))
     return pieces * more
-
-
-def _ways(between: Between) -> tuple[Array, Array, Array]:
-    return between.joint, between.cartesian, between.spline

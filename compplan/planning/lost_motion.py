@@ -117,26 +117,16 @@ LOOKED_AT = 100
 
 
 class Reversals(NamedTuple):
-    """How often an axis turns back.
+    """How often an axis turns back."""
 
-    Attributes:
-        axis: Name of the joint, or "spin".
-        slides: Whether it slides.
-        turns: How often it turns back, ways shorter than thrice its lost motion left out.
-        travel: How far it moves in all. [rad or m]
-        lost: Its lost motion. [rad or m]
-        assumed: Whether that is assumed.
-        price: What one turn costs at the tip: lost motion times the joint's mean lever; 0 for the spin, whose joints
-            count by themselves. [m]
-
-    """
-
-    axis: str
-    slides: bool
-    turns: int
-    travel: float
-    lost: float
-    assumed: bool
+    axis: str  #: Name of the joint, or "spin".
+    slides: bool  #: Whether it slides.
+    turns: int  #: How often it turns back, ways shorter than thrice its lost motion left out.
+    travel: float  #: How far it moves in all. [rad or m]
+    lost: float  #: Its lost motion. [rad or m]
+    assumed: bool  #: Whether that is assumed.
+    #: What one turn costs at the tip: lost motion times the joint's mean lever; 0 for the spin, whose joints count by
+    #: themselves. [m]
     price: float
 
     def describe(self) -> dict[str, Any]:

@@ -30,8 +30,9 @@ from compplan.statics.kinematics import build_loaded_function, locate_symbolic
 LOG = logging.getLogger(__name__)
 
 SOLVER = "ipopt"
-#: Steps of the loaded equilibrium in the expression: three reach 1e-9 of the deflection on real arms.
-STEPS = 3
+#: Steps of the loaded equilibrium in the expression: each leaves about a thousandth of the deflection's error on real
+#: arms. Where the speed is a variable the solution is no command, and the first guess is within a fraction.
+STEPS, TIMED_STEPS = 3, 1
 #: A row counts as active where it is this near to its bound, or its multiplier is larger. [row, 1]
 ACTIVE = 1e-6
 #: A released station misses its pose by more. [m and rad]
@@ -53,58 +54,44 @@ OPTIONS: dict[str, Any] = {
     "nlp_scaling_method": "none",
     "linear_solver": "mumps",
 }
+#: Square of the speed at which the solver begins, as a share of the programmed feed's.
+SLOW_START = 0.225
 #: Where the speed is a variable: no joint position has to be exact, the dense solution makes it so.
 TIMED: dict[str, Any] = {"mu_init": 1e-2, "tol": 1e-6, "constr_viol_tol": 1e-8}
 
 
 class Solution(NamedTuple):
-    """What the solver found, success or not; k stations.
+    """What the solver found, success or not; k stations."""
 
-    Attributes:
-        problem: What was solved.
-        q: Joint positions. Shape (k, nq). [rad or m]
-        square: Square of the speed as a share of the programmed feed, ones where it was none. Shape (k,).
-        band: Widest 95 % band as a share of that at the start, 1 where it was none.
-        slack: Missed pose of released stations. Shape (k, rows). [m, rad]
-        success: Whether the solver says that all limits hold.
-        status: The solver's own word.
-        iterations: Its iterations.
-        cpu: CPU time, building and solving. [s]
-        violation: Greatest violation of a row. [m, rad or share]
-        multipliers: Multipliers of the rows of each limit. Shapes (k, r).
-        active: Stations at which each limit is active, by name. Shapes (k,).
+    problem: PlanningProblem  #: What was solved.
+    q: Array  #: Joint positions. Shape (k, nq). [rad or m]
+    square: Array  #: Square of the speed as a share of the programmed feed, ones where it was none. Shape (k,).
+    band: float  #: Widest 95 % band as a share of that at the start, 1 where it was none.
+    slack: Array  #: Missed pose of released stations. Shape (k, rows). [m, rad]
+    success: bool  #: Whether the solver says that all limits hold.
+    status: str  #: The solver's own word.
+    iterations: int  #: Its iterations.
+    cpu: float  #: CPU time, building and solving. [s]
+    violation: float  #: Greatest violation of a row. [m, rad or share]
+    multipliers: Mapping[str, Array]  #: Multipliers of the rows of each limit. Shapes (k, r).
+    active: Mapping[str, NDArray[np.bool_]]  #: Stations at which each limit is active, by name. Shapes (k,).
 
-    """
-
-    problem: PlanningProblem
-    q: Array
-    square: Array
-    band: float
-    slack: Array
-    success: bool
-    status: str
-    iterations: int
-    cpu: float
-    violation: float
-    multipliers: Mapping[str, Array]
-    active: Mapping[str, NDArray[np.bool_]]
+    @property
+    def time(self) -> float:
+        """Time along the runs. [s]"""
+        root, along = np.sqrt(self.square), self.problem.along
+        parts = [(slice(a, b), slice(a + 1, b + 1)) for a, b in self.problem.runs]
+        return float(sum((2.0 * (along[b] - along[a]) / (root[a] + root[b])).sum() for a, b in parts))
 
 
 @dataclass(frozen=True)
 class PathProgram:
-    """A program, ready to be solved for any loads, poses and bounds at its stations.
+    """A program, ready to be solved for any loads, poses and bounds at its stations."""
 
-    Attributes:
-        problem: What it was built from.
-        solver: CasADi's solver; `solver.stats()` tells about its last run.
-        sizes: Number of rows of each limit at a station.
-        offsets: First variable of q, square, slack and band in the vector of variables, and their number.
-
-    """
-
-    problem: PlanningProblem
-    solver: ca.Function
-    sizes: tuple[int, ...]
+    problem: PlanningProblem  #: What it was built from.
+    solver: ca.Function  #: CasADi's solver; `solver.stats()` tells about its last run.
+    sizes: tuple[int, ...]  #: Number of rows of each limit at a station.
+    #: First variable of q, square, slack and band in the vector of variables, and their number.
     offsets: tuple[int, int, int, int, int]
 
 
@@ -136,19 +123,23 @@ def _build(problem: PlanningProblem) -> PathProgram:
     # objective
     term = sum((each.term(station) for each in problem.costs), ca.SX(0))
     objective = ca.sum2(ca.Function("cost", inputs, [term]).map(k)(local, data))
-    # constraints
+    # constraints: rows of every station, then sums over all of them that are bounded
     parts = [limit.rows(station) for limit in problem.limits]
-    rows = ca.vertcat(*parts)
-    g = ca.vec(ca.Function("limits", inputs, [rows]).map(k)(local, data))
+    sums = [each.term(station) for each in problem.costs if np.isfinite(each.most)]
+    rows, own = ca.vertcat(*parts, *sums), sum(part.numel() for part in parts)
+    every = ca.Function("limits", inputs, [rows]).map(k)(local, data)
+    g = ca.vertcat(ca.vec(every[:own, :]), ca.sum2(every[own:, :]))
     # exact derivatives, station by station: J = diag(J_i) L, H = L^T diag(H_i) L
     p, scale, pull = ca.vec(data), ca.MX.sym("scale"), ca.MX.sym("multipliers", g.numel())
     weight, pulls = ca.SX.sym("weight"), ca.SX.sym("pulls", rows.numel())
     slope = ca.Function("slope", inputs, [ca.jacobian(rows, inputs[0])]).map(k)(local, data)
     bend = ca.hessian(weight * term + ca.dot(pulls, rows), inputs[0])[0]
+    pulled = ca.vertcat(ca.reshape(pull[: own * k], own, k), ca.repmat(pull[own * k :], 1, k))
     bends = ca.Function("bend", [*inputs, weight, pulls], [bend]).map(k)(
-        local, data, ca.repmat(scale, 1, k), ca.reshape(pull, rows.numel(), k))  # fmt: skip
+        local, data, ca.repmat(scale, 1, k), pulled)  # fmt: skip
     sight = ca.MX(ca.DM(seen))
-    jacobian = ca.mtimes(ca.diagcat(*ca.horzsplit(slope, inputs[0].numel())), sight)
+    blocks = ca.diagcat(*ca.horzsplit(slope[:own, :], inputs[0].numel()))
+    jacobian = ca.mtimes(ca.vertcat(blocks, slope[own:, :]), sight)
     hessian = ca.triu(ca.mtimes(sight.T, ca.mtimes(ca.diagcat(*ca.horzsplit(bends, inputs[0].numel())), sight)))
     options: dict[str, Any] = {
         "ipopt": OPTIONS | (TIMED if problem.timed else {}),
@@ -197,20 +188,17 @@ def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int
     return sparse.csc_matrix(stacked[np.argsort(order)]), sizes
 
 
-def solve_nlp(program: PathProgram, problem: PlanningProblem, guess: Solution | None = None) -> Solution:
-    """Solve a program for the numbers of a problem from its posture, or from an earlier solution at the same stations.
-
-    The problem differs by numbers alone from what the program was built from.
-    """
+def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
+    """Solve a program for the numbers of a problem, which differs by numbers alone from what it was built from."""
     k, nq = problem.q_start.shape
     clock, offsets = time.process_time(), program.offsets
     begin, lower, upper = np.zeros(offsets[-1]), np.full(offsets[-1], -np.inf), np.full(offsets[-1], np.inf)
     joints, squares, slacks = (slice(a, b) for a, b in pairwise(offsets[:4]))
     lower[joints], upper[joints] = problem.lower.ravel(), problem.upper.ravel()
-    begin[joints] = (problem.guess if guess is None else guess.q).ravel()
+    begin[joints] = problem.guess.ravel()
     if problem.timed:
         lower[squares], upper[squares] = 1e-8, 1.0
-        begin[squares] = 0.9 * problem.speed**2 if guess is None else guess.square
+        begin[squares] = SLOW_START
         for start, end in problem.runs:
             lower[squares][[start, end]] = upper[squares][[start, end]] = 0.0
     if problem.released is not None:
@@ -218,16 +206,21 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem, guess: Solution | 
         held = np.repeat(~problem.released, problem.pose_rows + 1)
         lower[slacks][held] = upper[slacks][held] = 0.0
     if problem.counts_band:
-        begin[-1] = 1.0 if guess is None else guess.band
+        begin[-1] = 1.0
         lower[-1], upper[-1] = 0.0, problem.most_band
-    bounds = [limit.bounds(problem) for limit, size in zip(problem.limits, program.sizes, strict=True) if size]
+    bounds = [np.broadcast_arrays(*limit.bounds(problem), np.zeros((k, size)))
+              for limit, size in zip(problem.limits, program.sizes, strict=True)]  # fmt: skip
     low, high = (np.hstack([each[side] for each in bounds]) for side in (0, 1))
+    most = [each.most for each in problem.costs if np.isfinite(each.most)]
     found = program.solver(x0=np.clip(begin, lower, upper), p=_pack(problem).ravel(), lbx=lower, ubx=upper,
-                           lbg=low.ravel(), ubg=high.ravel())  # fmt: skip
+                           lbg=np.r_[low.ravel(), np.full(len(most), -np.inf)],
+                           ubg=np.r_[high.ravel(), most])  # fmt: skip
     stats = program.solver.stats()
     x, g, pulls = (np.array(found[name])[:, 0] for name in ("x", "g", "lam_g"))
-    g, pulls, bound_pulls = g.reshape(k, -1), pulls.reshape(k, -1), np.array(found["lam_x"])[:, 0][joints]
-    violation = float(np.maximum(low - g, g - high).max(initial=0.0))
+    beyond = np.maximum(g[low.size :] - most, 0.0)
+    g, pulls = (each[: low.size].reshape(k, -1) for each in (g, pulls))
+    bound_pulls = np.array(found["lam_x"])[:, 0][joints]
+    violation = float(max(np.maximum(low - g, g - high).max(initial=0.0), beyond.max(initial=0.0)))
     multipliers, active, at = {}, {}, 0
     for limit, size in zip(problem.limits, program.sizes, strict=True):
         if not size:
@@ -254,12 +247,12 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem, guess: Solution | 
     )  # fmt: skip
 
 
-def solve_problem(problem: PlanningProblem, guess: Solution | None = None) -> Solution:
+def solve_problem(problem: PlanningProblem) -> Solution:
     """Build and solve the program of a problem."""
     clock = time.process_time()
     program = build_nlp(problem)
     built = time.process_time() - clock
-    found = solve_nlp(program, problem, guess)
+    found = solve_nlp(program, problem)
     return found._replace(cpu=found.cpu + built)
 
 
@@ -306,7 +299,7 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     fields += [("turn", 9)] if problem.turn is not None else []
     fields += [(limit.name, limit.numbers.shape[1]) for limit in problem.limits if limit.numbers is not None]
     data = {name: ca.SX.sym(name, size) for name, size in fields}
-    loaded = build_loaded_function(chain, STEPS)
+    loaded = build_loaded_function(chain, TIMED_STEPS if problem.timed else STEPS)
     position, rotation, deflection = loaded(q, data["wrench"], data["bias"], data["theta"], data["loaded"])
     position = position + data["shift"]
     if problem.turn is not None:

@@ -1,4 +1,4 @@
-"""What a user should know of a plan: where the feed is lowered and why, where the arm swings over, what is assumed."""
+"""Notes of a plan: where the feed is lowered and why, where the arm swings over, what is assumed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +17,13 @@ from compplan.controllers.writers.pendant import locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
+from compplan.planning.checks import REMARK, SETTLE, Check, state_notes
 from compplan.planning.deflection import Bending
-from compplan.planning.task import PlanTask
+from compplan.planning.motion_limits import describe_jerk
+from compplan.planning.stability import describe_depth_limit
+from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot, robot_folders
-from compplan.robot.description import find_mesh
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.robot.soft_limits import describe_soft_limits
 
@@ -45,43 +46,75 @@ def describe_shrinkage(robot: Robot, share: float) -> str:
     )
 
 
-def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:
-    """Say what the reader of the path noted, where the feed had to be lowered, where the arm swings over, and more."""
-    notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
-    notes += [*describe_spindle(task, job), *describe_frames(task, job), *_describe_positioner(task.robot, job)]
-    if job is not None and job.tool is not None and job.tool.mass_kg is None:
-        notes.append("The weight of the tool is unknown ([tool] has no mass_kg) and left out.")
-    if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
-        asked = job is None or job.plan.inertia
-        reason = "parts of the path are out of reach" if task.missed.any() else "with [plan] inertia = true it does"
-        said = ", the 95 % band counts it" if asked and not task.missed.any() else f", {reason}"
-        notes.append(
-            f"The inertia of the motion bends the arm by up to {1e3 * bending.inertia:.2g} mm "
-            f"(masses: {bending.masses}); the plan does not compensate it{said}."
-        )
-    scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
-    notes += scene.notes if scene is not None else ()
-    notes += _describe_margin(task)
-    slow = describe_causes(task, timing)
-    notes += [slow] if slow else []
-    swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
-    for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
-        notes.append(Stop(f"The posture swings over in the move to waypoint {waypoint}: near a singularity."))
-    if job is not None and (told := describe_outside(job, task.robot)):
-        notes.append(told)
-    notes += _ask_about_x(task, job)
+def list_notes(
+    task: PlanTask, command: Command, timing: Timing, bending: Bending, job: Job | None
+) -> tuple[Check, ...]:
+    """Return what a user should know of a plan, as checks that failed."""
+    first = [*task.nominal.notes, "" if task.law is None else task.law.note, *_describe_positioner(task.robot, job)]
+    if job is not None:
+        first += [*describe_spindle(task, job), *describe_frames(task, job)]
+        if job.tool is not None and job.tool.mass_kg is None:
+            first.append("The weight of the tool is unknown ([tool] has no mass_kg) and left out.")
+    scene = None if task.start is None else task.start.settings.scene
+    last = [*(() if scene is None else scene.notes), describe_causes(task, timing)]
+    if job is not None:
+        last += [describe_outside(job, task.robot), describe_tool_x(task, job)]
     if told := describe_soft_limits(task.robot):
-        notes.append(f"{told[0].upper()}{told[1:]}.")
+        last.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():
-        notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
-    return tuple(notes)
+        last.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
+    if conflict := command.facts.get("nlp", {}).get("conflict"):
+        last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
+    last.append(describe_depth_limit(task, command.q))
+    last.append(describe_jerk(task.robot))
+    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task), _check_swing(task)]
+    return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
 
 
-def describe_spindle(task: PlanTask, job: Job | None) -> list[str]:
-    """Say that nothing turns the spindle of a cut that comes from a CAM file."""
-    if job is None or job.process.model not in TURNING or not isinstance(job.toolpath, str):
+def _check_inertia(task: PlanTask, bending: Bending, job: Job | None) -> list[Check]:
+    """Inertia that the plan does not compensate bends the arm by a small share of the tolerance."""
+    if task.inertia or not np.isfinite(bending.inertia):
         return []
-    if job.toolpath.lower().endswith(".csv") or job.output.templates:
+    said = ", the 95 % band counts it"
+    if task.missed.any():
+        said = ", parts of the path are out of reach"
+    elif job is not None and not job.plan.inertia:
+        said = ", with [plan] inertia = true it does"
+    sentence = (f"The inertia of the motion bends the arm by up to {1e3 * bending.inertia:.2g} mm "
+                f"(masses: {bending.masses}); the plan does not compensate it{said}.")  # fmt: skip
+    return [Check("inertia not compensated, m", bending.inertia, WORTH_A_NOTE * task.tolerance, sentence, REMARK)]
+
+
+def _check_limit_margin(task: PlanTask) -> list[Check]:
+    """The posture keeps the distance from joint limits that was asked for."""
+    choice = None if task.start is None else task.start.posture_choice
+    turning = np.flatnonzero(~task.robot.prismatic & ~task.robot.carriers)
+    if choice is None or not len(turning):
+        return []
+    room = np.stack([task.q_start - task.robot.lower, task.robot.upper - task.q_start])[:, :, turning]
+    side, row, column = np.unravel_index(int(room.argmin()), room.shape)
+    kept, asked = float(room[side, row, column]), choice.settings.limit_margin
+    reason = ("the way found keeps it at its stations, not between them." if choice.keeps_margin
+              else "no way along the path keeps it.")  # fmt: skip
+    sentence = (f"The posture comes within {np.degrees(kept):.3g} deg of the {('lower', 'upper')[side]} limit of "
+                f"{task.robot.joint_names[turning[column]]} at waypoint {row}; posture.limit_margin_deg asks for "
+                f"{np.degrees(asked):.3g}: {reason}")  # fmt: skip
+    return [Check("joint limit nearer than asked for, rad", asked - kept, 0.01 * asked, sentence, REMARK)]
+
+
+def _check_swing(task: PlanTask) -> Check:
+    """No joint swings over in a move of the cut."""
+    move = np.where(task.nominal.rapid[1:], 0.0, np.abs(np.diff(task.q_start, axis=0)).max(axis=1))
+    worst = int(move.argmax())
+    sentence = f"The posture swings over in the move to waypoint {worst + 1}: near a singularity."
+    return Check("swing in a move of the cut, rad or m", float(move[worst]), SWING, sentence, SETTLE)
+
+
+def describe_spindle(task: PlanTask, job: Job) -> list[str]:
+    """Say that nothing turns the spindle of a cut that comes from a CAM file."""
+    if job.process.model not in TURNING or not isinstance(job.toolpath, str) or job.output.templates:
+        return []
+    if job.toolpath.lower().endswith(".csv"):
         return []
     if any(event.kind in ("spindle_cw", "spindle_ccw") for event in task.nominal.events):
         return []
@@ -91,15 +124,13 @@ def describe_spindle(task: PlanTask, job: Job | None) -> list[str]:
     ]  # fmt: skip
 
 
-def _ask_about_x(task: PlanTask, job: Job | None) -> list[str]:
+def describe_tool_x(task: PlanTask, job: Job) -> str:
     """Say that a stated x of the TCP frame means nothing where it points along the tool axis."""
-    if job is None or "tool_x" not in job.plan.model_fields_set:
-        return []
     wanted = np.asarray(job.tool_x_base, float)
     across = np.linalg.norm(np.cross(task.nominal.axis, wanted / np.linalg.norm(wanted)), axis=1)
-    if across.max() > np.sin(np.radians(1.0)):
-        return []
-    return ["plan.tool_x points along the tool axis and is ignored: the rotation about the axis is free."]
+    if "tool_x" not in job.plan.model_fields_set or across.max() > np.sin(np.radians(1.0)):
+        return ""
+    return "plan.tool_x points along the tool axis and is ignored: the rotation about the axis is free."
 
 
 def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
@@ -115,31 +146,6 @@ def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
     ]
 
 
-def _describe_margin(task: PlanTask) -> list[str]:
-    """Say where the posture comes nearer to a joint limit than was asked for, and which limit that is."""
-    posture_choice = None if task.start is None else task.start.posture_choice
-    turning = np.flatnonzero(~task.robot.prismatic & ~task.robot.carriers)
-    if posture_choice is None or not len(turning):
-        return []
-    room = np.minimum(task.q_start - task.robot.lower, task.robot.upper - task.q_start)[:, turning]
-    row, column = np.unravel_index(int(room.argmin()), room.shape)
-    kept, asked = float(room[row, column]), posture_choice.settings.limit_margin
-    if kept >= 0.99 * asked:
-        return []
-    joint = int(turning[column])
-    low = task.q_start[row, joint] - task.robot.lower[joint] < task.robot.upper[joint] - task.q_start[row, joint]
-    return [
-        f"The posture comes within {np.degrees(kept):.3g} deg of the {'lower' if low else 'upper'} limit of "
-        f"{task.robot.joint_names[joint]} at waypoint {row}; posture.limit_margin_deg asks for "
-        f"{np.degrees(asked):.3g}: "
-        + (
-            "the way found keeps it at its stations, not between them."
-            if posture_choice.keeps_margin
-            else "no way along the path keeps it."
-        )
-    ]
-
-
 #: Angle between tool and flange from which on the tool is asked about. [deg]
 SIDEWAYS = 60.0
 #: A tip nearer to the flange than this says nothing of a direction. [m]
@@ -148,10 +154,8 @@ SHORT = 0.02
 LONG = 0.5
 
 
-def describe_frames(task: PlanTask, job: Job | None) -> list[str]:
+def describe_frames(task: PlanTask, job: Job) -> list[str]:
     """Ask about a tool across the flange or too long and a spindle below the part; say how a part frame was fitted."""
-    if job is None:
-        return []
     notes = [] if job.part.fit is None else [job.part.fit.tell()]
     if job.tool is None:
         return [*notes, *look_at_spindle(task.nominal.axis, job)]
@@ -240,47 +244,27 @@ def _angle(a: Array, b: Array) -> float:
 
 #: Tables of a job whose files go into programs line by line.
 COPIED = "output.templates."
-COPIED_NOTE = " (its lines go into the program)"
 
 
 def describe_outside(job: Job, robot: Robot) -> str:
     """List the files that the plan reads from outside the job's folder, links followed; "" where there are none.
 
-    The note must be settled where lines of such a file go into a program.
-
-    The robots that ship with compplan do not count. A job that no file holds is measured from the working directory.
-
-    Args:
-        job: The job.
-        robot: Its robot.
-
+    Robots that ship with compplan do not count. The note must be settled where lines of such a file go into a program.
     """
-    told = [f"{key} = {path}{COPIED_NOTE if key.startswith(COPIED) else ''}" for key, path in list_outside(job, robot)]
-    if not told:
-        return ""
-    said = f"Files outside the job's folder: {'; '.join(told)}."
-    return Stop(said) if any(COPIED_NOTE in text for text in told) else said
-
-
-def list_outside(job: Job, robot: Robot) -> list[tuple[str, Path]]:
-    """List what lies outside the job's folder, and meshes outside the robot's: the key that names it, and its path."""
     home = (job.folder if job.file.is_file() else Path.cwd()).resolve()
     found = [
         (key, path)
         for key, text in _list_words(job.model_dump(by_alias=True, exclude_unset=True), "")
         if key not in ("robot", "name") and (path := _find_file(job.folder, text)) and not path.is_relative_to(home)
     ]
-    if robot.folder is None:
-        return found
-    folder = robot.folder.resolve()
-    if not folder.is_relative_to(home) and folder not in [shipped.resolve() for shipped in robot_folders().values()]:
+    folder = None if robot.folder is None else robot.folder.resolve()
+    shipped = [each.resolve() for each in robot_folders().values()]
+    if folder is not None and not folder.is_relative_to(home) and folder not in shipped:
         found.append(("robot", folder))
-    meshes = {mesh.attrib.get("filename", "") for mesh in ElementTree.fromstring(robot.urdf).iter("mesh")}
-    for name in sorted(meshes):
-        path = find_mesh(name, robot.folder)
-        if path is not None and not path.resolve().is_relative_to(folder):
-            found.append((f"mesh {name!r} of robot.urdf", path.resolve()))
-    return found
+    copied = any(key.startswith(COPIED) for key, _ in found)
+    listed = "; ".join(f"{key} = {path}" for key, path in found)
+    said = f"Files outside the job's folder: {listed}{' (lines go into the programs)' if copied else ''}."
+    return "" if not found else Stop(said) if copied else said
 
 
 def _list_words(table: Any, key: str) -> Iterator[tuple[str, str]]:
@@ -305,8 +289,6 @@ def _find_file(folder: Path, text: str) -> Path | None:
 FROM_REST, FROM_LIMIT = 3.0, 1.0
 #: A run that keeps above this share of a level stays at it.
 STAYS = 0.9
-#: A mean feed below this share of the programmed one is told where nothing but starts and stops lower it.
-SHORT_CUT = 0.9
 #: Stretches that a sentence lists.
 LISTED = 5
 
@@ -339,11 +321,8 @@ def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
 def count_starting(share: Array, away: Array) -> int:
     """Count the waypoints at which a run starts up from rest: as long as it gets faster and does not stay at a level.
 
-    It stays where it keeps within a tenth of a level for longer than it has taken to come there from rest.
-
-    Args:
-        share: Feed as a share of the programmed one, from rest on. Shape (k,).
-        away: Time between the rest and the middle of each move. Shape (k,). [s]
+    It stays where it keeps within a tenth of a level for longer than it has taken to come there from rest. Feed as a
+    share of the programmed one and time between the rest and the middle of each move [s] have the shape (k,).
     """
     top = int(np.argmax(np.r_[np.diff(share) < 0, True]))
     rising = np.where(away > 0, share, 0.0)[: top + 1]
@@ -367,22 +346,24 @@ def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.in
     joint is at its limit, that limit holds. What is left is slower for the joints' motion to follow the corrections
     where these follow the feed, and for the run's smoothness elsewhere.
     """
-    slow = mark_slow(task, timing)
-    rests = task.rests & ~task.nominal.rapid
-    by_rest = slow & (_distance(timing.time, rests) <= FROM_REST * task.smoothing)
-    curved = np.zeros(len(task), bool)
-    if task.nominal.rounded is not None:
-        curved = task.nominal.rounded > 0.0
-    by_corner = slow & ~by_rest & (_distance(timing.time, curved) <= FROM_REST * task.smoothing)
-    plain = slow & ~by_rest & ~by_corner
-    by_limit = plain & (_distance(timing.time, timing.limiting >= 0) <= FROM_LIMIT * task.smoothing)
-    left = plain & ~by_limit
-    follows = task.follows_feed or task.inertia
-    words = "so that the joints can follow the corrections" if follows else "to keep the run smooth around joint limits"
-    causes = [("at corners, where the tool comes to rest", by_rest), ("at rounded corners", by_corner)]
-    causes += [(f"by the {name}", by_limit & rows) for name, rows in _name_limits(task, timing, by_limit)]
+    left, reach = mark_slow(task, timing), FROM_REST * task.smoothing
+    causes: list[tuple[str, NDArray[np.bool_]]] = []
+    curved = np.zeros(len(task), bool) if task.nominal.rounded is None else task.nominal.rounded > 0.0
+    for words, marked in (("at corners, where the tool comes to rest", task.rests & ~task.nominal.rapid),
+                          ("at rounded corners", curved)):  # fmt: skip
+        near = left & (_distance(timing.time, marked) <= reach)
+        causes, left = [*causes, (words, near)], left & ~near
+    near = left & (_distance(timing.time, timing.limiting >= 0) <= FROM_LIMIT * task.smoothing)
+    causes += [(f"by the {name}", near & rows) for name, rows in _name_limits(task, timing, near)]
+    left &= ~near
     if left.any():
-        causes.append((f"{words} ({_describe_busiest(task, timing, left)})", left))
+        use = {"velocity": np.abs(timing.velocity[left]) / task.velocity_limits,
+               "acceleration": np.abs(timing.acceleration[left]) / task.acceleration_limits}  # fmt: skip
+        kind = max(use, key=lambda name: float(use[name].max()))
+        busiest = task.robot.joint_names[int(use[kind].max(axis=0).argmax())]
+        follows = task.follows_feed or task.inertia
+        words = "so that the joints can follow the corrections" if follows else "to keep the run smooth around limits"
+        causes.append((f"{words} ({kind} of {busiest} up to {100 * use[kind].max():.2g} % of its limit)", left))
     return [(text, np.flatnonzero(rows)) for text, rows in causes if rows.any()]
 
 
@@ -390,7 +371,7 @@ def describe_causes(task: PlanTask, timing: Timing) -> str:
     """Say at which waypoints the feed is lowered, why, and how far; "" where it is not."""
     spans = find_slow_spans(task, timing)
     if not spans:
-        return _describe_short_cut(task, timing)
+        return ""
     count = sum(last - first + 1 for first, last in spans)
     listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
     reasons = []
@@ -398,18 +379,6 @@ def describe_causes(task: PlanTask, timing: Timing) -> str:
         least = int(rows[timing.share[rows].argmin()])
         reasons.append(f"{words}, down to {100 * timing.share[least]:.3g} % at waypoint {least}")
     return f"The feed is lowered at {count} waypoints ({listed}): {'; '.join(reasons)}."
-
-
-def _describe_short_cut(task: PlanTask, timing: Timing) -> str:
-    """Say that a cut is over before the feed counts, where starting up and coming to rest lower the mean feed."""
-    rows = np.flatnonzero(~task.nominal.rapid & ~task.lead & (task.nominal.feed > 0))
-    rows = rows[rows > 0]
-    length, spent = task.nominal.steps[rows - 1], timing.time[rows] - timing.time[rows - 1]
-    share = float((length / task.nominal.feed[rows]).sum() / max(spent.sum(), 1e-12))
-    if not len(rows) or share >= SHORT_CUT:
-        return ""
-    return (f"Starting up and coming to rest lower the mean feed of this short path to {100 * share:.2g} % of the"
-            " programmed one.")  # fmt: skip
 
 
 def _distance(time: Array, marked: NDArray[np.bool_]) -> Array:
@@ -436,14 +405,3 @@ def _name_limits(task: PlanTask, timing: Timing, rows: NDArray[np.bool_]) -> lis
         word = "velocity" if kind else "acceleration"
         found.append((f"{word} limit of {task.robot.joint_names[number]}", (joint == number) & (by_velocity == kind)))
     return found
-
-
-def _describe_busiest(task: PlanTask, timing: Timing, rows: NDArray[np.bool_]) -> str:
-    """Say which rate is used the most on some waypoints."""
-    use = {
-        "velocity": np.abs(timing.velocity[rows]) / task.velocity_limits,
-        "acceleration": np.abs(timing.acceleration[rows]) / task.acceleration_limits,
-    }
-    kind = max(use, key=lambda name: float(use[name].max()))
-    joint = int(use[kind].max(axis=0).argmax())
-    return f"{kind} of {task.robot.joint_names[joint]} up to {100 * use[kind].max():.2g} % of its limit"

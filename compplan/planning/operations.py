@@ -27,19 +27,29 @@ def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
     """
     parts = [summarise_plan(plan) for plan in plans]
     cuts = np.array([np.count_nonzero(plan.task.cut) for plan in plans], float)
-    first = parts[0]
+    share, first = cuts / max(cuts.sum(), 1.0), parts[0]
+    verdicts = [part["verdict"] for part in parts]
+    beyond = [verdict.get("beyond_share") for verdict in verdicts]  # of all cuts; None where one does not know it
+
+    def join_errors(key: str) -> dict[str, float]:
+        rms, mean, most = (np.array([part[key][name] for part in parts]) for name in ("rms", "mean", "max"))
+        return {"rms": float(np.sqrt(share @ rms**2)), "mean": float(share @ mean), "max": float(most.max())}
+
     whole: dict[str, Any] = {
         "schema": 1,
         "status": worst_status(plans),
         "strategy": first["strategy"],
-        "verdict": _join_verdicts([part["verdict"] for part in parts], cuts),
+        "verdict": {
+            **max(verdicts, key=lambda verdict: VERDICTS.index(verdict["word"])),
+            "beyond_share": None if None in beyond else float(share @ np.array(beyond, float)),
+        },
         "name": name,
         "robot": first["robot"],
         "robot_grade": first["robot_grade"],
         "waypoints": sum(part["waypoints"] for part in parts),
         "configuration": first["configuration"],
         "solve_time_s": round(sum(part["solve_time_s"] for part in parts), 4),
-        **{key: _join_errors([part[key] for part in parts], cuts) for key in ("error_before_mm", "error_after_mm")},
+        **{key: join_errors(key) for key in ("error_before_mm", "error_after_mm")},
         "between_waypoints_mm": {"max": max(part["between_waypoints_mm"]["max"] for part in parts)},
         "correction_mm": {"max": max(part["correction_mm"]["max"] for part in parts)},
         "margins": {
@@ -48,8 +58,8 @@ def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
         },
         "duration_s": sum(part["duration_s"] for part in parts),
         "judge": first["judge"],
-        "notes": list(dict.fromkeys(note for plan in plans for note in describe_notes(plan))),
-        "tools": [summarise_operation(plan, part) for plan, part in zip(plans, parts, strict=True)],
+        "notes": list(dict.fromkeys(note for plan in plans for note in _lead_notes(plan))),
+        "tools": [_summarise_operation(plan, part) for plan, part in zip(plans, parts, strict=True)],
         "made_by": describe_origin(),
     }
     if all("error_band_mm" in part for part in parts):
@@ -60,7 +70,7 @@ def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
     return whole
 
 
-def summarise_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
+def _summarise_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
     """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
     kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
     tip = plan.robot.joints[-1].placement
@@ -71,7 +81,7 @@ def summarise_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def describe_notes(plan: Plan) -> list[str]:
+def _lead_notes(plan: Plan) -> list[str]:
     """Return the notes of an operation, each led by its tool; those about the whole file as they are."""
     return [
         note if note in plan.task.nominal.notes else type(note)(f"{_label(plan)}: {note}")
@@ -81,20 +91,3 @@ def describe_notes(plan: Plan) -> list[str]:
 
 def _label(plan: Plan) -> str:
     return "" if plan.job is None else plan.job.label
-
-
-def _join_errors(parts: Sequence[dict[str, float]], counts: np.ndarray) -> dict[str, float]:
-    share = counts / max(counts.sum(), 1.0)
-    return {
-        "rms": float(np.sqrt(np.sum(share * np.array([part["rms"] for part in parts]) ** 2))),
-        "mean": float(np.sum(share * np.array([part["mean"] for part in parts]))),
-        "max": max(part["max"] for part in parts),
-    }
-
-
-def _join_verdicts(parts: Sequence[dict[str, Any]], counts: np.ndarray) -> dict[str, Any]:
-    """Return the worst verdict, with the share of all cuts that lies beyond; None where one does not know it."""
-    worst = max(parts, key=lambda part: VERDICTS.index(part["word"]))
-    shares = [part.get("beyond_share") for part in parts]
-    beyond = None if None in shares else float(np.sum(counts * np.array(shares, float)) / max(counts.sum(), 1.0))
-    return {**worst, "beyond_share": beyond}

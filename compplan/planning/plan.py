@@ -17,7 +17,7 @@ from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
-from compplan.planning.checks import find_jumps, find_overloads, run_checks, set_up_bench
+from compplan.planning.checks import find_failures, run_checks, set_up_bench, state_notes
 from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.planning.evaluate import (
     evaluate_model,
@@ -27,16 +27,16 @@ from compplan.planning.evaluate import (
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
-from compplan.planning.motion_limits import describe_jerk
 from compplan.planning.notes import describe_shrinkage, list_notes
-from compplan.planning.posture.configuration import Preference, check_start
-from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_lock
-from compplan.planning.posture.start import check_clearance, read_request
-from compplan.planning.posture.summary import PostureRequest, Start
+from compplan.planning.posture.configuration import check_start
+from compplan.planning.posture.kept_posture import Kept, find_kept_start, read_lock
+from compplan.planning.posture.settings import PostureSettings, read_settings
+from compplan.planning.posture.start import check_clearance
+from compplan.planning.posture.summary import Start
 from compplan.planning.redundancy import Asked
 from compplan.planning.result import Plan
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
-from compplan.planning.stability import describe_depth_limit, explain_buckling, find_buckling
+from compplan.planning.stability import explain_buckling
 from compplan.planning.task import SMOOTHING, PlanTask, count_equations
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
@@ -51,47 +51,29 @@ from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a plan may do, as the tables [plan] and [limits] of a job say it.
+    """What a plan may do, as the tables [plan] and [limits] of a job say it."""
 
-    Attributes:
-        strategy: none, mirror, iterated_mirror or nlp.
-        spin_free: Whether the tool may rotate about its axis.
-        preference: What is said about the posture.
-        max_correction: Greatest distance of the unloaded tip from the path. [m]
-        tolerance: Greatest deviation that counts as within tolerance. [m]
-        tool_x: Where the TCP frame's x points, base axes. Shape (3,).
-        velocity_scale: Share of the robot's velocity limits that may be used.
-        acceleration_scale: Share of the robot's acceleration limits that may be used.
-        feed: What the process asks of the feed.
-        posture: What is asked of the posture; None keeps one configuration and the tool's x where `tool_x` has it.
-        law: The law of the wrench; None where the path carries its wrench.
-        chord: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out.
-            [m]
-        inertia: Whether the inertia of the motion counts as a load and is compensated.
-        lock: What is kept of a posture that was chosen before, or None.
-        force: Uncertainty of the force (default: assumed).
-        tube: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
-        touch: How the part was found by touching it with the robot; None: its frame is absolute.
-
-    """
-
-    strategy: str = "nlp"
-    spin_free: bool = True
-    preference: Preference = field(default_factory=Preference)
-    max_correction: float = 0.010
-    tolerance: float = 1e-4
+    strategy: str = "nlp"  #: none, mirror, iterated_mirror or nlp.
+    spin_free: bool = True  #: Whether the tool may rotate about its axis.
+    max_correction: float = 0.010  #: Greatest distance of the unloaded tip from the path. [m]
+    tolerance: float = 1e-4  #: Greatest deviation that counts as within tolerance. [m]
+    #: Where the TCP frame's x points, base axes. Shape (3,).
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
-    velocity_scale: float = 1.0
-    acceleration_scale: float = 1.0
-    posture: PostureRequest | None = None
-    feed: FeedRequest = field(default_factory=FeedRequest)
-    law: ForceLaw | None = None
+    velocity_scale: float = 1.0  #: Share of the robot's velocity limits that may be used.
+    acceleration_scale: float = 1.0  #: Share of the robot's acceleration limits that may be used.
+    #: What is asked of the posture; by default one configuration and the tool's x where `tool_x` has it.
+    posture: PostureSettings = field(default_factory=lambda: PostureSettings(search=False))
+    feed: FeedRequest = field(default_factory=FeedRequest)  #: What the process asks of the feed.
+    law: ForceLaw | None = None  #: The law of the wrench; None where the path carries its wrench.
+    #: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out. [m]
     chord: float | None = None
-    inertia: bool = True
-    lock: Lock | None = None
-    force: ForceSpread | None = None
+    inertia: bool = True  #: Whether the inertia of the motion counts as a load and is compensated.
+    #: Whose posture is kept: that of another model of the same machine, or of a program.
+    lock: Robot | Kept | None = None
+    force: ForceSpread | None = None  #: Uncertainty of the force (default: assumed).
+    #: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
     tube: float = 0.0
-    touch: TouchOff | None = None
+    touch: TouchOff | None = None  #: How the part was found by touching it with the robot; None: its frame is absolute.
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
@@ -124,10 +106,7 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
         message = f"toolpath spans {span:.4g} m, the robot reaches {robot.longest_reach:.3g} m; is it in another unit?"
         raise InputError(message, file=job.file, where="toolpath")
     lock = read_lock(job, robot)
-    chooser = robot if lock is None or lock.model is None else lock.model
-    options = read_options(job, chooser)
-    posture = options.posture
-    return robot, nominal, replace(options, law=law, posture=posture, lock=lock)
+    return robot, nominal, replace(read_options(job, lock if isinstance(lock, Robot) else robot), law=law, lock=lock)
 
 
 def plan_compensation(
@@ -169,14 +148,9 @@ def plan_task(
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
     bench = set_up_bench(task, timing, job)
-    lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
-    jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
-    stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
-    for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
-        stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
-    if stopped:
-        command = replace(command, status="infeasible", failures=stopped)
-    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
+    if failures := find_failures(task, command, bench, near):
+        command = replace(command, status="infeasible", failures=failures)
+    after = evaluate_run(task, command.q, bench.cell, bias=bench.bias)
     uncorrected = task.q_uncorrected
     before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
     progress("margins, approach and retract")
@@ -185,19 +159,12 @@ def plan_task(
     checks = run_checks(
         task, command, timing, found.between, after, margins, bench, job=job, bending=bending, executed=executed
     )
-    breaches = tuple(check.sentence for check in checks if check.fails)
-    told = list_notes(task, timing, bending, job)
-    if conflict := command.facts.get("nlp", {}).get("conflict"):
-        told += (f"The nonlinear program has no solution: {conflict}. The command is the best compromise.",)
-    if limit := describe_depth_limit(task, command.q):
-        told += (limit,)
-    if jerk := describe_jerk(task.robot):
-        told += (jerk,)
+    told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
+    told += list_notes(task, command, timing, bending, job)
     plan = Plan(
         name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
-        margins=margins, checks=checks, breaches=breaches, job=job, approach=plan_approach(task, command.q),
+        margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *found.notes, *told),
     )  # fmt: skip
     plan.__dict__["executed"] = executed
     return plan
@@ -218,17 +185,15 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     if chain.nq < equations:
         message = f"robot {robot.name!r} has {chain.nq} joints, the path needs {equations}"
         raise InputError(message, file=file, where="robot" if file else None)
-    request = options.posture
+    tool_x, settings = np.asarray(options.tool_x, float), options.posture
     try:
-        check_start(robot, options.preference.start)
-        start = find_kept_start(
-            robot, nominal, np.asarray(options.tool_x, float), options.preference, request, options.lock
-        )
+        check_start(robot, settings.start)
+        start = find_kept_start(robot, nominal, tool_x, settings, options.lock)
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
-    if options.lock is None and request is not None:
+    if options.lock is None and settings.search:
         asked = Asked(
-            robot, nominal, np.asarray(options.tool_x, float), options.feed, options.force or read_force_spread(None),
+            robot, nominal, tool_x, options.feed, options.force or read_force_spread(None),
             partial(_state_task, robot, chain, options), options.tube,
         )  # fmt: skip
         start = better_start(start, asked, shape=options.strategy == "nlp")
@@ -291,20 +256,16 @@ def job_robot(job: Job) -> Robot:
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:
     """Return what a job says about its plan, in SI."""
-    table, words = job.plan, job.plan.configuration
-    start = None if table.start_deg is None else np.asarray(table.start_deg, float)
-    if start is not None and len(start) == robot.nq:
-        start = np.where(robot.prismatic, start * 1e-3, np.radians(start))
+    table = job.plan
     return PlanOptions(
         strategy=table.strategy,
         spin_free=table.rotate_about_tool_axis,
-        preference=Preference(words.shoulder, words.elbow, words.wrist, start),
         max_correction=table.max_correction_mm * 1e-3,
         tolerance=job.strictest_tolerance,
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
-        posture=state_frequency(read_request(job, robot, posture_errors(job, robot)), robot),
+        posture=state_frequency(read_settings(job, robot, posture_errors(job, robot)), robot),
         feed=FeedRequest(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,
         force=read_force_spread(job),

@@ -18,61 +18,37 @@ from compplan.statics.kinematics import SymbolicFrames
 
 @dataclass(frozen=True)
 class PlanningProblem:
-    """A path at k stations, and what the joint positions there have to fulfil; base frame, SI units.
+    """A path at k stations, and what the joint positions there have to fulfil; base frame, SI units."""
 
-    Attributes:
-        chain: The elastic chain with the tool.
-        joints: Names of the joints.
-        waypoint: Waypoint of each station. Shape (k,).
-        position: Wanted tool tip. Shape (k, 3). [m]
-        rotation: Wanted orientation of the TCP frame; z (out of the tool) is binding, x where the spin is not free.
-            Shape (k, 3, 3).
-        wrench: Wrench of the environment on the tool at the TCP. Shape (k, 6). [N, N m]
-        bias: Further load on each elastic coordinate, such as that of inertia. Shape (k, s). [N m or N]
-        theta: Elastic coordinates at `guess` under these loads. Shape (k, s). [rad or m]
-        loaded: Where the loaded tool has to be on the path; the unloaded one at the others. Shape (k,).
-        q_start: Posture that the posture search chose. Shape (k, nq). [rad or m]
-        guess: Where the solver begins. Shape (k, nq). [rad or m]
-        lower: Lower bounds of the joint positions. Shape (k, nq). [rad or m]
-        upper: Upper bounds. Shape (k, nq). [rad or m]
-        spin_free: Whether the rotation about the tool axis is free.
-        axis_free: Whether the tool axis follows from the tip: arms of four joints.
-        limits: What has to hold.
-        costs: What is minimised, the sum of all.
-        along: Programmed time from the first station. Shape (k,). [s]
-        runs: First and last station of every run from rest to rest.
-        shift: What the model leaves out of the loaded tip at `guess`, None for nothing. Shape (k, 3). [m]
-        turn: The same of its orientation, to be multiplied from the right. Shape (k, 3, 3).
-        released: Stations whose pose may be missed at a price, None for none. Shape (k,).
-        programmed: Tip that the correction is counted from, `position` if left out. Shape (k, 3). [m]
-        speed: Share of the programmed feed at which the solver begins. Shape (k,) or one number.
-
-    """
-
-    chain: Chain
-    joints: tuple[str, ...]
-    waypoint: NDArray[np.int_]
-    position: Array
+    chain: Chain  #: The elastic chain with the tool.
+    joints: tuple[str, ...]  #: Names of the joints.
+    waypoint: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
+    position: Array  #: Wanted tool tip. Shape (k, 3). [m]
+    #: Wanted orientation of the TCP frame; z (out of the tool) is binding, x where the spin is not free. Shape (k, 3,
+    #: 3).
     rotation: Array
-    wrench: Array
-    bias: Array
-    theta: Array
+    wrench: Array  #: Wrench of the environment on the tool at the TCP. Shape (k, 6). [N, N m]
+    bias: Array  #: Further load on each elastic coordinate, such as that of inertia. Shape (k, s). [N m or N]
+    theta: Array  #: Elastic coordinates at `guess` under these loads. Shape (k, s). [rad or m]
+    #: Where the loaded tool has to be on the path; the unloaded one at the others. Shape (k,).
     loaded: NDArray[np.bool_]
-    q_start: Array
-    guess: Array
-    lower: Array
-    upper: Array
-    spin_free: bool
-    axis_free: bool
-    limits: tuple[Limit, ...]
-    costs: tuple[Cost, ...]
-    along: Array
-    runs: tuple[tuple[int, int], ...] = ()
+    q_start: Array  #: Posture that the posture search chose. Shape (k, nq). [rad or m]
+    guess: Array  #: Where the solver begins. Shape (k, nq). [rad or m]
+    lower: Array  #: Lower bounds of the joint positions. Shape (k, nq). [rad or m]
+    upper: Array  #: Upper bounds. Shape (k, nq). [rad or m]
+    spin_free: bool  #: Whether the rotation about the tool axis is free.
+    axis_free: bool  #: Whether the tool axis follows from the tip: arms of four joints.
+    limits: tuple[Limit, ...]  #: What has to hold.
+    costs: tuple[Cost, ...]  #: What is minimised, the sum of all.
+    along: Array  #: Programmed time from the first station. Shape (k,). [s]
+    runs: tuple[tuple[int, int], ...] = ()  #: First and last station of every run from rest to rest.
+    #: What the model leaves out of the loaded tip at `guess`, None for nothing. Shape (k, 3). [m]
     shift: Array | None = None
-    turn: Array | None = None
+    turn: Array | None = None  #: The same of its orientation, to be multiplied from the right. Shape (k, 3, 3).
+    #: Stations whose pose may be missed at a price, None for none. Shape (k,).
     released: NDArray[np.bool_] | None = None
+    #: Tip that the correction is counted from, `position` if left out. Shape (k, 3). [m]
     programmed: Array | None = None
-    speed: Array | float = 0.5
 
     def __len__(self) -> int:
         return len(self.position)
@@ -130,71 +106,46 @@ class PlanningProblem:
 
 @dataclass(frozen=True)
 class Station:
-    """One station of the program as CasADi symbols; what a problem does not need is None.
+    """One station of the program as CasADi symbols; what a problem does not need is None."""
 
-    Attributes:
-        q: Joint positions. Shape (nq). [rad or m]
-        q_next: Those of the next station. Shape (nq). [rad or m]
-        departure: q less the posture that was chosen. Shape (nq). [rad or m]
-        rate: Derivative of q along the programmed time. Shape (nq). [rad/s or m/s]
-        change: Its second derivative. Shape (nq). [rad/s^2 or m/s^2]
-        square: Square of the speed as a share of the programmed feed.
-        square_next: That of the next station.
-        push: Half the derivative of the square along the programmed time. [1/s]
-        push_before: The same of the way from the station before, 0 at the start of a run. [1/s]
-        step: Programmed time to the next station, 0 at the end of a run. [s]
-        pace: Its inverse, 0 at the end of a run. [1/s]
-        band: Widest 95 % band as a share of that at the start.
-        slack: Missed pose rows of a released station. Shape (rows).
-        excess: Excess of the correction of a released station. [m]
-        missed: Missed pose in the wanted frame: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
-        position: Tip, loaded where the station is. Shape (3). [m]
-        rotation: Orientation of the TCP frame. Shape (3, 3).
-        programmed: Tip that the correction is counted from. Shape (3). [m]
-        deflection: Elastic coordinates. Shape (s). [rad or m]
-        wrench: Wrench on the tool. Shape (6). [N, N m]
-        frames: Frames of the unloaded arm.
-        numbers: Numbers of the limits at this station, by the limit's name.
+    q: ca.SX  #: Joint positions. Shape (nq). [rad or m]
+    q_next: ca.SX  #: Those of the next station. Shape (nq). [rad or m]
+    departure: ca.SX  #: q less the posture that was chosen. Shape (nq). [rad or m]
+    rate: ca.SX  #: Derivative of q along the programmed time. Shape (nq). [rad/s or m/s]
+    change: ca.SX  #: Its second derivative. Shape (nq). [rad/s^2 or m/s^2]
+    square: ca.SX  #: Square of the speed as a share of the programmed feed.
+    square_next: ca.SX  #: That of the next station.
+    push: ca.SX  #: Half the derivative of the square along the programmed time. [1/s]
+    push_before: ca.SX  #: The same of the way from the station before, 0 at the start of a run. [1/s]
+    step: ca.SX  #: Programmed time to the next station, 0 at the end of a run. [s]
+    pace: ca.SX  #: Its inverse, 0 at the end of a run. [1/s]
+    band: ca.SX  #: Widest 95 % band as a share of that at the start.
+    slack: ca.SX  #: Missed pose rows of a released station. Shape (rows).
+    excess: ca.SX  #: Excess of the correction of a released station. [m]
+    missed: ca.SX  #: Missed pose in the wanted frame: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
+    position: ca.SX  #: Tip, loaded where the station is. Shape (3). [m]
+    rotation: ca.SX  #: Orientation of the TCP frame. Shape (3, 3).
+    programmed: ca.SX  #: Tip that the correction is counted from. Shape (3). [m]
+    deflection: ca.SX  #: Elastic coordinates. Shape (s). [rad or m]
+    wrench: ca.SX  #: Wrench on the tool. Shape (6). [N, N m]
+    frames: SymbolicFrames  #: Frames of the unloaded arm.
+    numbers: Mapping[str, ca.SX]  #: Numbers of the limits at this station, by the limit's name.
 
-    """
 
-    q: ca.SX
-    q_next: ca.SX
-    departure: ca.SX
-    rate: ca.SX
-    change: ca.SX
-    square: ca.SX
-    square_next: ca.SX
-    push: ca.SX
-    push_before: ca.SX
-    step: ca.SX
-    pace: ca.SX
-    band: ca.SX
-    slack: ca.SX
-    excess: ca.SX
-    missed: ca.SX
-    position: ca.SX
-    rotation: ca.SX
-    programmed: ca.SX
-    deflection: ca.SX
-    wrench: ca.SX
-    frames: SymbolicFrames
-    numbers: Mapping[str, ca.SX]
+#: Lower and upper bounds of rows: one number, or an array that broadcasts to (k, r).
+Bounds = tuple[Array | float, Array | float]
 
 
 class Limit:
-    """What has to hold at every station; a limit is a class derived from this one, `str` its line of mathematics.
+    """What has to hold at every station; a limit is a class derived from this one."""
 
-    Attributes:
-        name: What plan.json calls it.
-        timed: Whether it speaks of the speed along the path.
-        of_joints: Whether its rows are one a joint.
+    name: ClassVar[str]  #: What plan.json calls it.
+    formula: ClassVar[str]  #: Its line of mathematics.
+    timed: ClassVar[bool] = False  #: Whether it speaks of the speed along the path.
+    of_joints: ClassVar[bool] = False  #: Whether its rows are one a joint.
 
-    """
-
-    name: ClassVar[str]
-    timed: ClassVar[bool] = False
-    of_joints: ClassVar[bool] = False
+    def __str__(self) -> str:
+        return self.formula
 
     @property
     def numbers(self) -> Array | None:
@@ -205,16 +156,21 @@ class Limit:
         """Return the rows of one station. Shape (r)."""
         raise NotImplementedError
 
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
-        """Return lower and upper bounds of the rows. Shapes (k, r)."""
-        raise NotImplementedError
+    def bounds(self, problem: PlanningProblem) -> Bounds:
+        """Return the bounds of the rows; rows are shares of a limit where a class says nothing else."""
+        return -1.0, 1.0
 
 
 class Cost:
-    """What is minimised; a cost is a class derived from this one, with `name`, `timed` and `str` as of a limit."""
+    """What is minimised; a cost is a class derived from this one, with the same attributes as a limit."""
 
     name: ClassVar[str]
+    formula: ClassVar[str]
     timed: ClassVar[bool] = False
+    most: float = np.inf  #: Bound of its sum over the stations.
+
+    def __str__(self) -> str:
+        return self.formula
 
     def term(self, station: Station) -> ca.SX:
         """Return what one station costs."""

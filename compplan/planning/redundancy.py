@@ -15,36 +15,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import ConvergenceError
-from compplan.planning.costs import Band, Cost, JointTravel, Smoothness, Time
+from compplan.planning.costs import Band, JointTravel, Smoothness, Time
 from compplan.planning.dense import place_pose
 from compplan.planning.feed import FeedRequest, time_run
-from compplan.planning.limits import (
-    AccelerationLimit,
-    BandLimit,
-    JointRange,
-    Limit,
-    PoseEquation,
-    VelocityLimit,
-    linearise_clearance,
-    read_band,
-    read_torques,
-)
+from compplan.planning.limits import AccelerationLimit, BandLimit, JointRange, PoseEquation, VelocityLimit
+from compplan.planning.limits.band import read_band
+from compplan.planning.limits.clearance import linearise_clearance
+from compplan.planning.limits.torque import read_torques
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
-from compplan.planning.posture.follow import REACHED
-from compplan.planning.posture.lattice import orient_tool
+from compplan.planning.posture.follow import REACHED, turn_about_axis
 from compplan.planning.posture.motion import find_torn
+from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import stand
-from compplan.planning.posture.summary import PostureRequest, PostureSummary, Start, summarise_costs
-from compplan.planning.problem import PlanningProblem
+from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
+from compplan.planning.problem import Cost, Limit, PlanningProblem
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
+from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath, interpolate
 from compplan.uncertainty.sensitivities import ForceSpread
@@ -63,68 +56,42 @@ CLEARANCE_SOLVES, RESERVE, LEAST_SHARE = 6, 1e-3, 0.05
 
 
 class Prices(NamedTuple):
-    """What the program weighs, each in shares of what the start has.
+    """What the program weighs, each in shares of what the start has."""
 
-    Attributes:
-        time: Of the time of the run.
-        band: Of the widest 95 % band.
-        motion: Of one unit of travel of a joint.
-        most_band: Greatest band as a share of the start's; infinite where it may grow.
-
-    """
-
-    time: float = 1.0
-    band: float = 0.0
-    motion: float = 2e-3
-    most_band: float = 1.0
+    time: float = 1.0  #: Of the time of the run.
+    band: float = 0.0  #: Of the widest 95 % band.
+    motion: float = 2e-3  #: Of one unit of travel of a joint.
+    most_band: float = 1.0  #: Greatest band as a share of the start's; infinite where it may grow.
 
 
 class Shaped(NamedTuple):
-    """How the program shaped a start: its iterations, and what was free."""
+    """How the program shaped a start."""
 
-    iterations: int
-    names: tuple[str, ...]
+    iterations: int  #: Its iterations.
+    names: tuple[str, ...]  #: What was free.
+    time: float  #: Time along its runs, without smoothing. [s]
 
 
 class Free(NamedTuple):
-    """What is free at the stations of a task, and where the start has it.
+    """What is free at the stations of a task, and where the start has it."""
 
-    Attributes:
-        rows: Waypoints that are stations. Shape (k,).
-        names: "spin", "lead", "lean", names of extra axes, and "ahead", "left", "up" of a tube.
-        frame: Axes of the path at the stations, as columns. Shape (k, 3, 3).
-        room: How far each row of the pose may be off. Shape (k, 5). [m, rad]
-
-    """
-
-    rows: NDArray[np.int_]
-    names: tuple[str, ...]
-    frame: Array
-    room: Array
+    rows: NDArray[np.int_]  #: Waypoints that are stations. Shape (k,).
+    names: tuple[str, ...]  #: "spin", "lead", "lean", names of extra axes, and "ahead", "left", "up" of a tube.
+    frame: Array  #: Axes of the path at the stations, as columns. Shape (k, 3, 3).
+    room: Array  #: How far each row of the pose may be off. Shape (k, 5). [m, rad]
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of a redundant path.
+    """What is asked of a redundant path."""
 
-    Attributes:
-        robot: The robot.
-        nominal: The toolpath, its tool axis as programmed.
-        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        feed_request: What the process asks of the feed.
-        force: How surely the force is known.
-        state: States the task that begins with a start.
-        tube: Share of the tolerance by which the program may leave the path.
-
-    """
-
-    robot: Robot
-    nominal: Toolpath
-    tool_x: Array
-    feed_request: FeedRequest
-    force: ForceSpread
-    state: Callable[[Start], PlanTask]
-    tube: float = 0.0
+    robot: Robot  #: The robot.
+    nominal: Toolpath  #: The toolpath, its tool axis as programmed.
+    tool_x: Array  #: Where x of the TCP points at spin 0, base axes. Shape (3,).
+    feed_request: FeedRequest  #: What the process asks of the feed.
+    force: ForceSpread  #: How surely the force is known.
+    state: Callable[[Start], PlanTask]  #: States the task that begins with a start.
+    tube: float = 0.0  #: Share of the tolerance by which the program may leave the path.
 
     def time(self, task: PlanTask) -> float:
         """Time the fastest run of a task; infinite where none keeps the limits. [s]"""
@@ -149,8 +116,9 @@ def find_free(task: PlanTask, posture_choice: PostureSummary, asked: Asked) -> F
 
 
 def state_problem(
-    task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float, *, torque: bool = False
-) -> PlanningProblem:
+    task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float, most_time: float = np.inf, *,
+    torque: bool = False,
+) -> PlanningProblem:  # fmt: skip
     """State the program of posture and speed.
 
     Args:
@@ -159,16 +127,17 @@ def state_problem(
         prices: What is weighed.
         band: The band as a function of the posture, None where it does not count.
         time: Time of the start's run. [s]
+        most_time: Greatest time along the runs, without smoothing. [s]
         torque: Whether joint torques have to stay within the robot's efforts.
     """
     rows, robot = free.rows, task.robot
-    k, request = len(rows), task.start.request if task.start is not None else None
+    k = len(rows)
     along = np.r_[0.0, np.cumsum(task.step_time)][rows]
     place = {row: number for number, row in enumerate(rows.tolist())}
     runs = tuple((place[a], place[b]) for a, b in task.runs
                  if a in place and b in place and place[b] - place[a] >= 2)  # fmt: skip
     room = np.minimum(
-        0.0 if request is None else robot.room(request.settings.limit_margin),
+        0.0 if task.start is None else robot.room(task.start.settings.limit_margin),
         np.minimum(task.q_start[rows] - robot.lower, robot.upper - task.q_start[rows]).min(axis=0),
     )
     room = np.maximum(room, 0.0)  # away from the limits by what the start keeps
@@ -179,7 +148,7 @@ def state_problem(
                            AccelerationLimit(most)]  # fmt: skip
     unit = np.where(robot.prismatic, UNIT_SLIDE, UNIT_TURN)
     costs: list[Cost] = [
-        Time(prices.time, time),
+        Time(prices.time, time, prices.time * most_time / time),
         JointTravel(prices.motion, unit),
         Smoothness(SMOOTH / max(float(along[-1] - along[0]), 1e-9), most),
     ]
@@ -198,108 +167,88 @@ def state_problem(
     )  # fmt: skip
 
 
-def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> tuple[Start, Shaped] | None:
-    """Solve the program of posture and speed around the start of a task; None where nothing is free or follows."""
-    posture_choice, request = start.posture_choice, start.request
-    if posture_choice is None or request is None or task.missed.any():
+def shape_start(
+    task: PlanTask, start: Start, asked: Asked, prices: Prices, most_time: float = np.inf
+) -> tuple[Start, Shaped] | None:
+    """Solve the program of posture and speed around the start of a task; None where nothing is free or follows.
+
+    most_time: greatest time along its runs, without smoothing. [s]
+    """
+    posture_choice, settings = start.posture_choice, start.settings
+    if posture_choice is None or task.missed.any():
         return None
     if (free := find_free(task, posture_choice, asked)) is None:
         return None
     band = read_band(task, asked.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
-    problem = state_problem(task, free, prices, band, asked.time(task), torque=asked.feed_request.torque)
-    scene, clear = request.scene, problem.q_start
+    problem = state_problem(task, free, prices, band, asked.time(task), most_time, torque=asked.feed_request.torque)
+    scene, clear = settings.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):
         if scene is not None:
-            rows = linearise_clearance(scene, clear, request.wanted, RESERVE)
+            rows = linearise_clearance(scene, clear, settings.clearance, RESERVE)
             kept = tuple(limit for limit in problem.limits if limit.name != rows.name)
             problem = replace(problem, limits=(*kept, rows), guess=clear)
         solution = solve_problem(problem)
         iterations += solution.iterations
-        LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, band %.3f", solution.status, solution.iterations,
-                  solution.cpu, solution.band)  # fmt: skip
+        LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, time %.4f s of %.4f, band %.3f", solution.status,
+                  solution.iterations, solution.cpu, solution.time, most_time, solution.band)  # fmt: skip
         if solution.violation > REACHED:
             return None
-        found = _follow(task, posture_choice, asked, free, solution, request)
-        if scene is None or found is None or _keeps_clear(scene, found.q, request.wanted):
+        found = _follow(task, posture_choice, asked, free, solution, settings)
+        if scene is None or found is None or _keeps_clear(scene, found.q, settings.clearance):
             break
         share, found = 1.0, None  # linearise anew on the way to the solution, as far as the arm keeps clear
-        while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), request.wanted):
+        while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), settings.clearance):
             share *= 0.5
         clear = clear + share * (solution.q - clear)
-    return None if found is None else (found, Shaped(iterations, free.names))
+    return None if found is None else (found, Shaped(iterations, free.names, solution.time))
 
 
 def _follow(
     task: PlanTask, posture_choice: PostureSummary, asked: Asked, free: Free, solution: Solution,
-    request: PostureRequest,
+    settings: PostureSettings,
 ) -> Start | None:  # fmt: skip
     """Follow the free coordinates of a solution at every waypoint; None where that tears or leaves a joint's range."""
     robot, arm, nominal = task.robot, build_arm(task.robot), asked.nominal
-    place, every = task.origin[free.rows], np.arange(len(nominal))
-    loaded = task.see_pose(attain_pose(task.chain, solution.q, task.wrench[free.rows], slope=False))
-    spin, lead, lean = _read_angles(task, posture_choice, asked, free, loaded.rotation)
-    local = (np.swapaxes(free.frame, 1, 2) @ (loaded.position - task.position[free.rows])[..., None])[..., 0]
-    held = solution.q[:, arm.held] - task.q_start[np.ix_(free.rows, arm.held)]
-    near = solution.q - task.q_start[free.rows]
-    moved = np.column_stack([spin, lead, lean, local, held, near])
-    inside = np.clip(every, place[0], place[-1])
-    spread = CubicSpline(place, moved, bc_type="natural")(inside)
-    leans = {name: name in free.names for name in ("lead", "lean")}
-    turned = {
-        "spin": posture_choice.spin + spread[:, 0],
-        "lead": posture_choice.lead + leans["lead"] * spread[:, 1],
-        "lean": posture_choice.lean + leans["lean"] * spread[:, 2],
-    }
-    for name, most in (("lead", posture_choice.settings.lead), ("lean", posture_choice.settings.lean)):
-        turned[name] = np.clip(turned[name], -most, most) if leans[name] else turned[name]
-    aside = np.zeros((len(nominal), 3))
-    if {"ahead", "left", "up"} & set(free.names):
-        room = interpolate(every, place, free.room[:, :3])
-        aside = (path_axes(nominal) @ np.clip(spread[:, 3:6], -room, room)[..., None])[..., 0]
-    path = replace(nominal, position=nominal.position + aside)
-    before = orient_tool(nominal, asked.tool_x, every, posture_choice.spin, posture_choice.lead, posture_choice.lean)
-    after = orient_tool(path, asked.tool_x, every, *turned.values())
-    rotation = after @ np.swapaxes(before, 1, 2) @ posture_choice.rotation
-    q = posture_choice.q + spread[:, 6 + len(arm.held) :]
-    q[:, arm.held] = posture_choice.q[:, arm.held] + spread[:, 6 : 6 + len(arm.held)]
+    place, every, nq = task.origin[free.rows], np.arange(len(nominal)), task.robot.nq
+    moved, room, path = solution.q - task.q_start[free.rows], free.room[:, :3], nominal
+    if room.any():  # a tube: where in it the loaded tip goes
+        tip = task.see_pose(attain_pose(task.chain, solution.q, task.wrench[free.rows], slope=False)).position
+        local = (np.swapaxes(free.frame, 1, 2) @ (tip - task.position[free.rows])[..., None])[..., 0]
+        moved = np.hstack([moved, np.clip(local, -room, room)])
+    spread = CubicSpline(place, moved, bc_type="natural")(np.clip(every, place[0], place[-1]))
+    axes, aside = path_axes(nominal), None
+    if room.any():
+        inside = interpolate(every, place, room)
+        aside = (axes @ np.clip(spread[:, nq:], -inside, inside)[..., None])[..., 0]
+        path = replace(nominal, position=nominal.position + aside)
+    q = posture_choice.q + spread[:, :nq]
+    turned = locate_frames(arm.chain, q).tcp_rotation
+    most = np.sin([settings.lead, settings.lean])
+    leans = np.clip((np.swapaxes(axes, 1, 2) @ -turned[:, :, 2, None])[:, :2, 0], -most, most)
+    upright = np.sqrt(1.0 - (leans**2).sum(axis=1, keepdims=True))
+    rotation = turn_about_axis(turned[:, :, 0], (axes @ np.hstack([leans, upright])[..., None])[..., 0])
     q = refine_ik(arm, q, path.position, rotation)
     missed = np.abs(pose_error(arm.chain, q, path.position, rotation)).max(axis=1) > REACHED
-    torn = find_torn(q, nominal, posture_choice.settings.most_step).any()
+    torn = find_torn(q, nominal, settings.most_step).any()
     if missed.any() or torn or (q < robot.lower).any() or (q > robot.upper).any():
         LOG.debug("posture and speed: not followed (missed %d, torn %s)", missed.sum(), torn)
         return None
+    x, y, before = rotation[:, :, 0], rotation[:, :, 1], posture_choice.rotation[:, :, 0]
+    spin = posture_choice.spin + np.unwrap(np.arctan2((before * y).sum(axis=1), (before * x).sum(axis=1)))
+    angles = leans * np.arccos(upright) / np.maximum(np.sqrt(1.0 - upright**2), 1e-12)
     rows = posture_choice.map.waypoint
-    picture = replace(posture_choice.map, chosen=turned["spin"][rows], held=q[rows][:, arm.held])
-    costs = summarise_costs(request.state(robot, nominal, asked.tool_x), q)
-    better = replace(posture_choice, q=q, rotation=rotation, costs=costs, map=picture, **turned)
-    return replace(stand(better, path, request), aside=aside if aside.any() else None)
+    picture = replace(posture_choice.map, chosen=spin[rows], held=q[rows][:, arm.held])
+    costs = summarise_costs(PostureProblem(robot, nominal, asked.tool_x, settings), q)
+    better = replace(posture_choice, q=q, rotation=rotation, costs=costs, map=picture, spin=spin, lead=angles[:, 0],
+                     lean=angles[:, 1])  # fmt: skip
+    return replace(stand(better, path, settings), aside=aside)
 
 
 def _keeps_clear(scene: CollisionScene, q: Array, wanted: float) -> bool:
     """Tell whether the arm keeps clear all along joint positions."""
     places = np.arange(0.0, len(q), max(len(q) // STATIONS, 1))
     return bool(sweep_margin(scene, q, wanted, places)[1].min() >= 0.0)
-
-
-def _read_angles(
-    task: PlanTask, posture_choice: PostureSummary, asked: Asked, free: Free, rotation: Array
-) -> tuple[Array, Array, Array]:
-    """Return by how much spin, lead and lean of attained orientations differ from those of the start. Shapes (k,)."""
-    place, every = task.origin[free.rows], np.arange(len(posture_choice.spin))
-    spin, lead, lean = (
-        interpolate(place, every, value) for value in (posture_choice.spin, posture_choice.lead, posture_choice.lean)
-    )
-    axis = (np.swapaxes(free.frame, 1, 2) @ -rotation[:, :, 2, None])[..., 0]
-    size = np.arccos(np.clip(axis[:, 2], -1.0, 1.0))
-    ratio = np.where(size > 1e-6, size / np.maximum(np.sin(size), 1e-12), 1.0)
-    leads, leans = ratio * axis[:, 0], ratio * axis[:, 1]
-    upright, rows = divide_toolpath(asked.nominal, place), np.arange(len(place))
-    plain = orient_tool(upright, asked.tool_x, rows, spin, lead, lean)
-    extra = np.swapaxes(plain, 1, 2) @ task.rotation[free.rows]
-    leant = orient_tool(upright, asked.tool_x, rows, spin, leads, leans) @ extra
-    turn = Rotation.from_matrix(np.swapaxes(leant, 1, 2) @ rotation).as_rotvec()
-    return -np.unwrap(turn[:, 2]), leads - lead, leans - lean
 
 
 def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:

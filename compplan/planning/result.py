@@ -15,10 +15,10 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length, format_number, format_set_length
 from compplan.job.job import Job
 from compplan.planning.approach import Passage
-from compplan.planning.checks import Check
+from compplan.planning.checks import STOP, Check
 from compplan.planning.citations import list_citations
 from compplan.planning.deflection import Bending
-from compplan.planning.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
+from compplan.planning.evaluate import Evaluation, Margins, evaluate_mismatch
 from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.lost_motion import Reversals, list_reversals
 from compplan.planning.notes import group_waypoints
@@ -42,50 +42,25 @@ LISTED, LONGEST = 3, 300
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
-    """A plan, with everything that it was made from.
+    """A plan, with everything that it was made from."""
 
-    Attributes:
-        name: Name of the job.
-        task: Robot, nominal path, predicted wrench, posture, limits.
-        strategy: How the command was found.
-        command: Joint positions, status, failures, what the solver said.
-        timing: Times, joint rates and feeds of the command.
-        before: The uncorrected command (`task.q_start`) in the cell as modelled.
-        after: The command in the cell as modelled.
-        margins: Distance of the command from its limits.
-        approach: The way to the first waypoint, where the toolpath has no rapid start.
-        retract: The way from the last waypoint, where the toolpath ends in a cut.
-        between: Where the loaded tip goes between waypoints, by the planner's model.
-        bending: What bends the arm along the path, cause by cause.
-        judge: Name of the model that computed `before` and `after`.
-        checks: What was checked, with values and limits.
-        breaches: Reasons why the independent check does not confirm the plan, one sentence each.
-        clearance: How far arm and tool keep clear of part and fixture, or None.
-        notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
-        job: The job, or None.
-        learned: Uncertainty of the tip learned from measured parts on this path, or None.
-
-    """
-
-    name: str
-    task: PlanTask
-    strategy: str
-    command: Command
-    timing: Timing
-    before: Evaluation
-    after: Evaluation
-    margins: Margins
-    approach: Passage
-    retract: Passage
-    between: Between
-    bending: Bending
-    judge: str = JUDGE
-    checks: tuple[Check, ...] = ()
-    breaches: tuple[str, ...] = ()
-    clearance: ClearanceProfile | None = None
-    notes: tuple[str, ...] = ()
-    job: Job | None = None
-    learned: ErrorBand | None = None
+    name: str  #: Name of the job.
+    task: PlanTask  #: Robot, nominal path, predicted wrench, posture, limits.
+    strategy: str  #: How the command was found.
+    command: Command  #: Joint positions, status, failures, what the solver said.
+    timing: Timing  #: Times, joint rates and feeds of the command.
+    before: Evaluation  #: The uncorrected command (`task.q_start`) in the cell as modelled.
+    after: Evaluation  #: The command in the cell as modelled.
+    margins: Margins  #: Distance of the command from its limits.
+    approach: Passage  #: The way to the first waypoint, where the toolpath has no rapid start.
+    retract: Passage  #: The way from the last waypoint, where the toolpath ends in a cut.
+    between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
+    bending: Bending  #: What bends the arm along the path, cause by cause.
+    judge: str = JUDGE  #: Name of the model that computed `before` and `after`.
+    checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
+    clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
+    job: Job | None = None  #: The job, or None.
+    learned: ErrorBand | None = None  #: Uncertainty of the tip learned from measured parts on this path, or None.
 
     @property
     def robot(self) -> Robot:
@@ -96,6 +71,29 @@ class Plan(Shown):
     def q(self) -> Array:
         """Commanded joint positions. Shape (n, nq). [rad or m]."""
         return self.command.q
+
+    @cached_property
+    def breaches(self) -> tuple[str, ...]:
+        """Reasons why the independent check does not confirm the plan, one sentence each."""
+        return tuple(check.sentence for check in self.checks if check.fails and check.severity == STOP)
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves."""
+        return tuple(check.note for check in self.checks if check.fails and check.severity != STOP)
+
+    @property
+    def reasons(self) -> tuple[Stop, ...]:
+        """Say why a plan is not confirmed, one sentence a reason; empty for any other plan."""
+        return tuple(Stop(f"Not confirmed: {text}.") for text in self.breaches if self.status == "not_confirmed")
+
+    def add_checks(self, checks: tuple[Check, ...], *, first: bool = False) -> Plan:
+        """Return the plan with more checks; what has been worked out from the rest of it stays known."""
+        added = replace(self, checks=(*checks, *self.checks) if first else (*self.checks, *checks))
+        kept = ["promise", "mismatch", "executed", "command_feed", "correction", "reversals"]
+        kept += ["verdict"] if added.breaches == self.breaches else []
+        added.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
+        return added
 
     @property
     def status(self) -> str:
@@ -136,7 +134,7 @@ class Plan(Shown):
         return list_reversals(self.task, self.q)
 
     @cached_property
-    def mismatch(self) -> Mismatch:
+    def mismatch(self) -> Evaluation:
         """What the command leaves where the robot's compliances differ from the model's."""
         return evaluate_mismatch(self.task, self.q)
 
@@ -177,18 +175,18 @@ class Plan(Shown):
     @cached_property
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
-        found = check_tolerance(self)
+        found = check_tolerance(
+            self.task, self.status, self.promise, left=self.after.distance, inertia=self.bending.inertia,
+            failures=self.command.failures, failure=self.explain_failures(),
+            compensates=self.job is None or self.job.plan.inertia,
+            traced=self.executed is not None and self.executed.known,
+        )  # fmt: skip
         return replace(found, sentence=found.sentence + explain_width(self.promise, self.before.max_deviation))
 
     @property
     def solved_by(self) -> str:
         """What the command came from: the strategy, of `nlp` the nonlinear program."""
         return "nonlinear program" if self.strategy == "nlp" else self.strategy
-
-    @property
-    def reasons(self) -> tuple[Stop, ...]:
-        """Say why a plan is not confirmed, one sentence a reason; empty for any other plan."""
-        return tuple(Stop(f"Not confirmed: {text}.") for text in self.breaches if self.status == "not_confirmed")
 
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
@@ -275,28 +273,11 @@ class Plan(Shown):
         )  # fmt: skip
 
 
-def replace_said(plan: Plan, notes: tuple[str, ...], breaches: tuple[str, ...] | None = None) -> Plan:
-    """Return a plan with other notes, and breaches; what has been worked out from the rest of it stays known."""
-    breaches = plan.breaches if breaches is None else breaches
-    said = replace(plan, notes=notes, breaches=breaches)
-    kept = ["promise", "mismatch", "executed", "command_feed", "correction", "reversals"]
-    kept += ["verdict"] if breaches == plan.breaches else []
-    said.__dict__.update({name: plan.__dict__[name] for name in kept if name in plan.__dict__})
-    return said
-
-
-def _describe_force(plan: Plan) -> dict[str, Any]:
-    """Return what measured parts said of the force, where any did."""
-    learned = None if plan.task.law is None else plan.task.law.learned
-    if learned is None:
-        return {}
-    turn = np.degrees(learned.turn).tolist()
-    return {"process_force": {"level": learned.level, "turn_deg": turn, "source": learned.source}}
-
-
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
-    failures = plan.command.failures
+    failures, margins, between, worst = plan.command.failures, plan.margins, plan.between, plan.mismatch
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
+    learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
     summary: dict[str, Any] = {
         "schema": 1,
         "status": plan.status,
@@ -314,55 +295,58 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **({"nlp": plan.command.facts["nlp"]} if "nlp" in plan.command.facts else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
-        "under_mismatch": [plan.mismatch.describe()],
-        "between_waypoints_mm": _describe_between(plan),
+        "under_mismatch": [
+            {
+                "cell": worst.cell,
+                "rms_mm": worst.figures["rms"],
+                "max_mm": worst.figures["max"],
+                "waypoints": int(worst.cut.sum()),
+            }
+        ],
+        "between_waypoints_mm": {"max": between.max_deviation * 1e3}
+        | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
-        **_describe_force(plan),
+        **(
+            {}
+            if learned is None
+            else {
+                "process_force": {
+                    "level": learned.level,
+                    "turn_deg": np.degrees(learned.turn).tolist(),
+                    "source": learned.source,
+                }
+            }
+        ),
         **plan.bending.describe(),
         **summarise_band(plan.promise),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
         "within_tolerance": float((plan.task.use_tolerance(plan.after.deviation)[plan.after.cut] <= 1.0).mean()),
-        "correction_mm": {"max": plan.margins.max_correction * 1e3},
-        "margins": _describe_margins(plan),
+        "correction_mm": {"max": margins.max_correction * 1e3},
+        "margins": {
+            "position_limit_deg": float(np.degrees(margins.position)),
+            "position_limit_joint": plan.robot.joint_names[margins.joint],
+            "velocity_ratio": margins.velocity_ratio,
+            "acceleration_ratio": margins.acceleration_ratio,
+        },
         "duration_s": float(plan.timing.time[-1]),
         "reversals": [entry.describe() for entry in plan.reversals],
         "judge": plan.judge,
-        "checks": [check.describe() for check in plan.checks],
+        "checks": [check.describe() for check in plan.checks if check.severity == STOP],
         "notes": [*plan.reasons, *plan.notes],
         "stops": list_stops([*plan.reasons, *plan.notes]),
         "made_by": describe_origin(),
     }
-    if plan.task.start is not None and plan.task.start.posture_choice is not None:
-        summary["posture"] = plan.task.start.posture_choice.describe()
-        if plan.task.start.bettered is not None:
-            summary["posture"]["program"] = plan.task.start.bettered.describe()
+    start = plan.task.start
+    if start is not None and start.posture_choice is not None:
+        program = {} if start.program is None else {"program": dict(start.program)}
+        summary["posture"] = {**start.posture_choice.describe(), **program}
     if plan.clearance is not None:
-        request = None if plan.task.start is None else plan.task.start.request
-        summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)
+        summary["clearance"] = summarise_clearance(plan.clearance, None if start is None else start.settings.scene)
     if failures:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
     if plan.status != "solved":
         summary["failure"] = plan.explain_failures()
     return summary
-
-
-def _describe_between(plan: Plan) -> dict[str, float]:
-    """Return the greatest deviation between waypoints, by how a controller may lead there. [mm]"""
-    between = plan.between
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
-    return {"max": between.max_deviation * 1e3} | {
-        way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()
-    }
-
-
-def _describe_margins(plan: Plan) -> dict[str, Any]:
-    margins = plan.margins
-    return {
-        "position_limit_deg": float(np.degrees(margins.position)),
-        "position_limit_joint": plan.robot.joint_names[margins.joint],
-        "velocity_ratio": margins.velocity_ratio,
-        "acceleration_ratio": margins.acceleration_ratio,
-    }
 
 
 def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:

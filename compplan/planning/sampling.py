@@ -7,7 +7,8 @@ those in between lie on the straight move, and the posture between its neighbour
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from compplan.planning.task import PlanTask, attain_rows, cutting_runs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corners
 from compplan.toolpath.events import find_halts
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
@@ -43,20 +44,12 @@ MOST_PIECES, MOST_WAYPOINTS = 16, 1_000_000
 MENDED = 0.7
 
 
-@dataclass(frozen=True)
-class Between:
-    """Greatest distance of the loaded tip from each move; n - 1 moves, zero in rapid moves.
+class Between(NamedTuple):
+    """Greatest distance of the loaded tip from each move; n - 1 moves, zero in rapid moves."""
 
-    Attributes:
-        joint: Joint positions linear in time. Shape (n - 1,). [m]
-        cartesian: Commanded tip on a straight line. Shape (n - 1,). [m]
-        spline: Cubic spline over time; like `joint` where no times are known. Shape (n - 1,). [m]
-
-    """
-
-    joint: Array
-    cartesian: Array
-    spline: Array
+    joint: Array  #: Joint positions linear in time. Shape (n - 1,). [m]
+    cartesian: Array  #: Commanded tip on a straight line. Shape (n - 1,). [m]
+    spline: Array  #: Cubic spline over time; like `joint` where no times are known. Shape (n - 1,). [m]
 
     @property
     def most(self) -> Array:
@@ -80,10 +73,9 @@ def judged_moves(task: PlanTask) -> NDArray[np.int_]:
 
 
 def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow: bool = False) -> Between:
-    """Measure how far the loaded tip strays between waypoints of a command (n, nq), by the planner's own model.
+    """Measure how far the loaded tip strays from the path between waypoints of a command (n, nq), as modelled.
 
-    `time` (n,) [s] gives the spline. With `bow` the straight line between the attained ends is measured against, so
-    that what is missed at the waypoints themselves does not count; otherwise the wanted path is.
+    `time` (n,) [s] gives the spline. With `bow` it is measured from the line between the attained ends.
     """
     moves, n = judged_moves(task), len(task)
     joint, cartesian, spline = (np.zeros(n - 1) for _ in range(3))
@@ -91,7 +83,7 @@ def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow:
     plain = locate_frames(task.chain, q).tcp_position
     for share in SHARES:
         if share != SHARES[0]:
-            moves = moves[np.maximum(np.maximum(joint, cartesian), spline)[moves] > STRAIGHT]
+            moves = moves[Between(joint, cartesian, spline).most[moves] > STRAIGHT]
         if not len(moves):
             break
         start, end = ends[moves], ends[moves + 1]
@@ -182,18 +174,14 @@ def predict_loads(task: PlanTask, feed: Array | None = None) -> Array:
     out. Shape (n,). [m/s]
     """
     nominal = task.nominal
-    if task.law is not None:
-        wrench = np.array(task.law.predict(nominal, feed))
-    else:
-        wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else np.array(nominal.wrench)
+    given = nominal.wrench if task.law is None else task.law.predict(nominal, feed)
+    wrench = np.zeros((len(nominal), 6)) if given is None else np.array(given)
     if task.law is None or not task.law.always:
         wrench[find_contacts(nominal.rapid)] = 0.0
-    for first, last in _groups(task.lead):
-        share = (np.arange(first, last + 1) - first + 1.0) / (last - first + 1.0)
-        out = bool(task.leaving[first])
-        wrench[first : last + 1] = (
-            (1.0 - share)[:, None] * wrench[first - 1] if out else share[:, None] * wrench[last + 1]
-        )
+    edges = np.flatnonzero(np.diff(np.r_[False, task.lead, False]))
+    for first, end in edges.reshape(-1, 2).tolist():
+        share = np.arange(1.0, end - first + 1.0)[:, None] / (end - first)
+        wrench[first:end] = (1.0 - share) * wrench[first - 1] if task.leaving[first] else share * wrench[end]
     return wrench
 
 
@@ -202,20 +190,13 @@ def find_contacts(rapid: NDArray[np.bool_]) -> NDArray[np.int_]:
     return np.flatnonzero(rapid[:-1] & ~rapid[1:])
 
 
-def find_leaves(rapid: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Return the waypoints of a cut that are left in a rapid move."""
-    return np.flatnonzero(~rapid[:-1] & rapid[1:])
-
-
 def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = None) -> PlanTask:
     """Divide moves of a task.
 
     Args:
         task: The task.
-        places: Old waypoint numbers of the new waypoints, fractional on a move, rising; every old one is among them.
-            Shape (m,).
+        places: Old waypoint numbers of the new waypoints, fractional on a move, rising; all old ones included. (m,)
         lead: New waypoints that lead in at the contact before them, or out where a cut has ended. Shape (m,).
-
     """
     before = np.clip(np.floor(places).astype(int), 0, len(task) - 2)
     share = (places - before)[:, None]
@@ -276,7 +257,8 @@ def _reach_again(
 
 def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
     """Bring in leads, rests (at sharp corners where asked) and the first division of a task whose posture is chosen."""
-    contacts, leaves = find_contacts(task.nominal.rapid), find_leaves(task.nominal.rapid)
+    rapid = task.nominal.rapid
+    contacts, leaves = find_contacts(rapid), np.flatnonzero(~rapid[:-1] & rapid[1:])
     sudden, abrupt = (True, True) if task.law is None else (task.law.sudden, task.law.abrupt)
     contacts = contacts[sudden & (np.abs(task.wrench[contacts + 1]).max(axis=1) > 0)]
     leaves = leaves[abrupt & (np.abs(task.wrench[leaves]).max(axis=1) > 0)]
@@ -287,7 +269,7 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
     rests = np.zeros(len(task), bool)
     rests[:-1] = (task.lead[:-1] & ~task.lead[1:]) | task.leaving[1:] & ~task.lead[:-1]
     if rest_at_corners:
-        rests[find_rests(task.nominal)] = True
+        rests[_find_rests(task.nominal)] = True
     rapid = task.nominal.rapid
     rests[[k for k in find_halts(task.nominal.events) if not rapid[k : k + 2].any() and k + 1 < len(task)]] = True
     task = replace(task, rests=rests)
@@ -336,7 +318,7 @@ def divide_by(task: PlanTask, pieces: NDArray[np.int_]) -> PlanTask:
     return divide_task(task, np.sort(np.r_[np.arange(len(task)), extra + share]))
 
 
-def find_rests(nominal: Toolpath) -> NDArray[np.int_]:
+def _find_rests(nominal: Toolpath) -> NDArray[np.int_]:
     """Find sharp corners of the cut, reversals included."""
     steps = np.diff(nominal.position, axis=0)
     length = np.linalg.norm(steps, axis=1)
@@ -384,8 +366,3 @@ def _bound_travel(task: PlanTask) -> Array:
     need = np.clip(need, 1, MOST_PIECES)
     wide = np.flatnonzero(need > 1)
     return np.concatenate([np.zeros(0), *(i + np.arange(1, need[i]) / need[i] for i in wide)])
-
-
-def _groups(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.diff(np.r_[0, marked.astype(int), 0])
-    return list(zip(np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True))

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.deflection import DAMPING
 from compplan.planning.task import PlanTask
-from compplan.process.cutting import CuttingForce
 from compplan.process.engagement import Engagement
 from compplan.process.force_models.end_mill import EndMillProcess, ToolModeTable
 from compplan.process.materials import Coefficients
-from compplan.process.milling import THINNEST, edge_wrenches
+from compplan.process.milling import edge_wrenches
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.chain import Chain, jacobian, load_elements, locate_frames
@@ -22,6 +20,8 @@ from compplan.statics.elastic import load_hessian, solve_equilibrium
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import pick_even
 
+#: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
+THINNEST = 1e-4
 #: Waypoints that are looked at.
 TRIED = 400
 
@@ -60,12 +60,15 @@ def measure_buckling(chain: Chain, q: Array, wrench: Array) -> tuple[Array, Arra
 
 def explain_buckling(task: PlanTask) -> InfeasibleError | None:
     """Name waypoints at which the loaded arm finds no rest, and the joint that gives way the most; or return None."""
-    rows = np.flatnonzero(task.compensated)
-    rows = pick_even(rows, TRIED)
-    failing = [int(row) for row in rows if not _settles(task, int(row))]
+    rows, failing = pick_even(np.flatnonzero(task.compensated), TRIED), []
+    for row in rows.tolist():
+        try:
+            solve_equilibrium(task.chain, task.q_start[[row]], task.wrench[[row]], tolerance=1e-9)
+        except ConvergenceError:
+            failing.append(row)
     if not failing:
         return None
-    row = slice(failing[0], failing[0] + 1)
+    row = failing[:1]
     frames = locate_frames(task.chain, task.q_start[row])
     elements = task.chain.spring_elements
     torque = load_elements(task.chain, frames, task.wrench[row])[0, elements]
@@ -82,14 +85,6 @@ def explain_buckling(task: PlanTask) -> InfeasibleError | None:
     return InfeasibleError(message, waypoints=failing, limits=[f"equilibrium of {name}"])
 
 
-def _settles(task: PlanTask, row: int) -> bool:
-    try:
-        solve_equilibrium(task.chain, task.q_start[row : row + 1], task.wrench[row : row + 1], tolerance=1e-9)
-    except ConvergenceError:
-        return False
-    return True
-
-
 #: Modes of the arm at a posture, and places of the cut that are looked at.
 MODES, PLACES = 5, 12
 #: Frequencies that a determinant is followed over: evenly, and beside each mode in widths of its peak.
@@ -100,18 +95,11 @@ SCALES = np.geomspace(0.02, 20.0, 120)
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a tool on its arm.
+    """Modes of a tool on its arm."""
 
-    Attributes:
-        omega: Angular frequencies, rising. Shape (m,). [rad/s]
-        shape: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
-        damping: Share of critical damping of each. Shape (m,).
-
-    """
-
-    omega: Array
-    shape: Array
-    damping: Array
+    omega: Array  #: Angular frequencies, rising. Shape (m,). [rad/s]
+    shape: Array  #: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
+    damping: Array  #: Share of critical damping of each. Shape (m,).
 
     def turn(self, axes: Array) -> Modes:
         """Return the same, seen in other axes (columns). Shape of `axes`: (3, 3)."""
@@ -151,14 +139,9 @@ def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth:
 
 
 def compute_depth_limit(mean: Array, period: float, modes: Modes, scales: Array = SCALES) -> float:
-    """Return the least unstable depth as a share of the one that is cut; inf for none among the scales.
+    """Return the least unstable depth as a share of the one that is cut; inf for none among the rising scales.
 
-    Args:
-        mean: B0 at the depth that is cut. Shape (3, 3). [N/m]
-        period: Tooth period. [s]
-        modes: Of the tool, same axes.
-        scales: Depths that are tried, rising.
-
+    `mean` is B0 at the depth that is cut, shape (3, 3) [N/m], `period` that of the teeth [s]; modes have the same axes.
     """
     last = 20.0 * modes.omega[-1]
     near = modes.omega[:, None] * (1.0 + modes.damping[:, None] * NEAR / 2.0)
@@ -184,34 +167,22 @@ def describe_depth_limit(task: PlanTask, q: Array) -> str:
     touches = cutting.engagement.touches & ~cutting.rapid
     if not dynamics.known or not touches.any():
         return ""
-    rows = np.flatnonzero(touches)
-    rows = pick_even(rows, PLACES)
+    rows, process = pick_even(np.flatnonzero(touches), PLACES), cutting.process
     there = np.clip(np.searchsorted(task.nominal.arc_length, cutting.arc[rows] - 1e-12), 0, len(task.nominal) - 1)
-    limits = _compute_limits(cutting, task, rows, there, [
-        Modes(own.omega, own.tip, np.full(len(own.omega), DAMPING)) for own in find_modes(dynamics, q[there], MODES)
-    ])  # fmt: skip
+    tool, axes = process.tool_mode, path_axes(task.nominal)[there]
+    feed = process.feed_per_tooth(task.nominal.feed[there])
+    gains = process.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
+    modes = [Modes(own.omega, own.tip, np.full(len(own.omega), DAMPING)).turn(way).join(tool)
+             for own, way in zip(find_modes(dynamics, q[there], MODES), axes, strict=True)]  # fmt: skip
+    period = 1.0 / (process.spindle_rpm / 60.0 * process.teeth)
+    limits = np.array([compute_depth_limit(b, period, own) for b, own in zip(gains, modes, strict=True)])
     worst = int(limits.argmin())
     depth = float(cutting.engagement.axial[rows[worst]])
-    tool = cutting.process.tool_mode
     known = (f"arm damped by {100 * DAMPING:.3g} % (assumed), "
              + ("tool and holder rigid (process.tool_mode states their mode)" if tool is None else
                 f"tool mode of {tool.frequency_Hz:g} Hz"))  # fmt: skip
     if not np.isfinite(limits[worst]):
-        return f"No chatter up to {SCALES[-1]:g} times the depth of cut by the zero-order solution ({known})."
+        return ""
     word = "Chatter is expected: the" if limits[worst] <= 1.0 else "The"
     return (f"{word} zero-order limit of depth is {1e3 * depth * limits[worst]:.2g} mm at waypoint "
             f"{int(there[worst])}, where {1e3 * depth:.2g} mm are cut ({known}).")  # fmt: skip
-
-
-def _compute_limits(
-    cutting: CuttingForce, task: PlanTask, rows: NDArray[np.int_], there: NDArray[np.int_], modes: list[Modes]
-) -> Array:
-    """Return the limits of depth at some waypoints, shares of the depth that is cut. Shape (r,)."""
-    process = cutting.process
-    assert isinstance(process, EndMillProcess)
-    spindle = process.spindle()
-    feed = spindle.feed_per_tooth(task.nominal.feed[there])
-    mean = spindle.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
-    period, axes = 1.0 / (spindle.speed * spindle.teeth), path_axes(task.nominal)[there]
-    return np.array([compute_depth_limit(b, period, own.turn(way).join(process.tool_mode))
-                     for b, own, way in zip(mean, modes, axes, strict=True)])  # fmt: skip

@@ -1,7 +1,7 @@
 """What a compensation strategy is told: the robot model, the nominal path, the predicted wrench, the limits.
 
-Every strategy gets the same task and answers with a `Command`. `attain` is the one place where the planner's model of
-the robot predicts where the loaded tool goes; effects of the robot's folder (effects.toml) enter there alone.
+Every strategy gets the same task and answers with a `Command`. `attain_rows` is the one place where it is predicted
+where the loaded tool goes; effects of the robot's folder (effects.toml) enter there alone.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import build_arm, refine_ik
-from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
+from compplan.statics.stiffness import AttainedPose, attain_pose, chunk_rows
 from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 from compplan.uncertainty.touch_off import TouchedPart
 
@@ -43,70 +43,48 @@ LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
 
 @dataclass(frozen=True)
 class PlanTask:
-    """What a strategy knows; n waypoints, nq joints, base frame.
+    """What a strategy knows; n waypoints, nq joints, base frame."""
 
-    Attributes:
-        robot: The robot model with its tool.
-        chain: Its elastic chain.
-        nominal: The path to reach, base frame.
-        rotation: Wanted orientation of the TCP frame, x as the job points it. Shape (n, 3, 3).
-        wrench: Predicted wrench at the tip; at a point of contact that of the cut that begins. Shape (n, 6). [N, N m]
-        compensated: Waypoints of the cut, points of contact included; the others are rapid. Shape (n,).
-        q_start: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-        configuration: Shoulder, elbow and wrist of q_start.
-        missed: Waypoints that the arm does not reach at q_start's orientation. Shape (n,).
-        step_time: Time from each waypoint to the next at the programmed feed. Shape (n - 1,). [s]
-        velocity_limits: Velocity limits. Shape (nq,). [rad/s or m/s]
-        acceleration_limits: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
-        max_correction: Greatest distance of the unloaded tip from the path. [m]
-        tolerance: Greatest deviation of the loaded tip that counts as on the path, the strictest of all parts. [m]
-        spin_free: Whether the rotation about the tool axis is free.
-        start: How q_start was found, or None.
-        law: The law of the wrench, or None where the path carries it.
-        lead: Waypoints that bring the correction in at a contact, or out where a cut ends, the wanted tip at rest.
-            Shape (n,).
-        rests: Waypoints within a cut at which the tool comes to rest. Shape (n,).
-        chord: How far the loaded tip may stray from the path between waypoints, where the tolerance is strictest. [m]
-        smoothing: Time over which the motion is smoothed. [s]
-        inertia: Whether the inertia of the motion counts as a load.
-        bias: What it puts on each elastic coordinate, or None. Shape (n, s). [N m or N]
-        links: Joint positions that the links go through, None where those are q_start. Shape (n, nq). [rad or m]
-        places: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
-        theta: Elastic coordinates where the path was last looked at: the next equilibrium begins there. They are
-            written over, and no result depends on them beyond rounding. Shape (n, s). [rad or m]
-        jerk_limits: Greatest change of acceleration, or None where there is no limit. Shape (nq,). [rad/s^3 or m/s^3]
-        touched: The part as the robot found it by touching; None where its frame is absolute. Loaded poses are relative
-            to the found frame (`see_position`).
-
-    """
-
-    robot: Robot
-    chain: Chain
-    nominal: Toolpath
-    rotation: Array
+    robot: Robot  #: The robot model with its tool.
+    chain: Chain  #: Its elastic chain.
+    nominal: Toolpath  #: The path to reach, base frame.
+    rotation: Array  #: Wanted orientation of the TCP frame, x as the job points it. Shape (n, 3, 3).
+    #: Predicted wrench at the tip; at a point of contact that of the cut that begins. Shape (n, 6). [N, N m]
     wrench: Array
+    #: Waypoints of the cut, points of contact included; the others are rapid. Shape (n,).
     compensated: NDArray[np.bool_]
-    q_start: Array
-    configuration: Mapping[str, str]
-    missed: NDArray[np.bool_]
-    step_time: Array
-    velocity_limits: Array
-    acceleration_limits: Array
-    max_correction: float
+    q_start: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+    configuration: Mapping[str, str]  #: Shoulder, elbow and wrist of q_start.
+    missed: NDArray[np.bool_]  #: Waypoints that the arm does not reach at q_start's orientation. Shape (n,).
+    step_time: Array  #: Time from each waypoint to the next at the programmed feed. Shape (n - 1,). [s]
+    velocity_limits: Array  #: Velocity limits. Shape (nq,). [rad/s or m/s]
+    acceleration_limits: Array  #: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
+    max_correction: float  #: Greatest distance of the unloaded tip from the path. [m]
+    #: Greatest deviation of the loaded tip that counts as on the path, the strictest of all parts. [m]
     tolerance: float
-    spin_free: bool
-    start: Start | None = None
-    law: ForceLaw | None = None
+    spin_free: bool  #: Whether the rotation about the tool axis is free.
+    start: Start | None = None  #: How q_start was found, or None.
+    law: ForceLaw | None = None  #: The law of the wrench, or None where the path carries it.
+    #: Waypoints that bring the correction in at a contact, or out where a cut ends, the wanted tip at rest. Shape (n,).
     lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    #: Waypoints within a cut at which the tool comes to rest. Shape (n,).
     rests: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    #: How far the loaded tip may stray from the path between waypoints, where the tolerance is strictest. [m]
     chord: float = np.inf
-    smoothing: float = SMOOTHING
-    inertia: bool = False
-    bias: Array | None = None
+    smoothing: float = SMOOTHING  #: Time over which the motion is smoothed. [s]
+    inertia: bool = False  #: Whether the inertia of the motion counts as a load.
+    bias: Array | None = None  #: What it puts on each elastic coordinate, or None. Shape (n, s). [N m or N]
+    #: Joint positions that the links go through, None where those are q_start. Shape (n, nq). [rad or m]
     links: Array | None = None
+    #: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
     places: Array | None = None
+    #: Elastic coordinates where the path was last looked at: the next equilibrium begins there. They are written over,
+    #: and no result depends on them beyond rounding. Shape (n, s). [rad or m]
     theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    #: Greatest change of acceleration, or None where there is no limit. Shape (nq,). [rad/s^3 or m/s^3]
     jerk_limits: Array | None = None
+    #: The part as the robot found it by touching; None where its frame is absolute. Loaded poses are relative to the
+    #: found frame (`see_position`).
     touched: TouchedPart | None = None
 
     def __post_init__(self) -> None:
@@ -244,6 +222,11 @@ class PlanTask:
         """First and last waypoint of every run of the cut from rest to rest."""
         return cutting_runs(np.r_[False, self.nominal.rapid[1:]], self.rests)
 
+    @cached_property
+    def moving_runs(self) -> list[tuple[int, int]]:
+        """Runs along which the wanted tip moves; in the others it turns where it is."""
+        return [(first, last) for first, last in self.runs if self.nominal.steps[first:last].any()]
+
     @property
     def axis_free(self) -> bool:
         """Tell whether the tool axis follows from the tip: four joints (palletisers, SCARA) cannot choose it."""
@@ -300,51 +283,31 @@ def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
 
 @dataclass(frozen=True)
 class Command:
-    """What a strategy sends to the controller.
+    """What a strategy sends to the controller."""
 
-    Attributes:
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        status: "solved" or "infeasible".
-        failures: Waypoints that fail, and the limit that stops each.
-        solve_time: Wall time in the solver. [s]
-        facts: Further numbers worth keeping.
-
-    """
-
-    q: Array
-    status: str = "solved"
-    failures: Mapping[int, str] = field(default_factory=dict)
-    solve_time: float = 0.0
-    facts: Mapping[str, Any] = field(default_factory=dict)
-
-
-def attain(task: PlanTask, q: Array) -> AttainedPose:
-    """Predict with the planner's own model where the loaded tool goes, and how that answers to the joints q (n, nq)."""
-    loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias, theta=task.theta)
-    return task.see_pose(_add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded)
-
-
-def _add_effects(task: PlanTask, q: Array, rows: NDArray[np.int_], loaded: AttainedPose) -> AttainedPose:
-    """Put what the effects of the folder do in the place of the model without them; inertia bends on top of it."""
-    position, rotation = (part[rows] for part in attain_with_effects(task.robot, q, task.wrench, task.step_time))
-    if task.bias is not None:
-        still = attain_pose(task.chain, q[rows], task.wrench[rows], slope=False)
-        position = position + loaded.position - still.position
-        rotation = loaded.rotation @ np.swapaxes(still.rotation, 1, 2) @ rotation
-    return AttainedPose(position, rotation, loaded.jacobian)
+    q: Array  #: Commanded joint positions. Shape (n, nq). [rad or m]
+    status: str = "solved"  #: "solved" or "infeasible".
+    failures: Mapping[int, str] = field(default_factory=dict)  #: Waypoints that fail, and the limit that stops each.
+    solve_time: float = 0.0  #: Wall time in the solver. [s]
+    facts: Mapping[str, Any] = field(default_factory=dict)  #: Further numbers worth keeping.
 
 
 def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
     """Predict what the pose equations of some waypoints (k,) hold: the loaded tool, in rapid moves the unloaded one.
 
     q (n, nq) is the command of the whole path, on which effects with a memory depend; without `slope` the derivative is
-    zero, and cheaper.
+    zero, and cheaper. Effects of the folder take the place of the model without them; inertia bends on top of them.
     """
     bias = None if task.bias is None else task.bias[rows]
     loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias, theta=task.theta[rows])
     task.theta[rows] = loaded.theta
     if task.robot.effects:
-        loaded = _add_effects(task, q, rows, loaded)
+        position, rotation = (part[rows] for part in attain_with_effects(task.robot, q, task.wrench, task.step_time))
+        if bias is not None:
+            still = attain_pose(task.chain, q[rows], task.wrench[rows], slope=False)
+            position = position + loaded.position - still.position
+            rotation = loaded.rotation @ np.swapaxes(still.rotation, 1, 2) @ rotation
+        loaded = loaded._replace(position=position, rotation=rotation)
     loaded = task.see_pose(loaded)
     rapid = np.flatnonzero(~task.compensated[rows])
     if not len(rapid):

@@ -64,30 +64,17 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Timing:
-    """The run of a command; n waypoints, nq joints.
+    """The run of a command; n waypoints, nq joints."""
 
-    Attributes:
-        time: Time at each waypoint. Shape (n,). [s]
-        velocity: Joint velocities at each waypoint. Shape (n, nq). [rad/s or m/s]
-        acceleration: Joint accelerations at each waypoint. Shape (n, nq). [rad/s^2 or m/s^2]
-        feed: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
-        share: Feed as a share of the programmed one; 1 in rapid moves. Shape (n,).
-        limiting: Joint whose limit is used the most, -1 where none is near. Shape (n,).
-        by_velocity: Whether that limit is the velocity's. Shape (n,).
-        velocity_ratio: Greatest joint velocity against its limit.
-        acceleration_ratio: Greatest joint acceleration against its limit; 0 where no limit is known.
-
-    """
-
-    time: Array
-    velocity: Array
-    acceleration: Array
-    feed: Array
-    share: Array
-    limiting: NDArray[np.int_]
-    by_velocity: NDArray[np.bool_]
-    velocity_ratio: float
-    acceleration_ratio: float
+    time: Array  #: Time at each waypoint. Shape (n,). [s]
+    velocity: Array  #: Joint velocities at each waypoint. Shape (n, nq). [rad/s or m/s]
+    acceleration: Array  #: Joint accelerations at each waypoint. Shape (n, nq). [rad/s^2 or m/s^2]
+    feed: Array  #: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
+    share: Array  #: Feed as a share of the programmed one; 1 in rapid moves. Shape (n,).
+    limiting: NDArray[np.int_]  #: Joint whose limit is used the most, -1 where none is near. Shape (n,).
+    by_velocity: NDArray[np.bool_]  #: Whether that limit is the velocity's. Shape (n,).
+    velocity_ratio: float  #: Greatest joint velocity against its limit.
+    acceleration_ratio: float  #: Greatest joint acceleration against its limit; 0 where no limit is known.
 
     @property
     def lowered(self) -> NDArray[np.bool_]:
@@ -98,24 +85,16 @@ class Timing:
 def time_command(
     task: PlanTask, q: Array, *, rules: TorqueRules | None = None, slow: Array | None = None, keep: bool = False
 ) -> Timing:
-    """Time a command.
+    """Time a command (n, nq) within the limits of its task and, with `rules`, of the joint torques.
 
-    Args:
-        task: The task that it fulfils: programmed feed, limits, rapid moves.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        rules: Joint torques to keep within limits, or None.
-        slow: Factor by which the run is to be slower than the limits ask for, or None. Shape (n,).
-        keep: Whether the feed is to be kept at rounded corners.
+    The run is slower by factors `slow` (n,) than these ask for; with `keep` it keeps its feed at rounded corners.
 
     Raises:
         ConvergenceError: If no run keeps the limits.
-
     """
     step, slow = np.zeros(len(q)), task.pace if slow is None else slow * task.pace
-    for start, end in task.runs:
+    for start, end in task.moving_runs:
         run = slice(start, end + 1)
-        if not task.nominal.steps[start:end].any():
-            continue
         along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
         own = slow[run]
         spans = [] if keep else find_narrow(task, along, start, end)
@@ -140,9 +119,7 @@ def time_ends(task: PlanTask, q: Array) -> Array:
     A run speeds up and slows down within END_TIME and some spans of smoothing; what lies farther away is not timed.
     """
     step, far, pace = np.zeros(len(q)), END_TIME + END_SPANS * task.smoothing, task.pace
-    for start, end in task.runs:
-        if not task.nominal.steps[start:end].any():
-            continue
+    for start, end in task.moving_runs:
         along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
         count = len(along)
         last = max(int(np.searchsorted(along, far)) + 1, END_ROWS)
@@ -158,9 +135,8 @@ def time_ends(task: PlanTask, q: Array) -> Array:
 def time_between_cuts(task: PlanTask, q: Array, time: Array) -> Array:
     """Return times (n,) [s] in which joint moves between cuts and at rest take as long as a command (n, nq) needs."""
     step, rapid = np.r_[0.0, np.diff(time)], np.r_[False, task.nominal.rapid[1:]]
-    for start, end in task.runs:
-        if not task.nominal.steps[start:end].any():
-            step[start + 1 : end + 1] = np.diff(_turn_in_place(task, q[start : end + 1], start))
+    for start, end in set(task.runs) - set(task.moving_runs):
+        step[start + 1 : end + 1] = np.diff(_turn_in_place(task, q[start : end + 1], start))
     moves = np.flatnonzero(rapid)
     step[moves] = time_rapids(np.abs(q[moves] - q[moves - 1]), task.velocity_limits, task.acceleration_limits)
     return np.cumsum(step)
@@ -202,19 +178,6 @@ def _time_run(task: PlanTask, along: Array, q: Array, rows: Torques | None, slow
     return time
 
 
-def _most_push(task: PlanTask, window: float) -> float:
-    """Return the greatest change of the share of the programmed feed. [1/s]."""
-    return 1.0 / window if window > 0 and task.follows_feed else NO_LIMIT
-
-
-def _smooth(task: PlanTask, along: Array, speed: Array, window: float) -> Profile:
-    """Return a run whose speed along the path is smoothed over a window, thrice where inertia counts."""
-    for share in INERTIA_WINDOWS if task.inertia else (1.0,):
-        profile = smooth_profile(along, speed, share * window)
-        speed = profile.speed
-    return profile
-
-
 def _smooth_run(
     task: PlanTask, along: Array, q: Array, rows: Torques | None, slow: Array, window: float
 ) -> tuple[Array, int]:
@@ -224,9 +187,11 @@ def _smooth_run(
         time, rounds = _smooth_run(task, fine, between, None, np.interp(fine, along, slow), window)
         return time[[0, -1]], rounds
     limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
+    gentle = 1.0 / window if window > 0 and task.follows_feed else NO_LIMIT
     for count in range(SLOW_ROUNDS):
-        speed = time_cut(along, q, *limits, rows, slow=slow, gentle=_most_push(task, window))[2]
-        time = _smooth(task, along, speed, window).time
+        speed = time_cut(along, q, *limits, rows, slow=slow, gentle=gentle)
+        for share in INERTIA_WINDOWS if task.inertia else (1.0,):
+            time, speed = smooth_profile(along, speed, share * window)
         use = _use_of(task, q, time, rows)
         if use.max() <= 1.0:
             return time, count + 1
@@ -265,10 +230,10 @@ def find_slowdown(task: PlanTask, q: Array, time: Array, rules: TorqueRules | No
     It is 1 where they are not; `rules` are joint torques to keep within limits.
     """
     slower = np.ones(len(q))
-    for start, end in task.runs:
+    for start, end in task.moving_runs:
         run = slice(start, end + 1)
         use = _use_of(task, q[run], time[run], None if rules is None else partial(rules.rows, start, end))
-        if use.max() > 1.0 and task.nominal.steps[start:end].any():
+        if use.max() > 1.0:
             slower[run] = np.maximum(slower[run], spread_factors(use, time[run], task.smoothing))
     return slower
 
@@ -322,19 +287,13 @@ def find_narrow(task: PlanTask, along: Array, start: int, end: int) -> list[tupl
 
 
 def overlap_legs(time: Array, position: Array, feed: Array, spans: list[tuple[int, int, int]]) -> Array:
-    """Let runs that end and begin in the middles of roundings overlap, u of the rounding even in time.
+    """Let runs that end and begin in the middles of roundings (`spans`: first, middle, last) overlap.
 
     A run that is smoothed comes to rest as the fourth power of time: one that is r before it rests d later, and goes
-    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding: g = a d / r. Where the run is slower or slows
-    down later than that, g = 4 a / v keeps the speed v of the move that leads to the rounding, or away from it. The
-    rounding takes longer by what keeps the programmed feed.
-
-    Args:
-        time: Time at each waypoint with rests in the middles. Shape (k,). [s]
-        position: Shape (k, 3). [m]
-        feed: Programmed feed to each waypoint. Shape (k,). [m/s]
-        spans: First, middle and last waypoint of each rounding.
-
+    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding, u even in time: g = a d / r. Where the run is
+    slower or slows down later than that, g = 4 a / v keeps the speed v of the move that leads to the rounding, or away
+    from it. The rounding takes longer by what keeps the programmed feed (k,) [m/s]; positions (k, 3) [m], times (k,)
+    [s].
     """
     step = np.diff(time)
     for first, middle, last in spans:
@@ -356,8 +315,8 @@ def overlap_legs(time: Array, position: Array, feed: Array, spans: list[tuple[in
 def time_cut(
     along: Array, q: Array, velocity_limits: Array, acceleration_limits: Array, torques: Torques | None = None, *,
     slow: Array | None = None, gentle: float = NO_LIMIT,
-) -> tuple[Array, Array, Array, Array]:  # fmt: skip
-    """Find the fastest run along one cut.
+) -> Array:  # fmt: skip
+    """Find the fastest run along one cut, as the share of the programmed feed at its waypoints. Shape (k,).
 
     Args:
         along: Time of each waypoint at the programmed feed, from 0; three at least. Shape (k,). [s]
@@ -368,12 +327,8 @@ def time_cut(
         slow: Factor by which the run is to be slower than the limits ask for. Shape (k,).
         gentle: Greatest change of the share of the programmed feed. [1/s]
 
-    Returns:
-        Joint motion per programmed time, its derivative (k, nq), share of the programmed feed and its rate (k,).
-
     Raises:
         ConvergenceError: If a limit leaves no room even at rest.
-
     """
     spline = CubicSpline(along, q, bc_type="natural")
     rate, change = spline(along, 1), spline(along, 2)
@@ -387,20 +342,13 @@ def time_cut(
         rows = [np.hstack([row, part]) for row, part in zip(rows, more, strict=True)]
         if (np.abs(more[2]) >= more[3]).any():
             raise ConvergenceError("no run along the path keeps the joint torques even at rest", residual=np.nan)
-    square = fastest_squares(along, fastest, *rows)
-    return rate, change, np.sqrt(square), np.r_[0.5 * np.diff(square) / np.diff(along), 0.0]
+    return np.sqrt(fastest_squares(along, fastest, *rows))
 
 
 def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, most: Array) -> Array:
     """Return the greatest squares of the speed from rest to rest by TOPP-RA: |a u + b x + c| <= most, x <= fastest.
 
-    Args:
-        along: Grid. Shape (k,). [s]
-        fastest: Greatest square at each point of it. Shape (k,).
-        a: Factor of u, as b and c. Shape (k, r).
-        b: Factor of x.
-        c: Constant.
-        most: Limits. Shape (r,).
+    On a grid `along` (k,) [s]; a, b and c: (k, r), most: (r,).
 
     Raises:
         ConvergenceError: If there is no run from rest to rest.
@@ -438,17 +386,9 @@ def _toppra() -> tuple[Any, Any, Any]:
         def __call__(self, path_positions: Array, order: int = 0) -> Array:
             return np.asarray(path_positions if order == 0 else np.full_like(path_positions, order == 1))[..., None]
 
-        @property
-        def dof(self) -> int:
-            return 1
-
-        @property
-        def path_interval(self) -> Array:
-            return np.array([self.along[0], self.along[-1]])
-
-        @property
-        def waypoints(self) -> tuple[Array, Array]:
-            return self.along, self.along[:, None]
+        dof = property(lambda self: 1)
+        path_interval = property(lambda self: self.along[[0, -1]])
+        waypoints = property(lambda self: (self.along, self.along[:, None]))
 
     class RowLimit(LinearConstraint):  # type: ignore[misc]
         """|a u + b x + c| <= 1 at both ends of every move, and bounds of x."""
@@ -468,24 +408,8 @@ def _toppra() -> tuple[Any, Any, Any]:
     return PathGrid, RowLimit, TOPPRA
 
 
-@dataclass(frozen=True)
-class Profile:
-    """How a run goes along its path; k waypoints.
-
-    Attributes:
-        time: Time at each waypoint, from 0. Shape (k,). [s]
-        speed: Speed along the path, as a share of the programmed feed. Shape (k,).
-        push: Its rate. Shape (k,). [1/s]
-
-    """
-
-    time: Array
-    speed: Array
-    push: Array
-
-
-def smooth_profile(along: Array, speed: Array, window: float) -> Profile:
-    """Smooth the speed along a path over a window of time [s], 0 for none.
+def smooth_profile(along: Array, speed: Array, window: float) -> tuple[Array, Array]:
+    """Smooth the speed along a path over a window of time [s], 0 for none; return times [s] and speeds. Shapes (k,).
 
     Args:
         along: Programmed time at each waypoint, from 0. Shape (k,). [s]
@@ -496,7 +420,7 @@ def smooth_profile(along: Array, speed: Array, window: float) -> Profile:
     time = np.r_[0.0, np.cumsum(step)]
     rate = np.diff(speed) / step
     if window <= 0:
-        return Profile(time, speed, np.r_[rate, rate[-1]])
+        return time, speed
     rest = np.zeros((2, 1))  # before and behind the run
     law = PPoly(np.hstack([rest, [rate, speed[:-1]], rest]), np.r_[-window, time, time[-1] + window])
     place, area = law.antiderivative(), law.antiderivative(2)
@@ -511,9 +435,9 @@ def smooth_profile(along: Array, speed: Array, window: float) -> Profile:
         slope = (place(when) - place(when - window)) / window
         when = np.clip(when - missed / np.maximum(slope, 1e-12), low, high)
     when[0], when[-1] = 0.0, time[-1] + window
-    share, push = ((each(when) - each(when - window)) / window for each in (place, law))
-    share[[0, -1]] = push[[0, -1]] = 0.0
-    return Profile(np.maximum.accumulate(when), np.maximum(share, 0.0), push)
+    share = (place(when) - place(when - window)) / window
+    share[[0, -1]] = 0.0
+    return np.maximum.accumulate(when), np.maximum(share, 0.0)
 
 
 def ease(u: Array) -> Array:

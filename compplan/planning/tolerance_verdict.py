@@ -1,29 +1,25 @@
 """The verdict: whether the part may be expected within its tolerance, what speaks against it, and what would change it.
 
-`status` says what the equations and the judge say. The verdict says what the 95 % band of the true tip says: `keeps`
-where the whole cut stays within the tolerance with 95 %, `may_not_keep` where it does not, `not_known` where something
-that moves the tip is not known, or the path was read by one reader alone, and the rest of the band lies within the
-tolerance.
+`status` says what the equations and the independent check say. The verdict says what the 95 % band of the true tip
+says: `keeps` where the whole cut stays within the tolerance with 95 %, `may_not_keep` where it does not, `not_known`
+where something that moves the tip is not known and the rest of the band lies within the tolerance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.job.job import Job
-from compplan.planning.deflection import Bending
-from compplan.planning.evaluate import Evaluation
-from compplan.planning.executed import ExecutedPath
-from compplan.planning.task import Command, PlanTask
-from compplan.robot import Array
+from compplan.planning.task import PlanTask
+from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
 from compplan.uncertainty.ladder import DO
 
-FORCE = "process force"
+FORCE, INERTIA = "process force", "inertia and vibration"
 #: Words of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 #: Stretches beyond the tolerance that are listed.
@@ -42,46 +38,15 @@ NO_BAND = "no 95 % band is stated, waypoints are out of reach"
 WIDE = 10.0
 #: What would change the verdict, by the largest cause.
 CHANGES = {
-    "process force": "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
-    "inertia and vibration": "Lower the feed.",
+    FORCE: "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
+    INERTIA: "Lower the feed.",
     "place of the part": "Measure where the part is: [noise] part_frame_mm, part_frame_deg.",
     "repeatability": "Allow more, or take a robot that repeats better.",
 }
 
 
-class EvaluatedPlan(Protocol):
-    """What the verdict reads of a plan (`planning.result.Plan`)."""
-
-    @property
-    def task(self) -> PlanTask: ...  # noqa: D102
-    @property
-    def status(self) -> str: ...  # noqa: D102
-    @property
-    def command(self) -> Command: ...  # noqa: D102
-    @property
-    def after(self) -> Evaluation: ...  # noqa: D102
-    @property
-    def bending(self) -> Bending: ...  # noqa: D102
-    @property
-    def promise(self) -> ErrorBand | None: ...  # noqa: D102
-    @property
-    def executed(self) -> ExecutedPath | None: ...  # noqa: D102
-    @property
-    def job(self) -> Job | None: ...  # noqa: D102
-    def explain_failures(self) -> str: ...  # noqa: D102
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """A stretch of the cut whose band reaches beyond the tolerance.
-
-    Attributes:
-        first: Its first waypoint.
-        last: Its last waypoint.
-        start: Length of the path at its first waypoint. [m]
-        end: Length of the path at its last waypoint. [m]
-        most: Widest band in it. [m]
-    """
+class Stretch(NamedTuple):
+    """A stretch of the cut beyond the tolerance: its waypoints, where they lie along the path [m], widest band [m]."""
 
     first: int
     last: int
@@ -92,31 +57,19 @@ class Stretch:
 
 @dataclass(frozen=True)
 class ToleranceVerdict:
-    """Whether the part may be expected within its tolerance.
+    """Whether the part may be expected within its tolerance."""
 
-    Attributes:
-        word: "keeps", "may_not_keep" or "not_known".
-        sentence: The same for people, with what to do about it.
-        tolerance: Greatest deviation that counts as within tolerance, the strictest of all parts. [m]
-        band: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
-        beyond_share: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
-        where: Stretches of the cut beyond the tolerance.
-        largest_cause: What makes the band widest where it is widest, or what is not known.
-        change: What would change the verdict, one sentence, "" where nothing has to.
-        basis: What the band rests on.
-        left_out: What moves the tip and is not in the band.
-    """
-
-    word: str
-    sentence: str
-    tolerance: float
-    band: float | None
+    word: str  #: "keeps", "may_not_keep" or "not_known".
+    sentence: str  #: The same for people, with what to do about it.
+    tolerance: float  #: Greatest deviation that counts as within tolerance, the strictest of all parts. [m]
+    band: float | None  #: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
+    #: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
     beyond_share: float | None
-    where: tuple[Stretch, ...]
-    largest_cause: str
-    change: str
-    basis: str
-    left_out: tuple[str, ...]
+    where: tuple[Stretch, ...]  #: Stretches of the cut beyond the tolerance.
+    largest_cause: str  #: What makes the band widest where it is widest, or what is not known.
+    change: str  #: What would change the verdict, one sentence, "" where nothing has to.
+    basis: str  #: What the band rests on.
+    left_out: tuple[str, ...]  #: What moves the tip and is not in the band.
 
     def describe(self) -> dict[str, Any]:
         """Describe it for plan.json."""
@@ -143,36 +96,83 @@ class ToleranceVerdict:
         """Short lines for the head of a program."""
         words = {KEEPS: "keeps", MAY_NOT_KEEP: "MAY NOT KEEP", NOT_KNOWN: "NOT KNOWN if it keeps"}
         lines = [f"verdict: {words[self.word]} {_mm(self.tolerance)}"]
-        if self.band is not None:
-            lines.append(f"true tip within {_mm(self.band)}, 95 %")
-        if self.beyond_share:
-            lines.append(f"beyond: {_percent(self.beyond_share)} of the cut")
+        lines += [] if self.band is None else [f"true tip within {_mm(self.band)}, 95 %"]
+        lines += [f"beyond: {_percent(self.beyond_share)} of the cut"] if self.beyond_share else []
         return tuple(lines)
 
 
-def check_tolerance(plan: EvaluatedPlan) -> ToleranceVerdict:
-    """Judge whether the part of a plan may be expected within its tolerance."""
-    task, promise = plan.task, plan.promise
-    if plan.status == "infeasible":
-        return _no_solution(plan)
+def check_tolerance(
+    task: PlanTask, status: str, promise: ErrorBand | None, *, left: Array, inertia: float, failures: Mapping[int, str],
+    failure: str = "", compensates: bool = True, traced: bool = False,
+) -> ToleranceVerdict:  # fmt: skip
+    """Judge whether the part of a plan may be expected within its tolerance.
+
+    Args:
+        task: The task of the plan.
+        status: "solved", "not_confirmed" or "infeasible".
+        promise: The 95 % band of the true tip, None where none can be stated.
+        left: Distance of the tip from the path that the plan leaves if the robot is as modelled. Shape (n,). [m]
+        inertia: How far inertia bends the arm, NaN where masses or springs are unknown. [m]
+        failures: Waypoints that fail, and the limits that stop them.
+        failure: What fails, in a sentence.
+        compensates: Whether the job lets the plan compensate the inertia of the motion.
+        traced: Whether it is identified how the drives follow.
+    """
+    wanted, known = describe_tolerance(task), bool(np.isfinite(inertia))
+    promise = None if status == "infeasible" else promise
+    band, basis = (None, "") if promise is None else (promise.whole, describe_basis(promise))
+    aside = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
+    left_out = list_left_out(task.robot, promise, inertia_known=known, traced=traced)
+
+    def state(
+        word: str, sentence: str, cause: str, change: str, share: float | None, where: tuple[Stretch, ...] = ()
+    ) -> ToleranceVerdict:
+        return ToleranceVerdict(
+            word, sentence.strip(), task.tolerance, band, share, where, cause, change, basis, left_out
+        )
+
+    def doubt(missing: str, change: str, share: float | None) -> ToleranceVerdict:
+        head = "" if status == "solved" else "Do not start. "
+        sentence = f"{head}Not known whether it keeps {wanted}: {missing}. {change}{aside}"
+        return state(NOT_KNOWN, sentence, missing, change, share)
+
+    if status == "infeasible":
+        limits = sorted({name for text in failures.values() for name in text.split(", ")})
+        cause = f"limits ({', '.join(limits[:2])})" if limits else "limits"
+        change = "Move the part (compplan place JOB), or allow more."
+        first = f" (the first is waypoint {min(failures)})" if failures else ""
+        sentence = (f"Do not start: there is no solution. May not keep {wanted}: {len(failures)} waypoints are not "
+                    f"reached within the limits{first}. Largest cause: {cause}. {change} "
+                    f"{NO_BAND[0].upper()}{NO_BAND[1:]}.{aside}")  # fmt: skip
+        return state(MAY_NOT_KEEP, sentence, cause, change, None)
     if promise is None:
-        return _not_known(plan, "no robot within the uncertainty has an equilibrium under this load", MEASURE, None)
-    use = use_tolerance(task, promise)
-    beyond = task.cut & (use > 1.0)
-    share = share_length(task.nominal.arc_length, task.cut, beyond)
+        return doubt("no robot within the uncertainty has an equilibrium under this load", MEASURE, None)
+    use, length = np.where(task.cut, use_tolerance(task, promise), 0.0), task.nominal.arc_length
+    beyond = use > 1.0
+    share, cause = share_length(length, task.cut, beyond), find_cause(promise, left)
     if beyond.any():
-        return _may_not_keep(plan, promise, beyond, share)
-    if plan.status == "not_confirmed":
-        return _not_known(plan, f"the plan is {plan.explain_failures()}", SETTLE, share)
-    if missing := find_missing(plan):
-        return _not_known(plan, *missing, share)
-    basis, cause = describe_basis(promise), find_cause(plan, promise)
-    most = "" if task.allowed is None else f", and uses {_percent(float(use[task.cut].max()))} of the tolerance at most"
-    sentence = (f"Keeps {describe_tolerance(task)}: with 95 % the tip stays within {_mm(promise.whole)} along the"
-                f" whole cut{most} ({basis}).{describe_inertia(plan)}")  # fmt: skip
-    return ToleranceVerdict(
-        KEEPS, sentence, task.tolerance, promise.whole, share, (), cause, "", basis, list_left_out(plan)
-    )
+        change = find_change(task.robot, promise, cause, compensates=compensates)
+        widest = promise.widest if task.allowed is None else int(use.argmax())
+        own = ("" if task.allowed is None
+               else f" (band {_mm(promise.along[widest])}, {use[widest]:.2g} times its tolerance)")  # fmt: skip
+        off = (f"May not keep {wanted}: the tip may be up to {_mm(promise.whole)} off the path (95 %). Beyond the "
+               f"tolerance: {_percent(share)} of the cut, most of all {1e3 * length[widest]:.4g} mm along the path{own}"
+               f". Largest cause: {cause}.")  # fmt: skip
+        sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
+        if status != "solved":
+            change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
+        return state(MAY_NOT_KEEP, sentence, cause, change, share, find_stretches(beyond, length, promise.along))
+    if status == "not_confirmed":
+        return doubt(f"the plan is {failure}", SETTLE, share)
+    if task.robot.uncertainty is None and task.robot.grade == "placeholder":
+        return doubt("the stiffness of this robot was never measured (its model is a placeholder)", MEASURE, share)
+    if not known:
+        missing = "the robot folder has no masses or no springs, so inertia is not counted"
+        return doubt(missing, "State them in its folder.", share)
+    most = "" if task.allowed is None else f", and uses {_percent(float(use.max()))} of the tolerance at most"
+    sentence = (f"Keeps {wanted}: with 95 % the tip stays within {_mm(promise.whole)} along the"
+                f" whole cut{most} ({basis}).{aside}")  # fmt: skip
+    return state(KEEPS, sentence, cause, "", share)
 
 
 def use_tolerance(task: PlanTask, promise: ErrorBand) -> Array:
@@ -194,71 +194,9 @@ def describe_tolerance(task: PlanTask) -> str:
     return f"{span}{_mm(sizes.max())}{more}"
 
 
-def _may_not_keep(plan: EvaluatedPlan, promise: ErrorBand, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
-    task, length = plan.task, plan.task.nominal.arc_length
-    cause = find_cause(plan, promise)
-    change = find_change(plan, promise, cause)
-    off = f"the tip may be up to {_mm(promise.whole)} off the path (95 %). Beyond the tolerance: {_percent(share)}"
-    use = np.where(plan.task.cut, use_tolerance(plan.task, promise), 0.0)
-    widest = promise.widest if plan.task.allowed is None else int(use.argmax())
-    off += f" of the cut, most of all {1e3 * length[widest]:.4g} mm along the path"
-    if plan.task.allowed is not None:
-        off += f" (band {_mm(promise.along[widest])}, {use[widest]:.2g} times its tolerance)"
-    sentence = f"May not keep {describe_tolerance(plan.task)}: {off}. Largest cause: {cause}. {change}"
-    sentence += "" if change == LET_COMPENSATE else describe_inertia(plan)
-    if plan.status != "solved":
-        change = SETTLE
-        head = f"Do not start: the plan is {plan.explain_failures()}. {SETTLE}"
-        sentence = f"{head} May not keep {describe_tolerance(plan.task)}: {off}. Largest cause: {cause}."
-    where = find_stretches(beyond, length, promise.along)
-    return ToleranceVerdict(
-        MAY_NOT_KEEP, sentence.strip(), task.tolerance, promise.whole, share, where, cause, change,
-        describe_basis(promise), list_left_out(plan),
-    )  # fmt: skip
-
-
-def _no_solution(plan: EvaluatedPlan) -> ToleranceVerdict:
-    """Return the verdict of a best compromise: where waypoints are out of reach there is no band to state."""
-    failures = plan.command.failures
-    limits = sorted({name for text in failures.values() for name in text.split(", ")})
-    cause = f"limits ({', '.join(limits[:2])})" if limits else "limits"
-    change = "Move the part (compplan place JOB), or allow more."
-    first = f" (the first is waypoint {min(failures)})" if failures else ""
-    sentence = (
-        f"Do not start: there is no solution. May not keep {describe_tolerance(plan.task)}: "
-        f"{len(failures)} waypoints are not reached within the limits{first}. Largest cause: {cause}. {change} "
-        f"{NO_BAND[0].upper()}{NO_BAND[1:]}.{describe_inertia(plan)}"
-    )
-    return ToleranceVerdict(
-        MAY_NOT_KEEP, sentence, plan.task.tolerance, None, None, (), cause, change, "", list_left_out(plan)
-    )
-
-
-def _not_known(plan: EvaluatedPlan, missing: str, change: str, share: float | None) -> ToleranceVerdict:
-    task, promise = plan.task, plan.promise
-    basis, band = ("", None) if promise is None else (describe_basis(promise), promise.whole)
-    head = "" if plan.status == "solved" else "Do not start. "
-    sentence = (f"{head}Not known whether it keeps {describe_tolerance(task)}: {missing}. {change}"
-                f"{describe_inertia(plan)}")  # fmt: skip
-    return ToleranceVerdict(
-        NOT_KNOWN, sentence.strip(), task.tolerance, band, share, (), missing, change, basis, list_left_out(plan)
-    )
-
-
-def find_missing(plan: EvaluatedPlan) -> tuple[str, str] | None:
-    """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
-    robot = plan.task.robot
-    if robot.uncertainty is None and robot.grade == "placeholder":
-        return "the stiffness of this robot was never measured (its model is a placeholder)", MEASURE
-    if not np.isfinite(plan.bending.inertia):
-        return "the robot folder has no masses or no springs, so inertia is not counted", "State them in its folder."
-    return None
-
-
-def find_cause(plan: EvaluatedPlan, promise: ErrorBand) -> str:
+def find_cause(promise: ErrorBand, left: Array) -> str:
     """Name the cause whose measurement narrows the band most, otherwise what makes it widest where it is widest."""
-    left = float(plan.after.distance[promise.widest])
-    causes = {**promise.causes, "what the plan itself leaves": left}
+    causes = {**promise.causes, "what the plan itself leaves": float(left[promise.widest])}
     largest = max(causes, key=lambda name: causes[name])
     alone = {rung.step: rung.alone for rung in promise.ladder}
     if largest not in (*CAUSES, FORCE) or not {"force_log", "poses"} <= set(alone):
@@ -268,21 +206,20 @@ def find_cause(plan: EvaluatedPlan, promise: ErrorBand) -> str:
     return max((name for name in causes if name in CAUSES), key=lambda name: causes[name])
 
 
-def find_change(plan: EvaluatedPlan, promise: ErrorBand, cause: str) -> str:
+def find_change(robot: Robot, promise: ErrorBand, cause: str, *, compensates: bool = True) -> str:
     """Say what would change the verdict: the cheapest measurements that suffice, or that which narrows most."""
-    if promise.ladder and cause not in ("inertia and vibration", "place of the part", "repeatability"):
+    if promise.ladder and cause not in (INERTIA, "place of the part", "repeatability"):
         if promise.cheapest:
             chosen = " and ".join(DO[step] for step in promise.cheapest)
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
-        best = min(promise.ladder[1:], key=lambda rung: rung.band)
-        return f"No measurement suffices: all together leave {_mm(best.band)}. Allow more, or reduce the force."
-    if cause == "inertia and vibration" and not wants_inertia(plan):
+        best = min(rung.band for rung in promise.ladder[1:])
+        return f"No measurement suffices: all together leave {_mm(best)}. Allow more, or reduce the force."
+    if cause == INERTIA and not compensates:
         return LET_COMPENSATE
     if cause in CHANGES:
         return CHANGES[cause]
     if cause in CAUSES and promise.known.grade == "measured":
-        zero = f"joint_offset {plan.task.robot.actuated[0].name}"
-        if promise.leading and promise.leading[0][0] == zero:
+        if promise.leading and promise.leading[0][0] == f"joint_offset {robot.actuated[0].name}":
             return TOUCH_OFF
         return "Measure more poses: compplan campaign JOB --poses 12 --out poses."
     return MEASURE
@@ -290,14 +227,13 @@ def find_change(plan: EvaluatedPlan, promise: ErrorBand, cause: str) -> str:
 
 def describe_basis(promise: ErrorBand) -> str:
     """Say what the band rests on, in a few words."""
-    robot = "measured" if promise.known.grade == "measured" else "assumed"
-    force = "assumed" if "assumed" in promise.force.source else "stated"
-    said = "the robot is measured" if robot == "measured" else "the robot is assumed, not measured"
+    measured, assumed = promise.known.grade == "measured", "assumed" in promise.force.source
+    said = "the robot is measured" if measured else "the robot is assumed, not measured"
     if not np.any(promise.parts["force"]):
         return said
-    if robot == force:
+    if assumed and not measured:
         return "robot and force are assumed, not measured"
-    return f"{said}; the force is {force}"
+    return f"{said}; the force is {'assumed' if assumed else 'stated'}"
 
 
 def explain_width(promise: ErrorBand | None, nominal: float) -> str:
@@ -312,39 +248,22 @@ def explain_width(promise: ErrorBand | None, nominal: float) -> str:
     )
 
 
-def wants_inertia(plan: EvaluatedPlan) -> bool:
-    """Tell whether the job lets the plan compensate the inertia of the motion."""
-    return plan.job is None or plan.job.plan.inertia
-
-
-def describe_inertia(plan: EvaluatedPlan) -> str:
-    """Say that inertia is left alone where the job wants it so, "" otherwise."""
-    if wants_inertia(plan) or not np.isfinite(plan.bending.inertia):
-        return ""
-    return " Inertia is not compensated: [plan] inertia = false."
-
-
-def list_left_out(plan: EvaluatedPlan) -> tuple[str, ...]:
+def list_left_out(robot: Robot, promise: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:
     """List what moves the tip and is not in the band."""
     told = []
-    traced = plan.executed is not None and plan.executed.known
-    if not traced and not any(effect["effect"] == "tracking_lag" for effect in plan.task.robot.effects):
+    if not traced and not any(effect["effect"] == "tracking_lag" for effect in robot.effects):
         told.append("path errors of the controller (no trace of it)")
-    if not np.isfinite(plan.bending.inertia):
+    if not inertia_known:
         told.append("inertia and vibration of the arm (no masses, or no springs)")
-    if plan.promise is None or not plan.promise.placed:
+    if promise is None or not promise.placed:
         told.append("place of the part ([noise] part_frame_mm states none)")
-    told += ["ringing after rapid moves", "bending of the cutter", "chatter", "warming up"]
-    return tuple(told)
+    return (*told, "ringing after rapid moves", "bending of the cutter", "chatter", "warming up")
 
 
 def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_]) -> float:
     """Return the share of a cut, by its length, that chosen waypoints stand for: half of each move beside them.
 
-    Args:
-        length: Length of the path at each waypoint. Shape (n,). [m]
-        cut: Waypoints of the cut. Shape (n,).
-        chosen: Waypoints among them. Shape (n,).
+    Length of the path [m], waypoints of the cut and those chosen among them have the shape (n,).
     """
     half = 0.5 * np.diff(length) * (cut[1:] & cut[:-1])
     weight = np.r_[half, 0.0] + np.r_[0.0, half]
@@ -363,7 +282,7 @@ def find_stretches(beyond: NDArray[np.bool_], length: Array, band: Array) -> tup
 
 
 def _mm(length: float) -> str:
-    """Write a length in mm with three digits at most, never less than it is."""
+    """Write a length in mm with three digits at most."""
     return f"{1e3 * length:.3g} mm"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,11 @@ from pydantic import Field, field_validator, model_validator
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.io.tomlfile import StrictTable
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
 from compplan.process.engagement_search import find_engagement
-from compplan.process.materials import MATERIALS, Coefficients
-from compplan.process.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
+from compplan.process.materials import MATERIALS, Coefficients, CoefficientTable
+from compplan.process.milling import MillingShape, shape_milling
 from compplan.process.stock import StockColumns
 from compplan.process.stock_table import Cut, StockTable, read_stock, take_away, triangulate_stock, view_along
 from compplan.toolpath.contact import ForceTable
@@ -26,47 +25,13 @@ from compplan.toolpath.toolpath import Toolpath, interpolate
 
 #: Lean of the tool axis from its mean from which on a note tells it. [deg]
 LEANS = 30.0
-#: Waypoints whose ripple is worked out at most; the others take that of the nearest.
-RIPPLES = 300
-#: A ripple below this is rounding. [N]
-SMOOTH = 1e-6
 #: Feeds a tooth that are taken for true. [mm]
 FEED_PER_TOOTH = (1e-5, 3.0)
-
-Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
-
-
-class CoefficientTable(StrictTable):
-    """[process.coefficients]: tangential, radial, axial; `exponent` is Kienzle's m of each (K is then at h = 1 mm)."""
-
-    cutting_N_mm2: Force3
-    edge_N_mm: Force3 = (0.0, 0.0, 0.0)
-    exponent: Force3 = (0.0, 0.0, 0.0)
-    uncertainty: float = Field(default=0.1, ge=0.0, le=1.0)
-
-    @model_validator(mode="after")
-    def _check(self) -> CoefficientTable:
-        if not 10.0 <= self.cutting_N_mm2[0] <= 20_000.0 or max(map(abs, self.cutting_N_mm2)) > 20_000.0:
-            raise ValueError(
-                f"cutting_N_mm2 is {list(self.cutting_N_mm2)}, the tangential one is 10 to 20000 N/mm2 "
-                "and none is larger: check the unit"
-            )
-        if not all(0.0 <= value <= 500.0 for value in self.edge_N_mm):
-            raise ValueError(f"edge_N_mm is {list(self.edge_N_mm)}, 0 to 500 N/mm is allowed: check the unit")
-        if not all(0.0 <= value <= 0.9 for value in self.exponent):
-            raise ValueError(f"exponent is {list(self.exponent)}, 0 to 0.9 is allowed")
-        return self
-
-    def coefficients(self) -> Coefficients:
-        """Return them as a material's."""
-        return Coefficients(self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty)
 
 
 class CuttingTable(ForceTable):
     """Keys of every rotating cutter; the spindle turns clockwise, seen from the spindle."""
 
-    #: Whether the forces of the edges keep their size through a turn.
-    steady: ClassVar[bool] = False
     diameter_mm: float = Field(ge=0.05, le=500.0)
     teeth: int = Field(default=2, ge=1, le=60)
     spindle_rpm: float = Field(gt=0.0, le=2e5)
@@ -100,9 +65,9 @@ class CuttingTable(ForceTable):
         """Relative standard deviation of the level."""
         return self.resistance.uncertainty
 
-    def spindle(self) -> Spindle:
-        """Return how the cutter turns."""
-        return Spindle(self.teeth, self.spindle_rpm / 60.0)
+    def feed_per_tooth(self, feed: Array) -> Array:
+        """Return the feed a tooth [m] from the feed [m/s]."""
+        return np.asarray(feed / (self.spindle_rpm / 60.0 * self.teeth))
 
     def cutter(self) -> Cutter:
         """Return the cutter's shape."""
@@ -114,10 +79,6 @@ class CuttingTable(ForceTable):
 
     def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
         """Say what is odd about how this cutter is used; `cuts` are the waypoints that remove material."""
-        return []
-
-    def ask_another(self, feed_per_tooth: float) -> list[str]:
-        """Say what another relation gives at the greatest feed a tooth [mm], where there is one."""
         return []
 
 
@@ -149,7 +110,7 @@ class CuttingForce:
         where = nominal.arc_length
         columns = np.concatenate([self.shape.cutting, self.shape.edge, self.shape.curved], axis=1)
         shape = interpolate(where, self.arc, columns.reshape(len(self.arc), -1)).reshape(-1, 12, 6)
-        per_tooth = self.process.spindle().feed_per_tooth(nominal.feed)
+        per_tooth = self.process.feed_per_tooth(nominal.feed)
         wrench = MillingShape(shape[:, :3], shape[:, 3:6], shape[:, 6:]).wrench(self.process.resistance, per_tooth)
         return np.asarray(wrench * ~nominal.rapid[:, None])
 
@@ -159,26 +120,6 @@ class CuttingForce:
         mesh = triangulate_stock(take_away(bench.stock, [Cut(bench.cutter, bench.position, bench.axis, ~self.rapid)]))
         mesh.vertices = mesh.vertices @ bench.R_view.T
         return mesh
-
-    def ripple(self, feed: Array) -> Array:
-        """Return half of the range of the force through a turn at a feed [m/s], path axes. Shape (r,) -> (r, 3) [N]
-
-        The waypoints between those that are worked out take that of the nearest.
-        """
-        touches = np.flatnonzero(self.engagement.touches)
-        ripple = np.zeros((len(self.arc), 3))
-        if not len(touches) or self.process.steady:
-            return ripple
-        chosen = touches[np.unique(np.linspace(0, len(touches) - 1, min(RIPPLES, len(touches))).astype(int))]
-        spindle, parts = self.process.spindle(), []
-        per_tooth = spindle.feed_per_tooth(feed)
-        for rows in np.array_split(chosen, max(len(chosen) // 100, 1)):
-            turn = ripple_force(self.engagement, rows, self.process.resistance, spindle, per_tooth[rows])
-            parts.append(ripple_amplitude(turn))
-        near = np.clip(np.searchsorted(chosen, touches), 0, len(chosen) - 1)
-        found = np.vstack(parts)
-        ripple[touches] = np.where(found < SMOOTH, 0.0, found)[near]
-        return ripple
 
 
 def prepare_cutting(
@@ -241,7 +182,7 @@ def _describe_cut(process: CuttingTable, toolpath: Toolpath, found: Engagement, 
     scatter = f"+- {100 * resistance.uncertainty:.3g} % (assumed)"
     notes.append(f"Cutting coefficients ({name}): {resistance.source}; {scatter}.")
     touches = found.touches & ~toolpath.rapid
-    chip = 1e3 * process.spindle().feed_per_tooth(toolpath.feed[touches])
+    chip = 1e3 * process.feed_per_tooth(toolpath.feed[touches])
     if len(chip) and not (FEED_PER_TOOTH[0] <= chip.min() and chip.max() <= FEED_PER_TOOTH[1]):
         message = (f"feed a tooth is {chip.min():.3g} to {chip.max():.3g} mm, {FEED_PER_TOOTH[0]:g} to "
                    f"{FEED_PER_TOOTH[1]:g} mm is allowed; check feed, spindle_rpm and teeth")  # fmt: skip
@@ -251,7 +192,6 @@ def _describe_cut(process: CuttingTable, toolpath: Toolpath, found: Engagement, 
         notes.append(f"Feed a tooth of up to {chip.max():.3g} mm lies outside the range of the coefficients, "
                      f"{low:g} to {high:g} mm.")  # fmt: skip
     notes += process.describe(found, ~toolpath.rapid)
-    notes += process.ask_another(float(chip.max())) if len(chip) else []
     return notes
 
 

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from compplan.errors import InputError
-from compplan.io.tables import Array
+from compplan.io.columns import FileColumn
+from compplan.io.tables import Array, read_table
 from compplan.process.force_law import ForceLaw
-from compplan.process.log import ForceLog
 from compplan.process.materials import Coefficients
 from compplan.toolpath.contact import cutting_progress, path_axes
-from compplan.toolpath.toolpath import Toolpath
+from compplan.toolpath.toolpath import WRENCH, Toolpath
 
 #: Least share of the cut that a log spans: less is a length in metres that was called mm (assumed).
 LEAST_SPAN = 0.01
@@ -48,6 +48,51 @@ EXPLAINED = 0.3
 #: Von Neumann's ratio of neighbours below which what is left hangs together (2 for none, assumed).
 HANGS_TOGETHER = 1.0
 NAMES = ("tangential", "radial", "axial")
+#: No tool bears more: beyond, a unit is wrong (assumed). [N]
+MOST_FORCE = 1e6
+
+COLUMNS = (
+    FileColumn("s", "length"),
+    FileColumn("t", "time"),
+    *(FileColumn(name, "force", required=True) for name in WRENCH[:3]),
+    *(FileColumn(name, "moment", group="moment") for name in WRENCH[3:]),
+    FileColumn("power", "power"),
+)
+
+
+@dataclass(frozen=True)
+class ForceLog:
+    """A measured log; m rows."""
+
+    place: Array  #: Length cut so far [m], or time cut so far [s]. Shape (m,).
+    timed: bool  #: Whether `place` is a time.
+    wrench: Array  #: On the tool at its tip, part axes; 3 columns without moments. Shape (m, 3 or 6). [N, N m]
+    power: Array | None = None  #: Of the spindle, or None. Shape (m,). [W]
+
+
+def read_force_log(path: Path) -> ForceLog:
+    """Read a log: CSV with s_mm or t_s (length or time cut so far), fx_N fy_N fz_N, moments and power_W, part axes.
+
+    Raises:
+        InputError: If it is not what it has to be.
+    """
+    table = read_table(path, COLUMNS)
+    timed = "t" in table.values
+    if timed == ("s" in table.values):
+        raise table.error("needs one of the columns s_mm and t_s, the length or the time cut so far")
+    place = table.values["t" if timed else "s"]
+    if len(place) < 2:
+        raise table.error(f"{len(place)} rows, expected at least 2")
+    back = np.flatnonzero(np.diff(place) < 0.0)
+    if len(back):
+        name = "t_s" if timed else "s_mm"
+        raise table.error(f"{name} falls here; rows must be in the order of the path", int(back[0]) + 1)
+    wrench = np.column_stack([table.values[name] for name in WRENCH if name in table.values])
+    wrong = np.abs(wrench[:, :3]).max(axis=1) > MOST_FORCE
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise table.error(f"a force of {np.abs(wrench[row, :3]).max():.3g} N, at most {MOST_FORCE:g} N is allowed", row)
+    return ForceLog(place, timed, wrench, table.values.get("power"))
 
 
 @dataclass(frozen=True)
@@ -174,7 +219,7 @@ def _predict(law: ForceLaw, nominal: Toolpath) -> _Prediction:
     columns, names, unit, in_job = _columns(law, nominal, axes)
     power = np.zeros((*columns.shape[:2], 1))
     if law.cutting is not None:
-        power[..., 0] = 2.0 * np.pi * law.cutting.process.spindle().speed * columns[:, :, 5]
+        power[..., 0] = 2.0 * np.pi * (law.cutting.process.spindle_rpm / 60.0) * columns[:, :, 5]
     R = np.einsum("ji,njk->nik", law.T_base_part[:3, :3], axes)
     return _Prediction(cutting_progress(nominal), np.concatenate([columns, power], axis=2), R, names, unit, in_job)
 
@@ -367,7 +412,7 @@ def _columns(law: ForceLaw, nominal: Toolpath, axes: Array) -> tuple[Array, list
     """Return what each number contributes at its unit, path axes; names, units, and values now. Shape (c, n, 6)."""
     if law.cutting is not None:
         resistance = law.cutting.process.resistance
-        per_tooth = law.cutting.process.spindle().feed_per_tooth(nominal.feed)
+        per_tooth = law.cutting.process.feed_per_tooth(nominal.feed)
         every = law.cutting.shape.columns(resistance.exponent, per_tooth) * ~nominal.rapid[:, None, None]
         names = [f"{part} cutting coefficient" for part in NAMES] + [f"{part} edge coefficient" for part in NAMES]
         values = np.array([*resistance.cutting, *resistance.edge])

@@ -1,26 +1,44 @@
-"""The force law of a job: it predicts the wrench along any division of the toolpath, at any feed that is driven."""
+"""The force law of a job: the wrench on the tool along any division of the toolpath, at any feed that is driven."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Union
 
 import numpy as np
+from pydantic import Field
 
+from compplan.errors import InputError, ShapeError
 from compplan.io.tables import Array
 from compplan.process.cutting import CuttingForce, CuttingTable
+from compplan.process.force_models import FORCE_MODELS
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.force_models.constant import ConstantProcess
+from compplan.process.force_models.file import FileProcess, read_wrench
 from compplan.process.force_models.milling import MillingProcess
 from compplan.process.learned_force import LearnedForce
-from compplan.process.wrench import Process, predict_wrench
-from compplan.toolpath.contact import PathForceTable
+from compplan.toolpath.contact import (
+    ASIDE,
+    ForceTable,
+    Frame,
+    PathForceTable,
+    contact_share,
+    path_axes,
+    tool_axes,
+    travel_across,
+)
 from compplan.toolpath.toolpath import Toolpath
 
 #: A CAM program has to move this far above and below z = 0 for that to be taken for the stock's top. [m]
 STOCK_ROOM = 1e-5
 #: A stock whose top is this near to z = 0 of a CAM program needs no word; an allowance may lie on it. [m]
 ALLOWANCE = 5e-4
+
+if TYPE_CHECKING:
+    Process = ForceTable
+else:
+    Process = Annotated[Union[tuple(model.table for model in FORCE_MODELS.values())], Field(discriminator="model")]  # noqa: UP007
 
 
 @dataclass(frozen=True)
@@ -74,16 +92,50 @@ class ForceLaw:
         Raises:
             InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
         """
-        path = nominal if feed is None else replace(nominal, feed=feed)
-        wrench = predict_wrench(
-            self.process, path, R_base_part=self.T_base_part[:3, :3], tool_x=self.tool_x, folder=self.folder,
-            rows_at=self.rows_at, cutting=self.cutting,
-        )  # fmt: skip
+        wrench = self._model(nominal if feed is None else replace(nominal, feed=feed))
         if self.stock_top is not None and isinstance(self.process, MillingProcess):
             height = (nominal.position - self.T_base_part[:3, 3]) @ self.T_base_part[:3, 2]
             share = np.clip((self.stock_top - height) / (self.process.depth_mm * 1e-3), 0.0, 1.0)
             wrench = np.asarray(wrench * share[:, None])
         return wrench if self.learned is None else self.learned.push(wrench, self.T_base_part[:3, :3])
+
+    def _model(self, nominal: Toolpath) -> Array:
+        """Return the wrench of the model, what the stock and measured parts change of it aside. Shape (n, 6)."""
+        process = self.process
+        frame: Frame = getattr(process, "frame", "path")
+        if isinstance(process, ColumnsProcess):
+            if nominal.wrench is None and process.required:
+                raise _tell_no_force(nominal.source)
+            return np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
+        if isinstance(process, CuttingTable):
+            if self.cutting is None:
+                raise ShapeError(f"process {process.model!r} needs the engagement of its path")
+            return _turn(self.cutting.wrench(nominal), path_axes(nominal))
+        if isinstance(process, ConstantProcess):
+            local = np.tile([*process.force_N, *process.moment_Nm], (len(nominal), 1))
+        elif isinstance(process, FileProcess):
+            local = read_wrench(process, nominal, self.folder, self.rows_at)
+        elif isinstance(process, PathForceTable):
+            local = process.wrench_along(nominal)
+        else:
+            raise ShapeError(f"the table of force model {process.model!r} is of no kind that has a force")
+        _check_travel(frame, local, nominal)
+        wrench = _turn(local, self._axes(frame, nominal))
+        if self.always:
+            return wrench
+        return wrench * contact_share(nominal, getattr(process, "ramp_mm", 0.0) * 1e-3)[:, None]
+
+    def _axes(self, frame: Frame, nominal: Toolpath) -> Array:
+        """Return the axes of a wrench's frame, base axes. Shape (3, 3) or (n, 3, 3)."""
+        if frame in ("base", "part"):
+            return np.eye(3) if frame == "base" else self.T_base_part[:3, :3]
+        return path_axes(nominal) if frame == "path" else tool_axes(nominal, self.tool_x)
+
+    def describe(self, nominal: Toolpath) -> tuple[str, ...]:
+        """Say in a sentence each where the model's numbers come from and what was assumed."""
+        if self.cutting is not None:
+            return self.cutting.notes
+        return tuple(self.process.describe(nominal)) if isinstance(self.process, PathForceTable) else ()
 
 
 def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> tuple[float | None, str]:
@@ -123,3 +175,37 @@ def _crosses_zero(toolpath: Toolpath) -> bool:
 def turns_with_travel(process: Process) -> bool:
     """Tell whether the force of a process turns with the travel."""
     return not isinstance(process, ColumnsProcess) and getattr(process, "frame", "path") == "path"
+
+
+def _tell_no_force(source: str) -> InputError:
+    """Say that neither the toolpath nor the job tells a force, and what does."""
+    table = source.lower().endswith(".csv")
+    known = "missing column fx_N" if table else "no force is given along this path"
+    message = (
+        f"{known}, expected columns fx_N fy_N fz_N in a CSV, or a table [process] with another model in the job; "
+        f"compplan init NEW.toml --toolpath {Path(source).name or 'PATH'} writes a job with one, and "
+        'process = { model = "columns", required = false } plans without a force'
+    )
+    return InputError(message, file=source or None, where=1 if table else None)
+
+
+def _check_travel(frame: Frame, wrench: Array, nominal: Toolpath) -> None:
+    """Refuse a force along or beside the travel on a path that only plunges: which way that is, nobody knows.
+
+    The wrench, shape (n, 6) [N, N m], is in the axes of `frame`.
+    """
+    cut = ~nominal.rapid
+    if frame != "path" or not (cut & (np.abs(wrench[:, [0, 1, 3, 4]]).max(axis=1) > 0.0)).any():
+        return
+    if not (cut & (travel_across(nominal) > ASIDE)).any():
+        message = (
+            "the force has a part along or beside the travel, and no cutting move goes across the tool axis: it has no "
+            'direction; for drilling give model = "drill", or a constant force with frame = "part"'
+        )
+        raise InputError(message, where="process")
+
+
+def _turn(wrench: Array, axes: Array) -> Array:
+    """Express a wrench in base axes. Shape (n, 6)."""
+    stacked = np.broadcast_to(axes, (len(wrench), 3, 3))
+    return np.hstack([np.einsum("nij,nj->ni", stacked, wrench[:, k : k + 3]) for k in (0, 3)])

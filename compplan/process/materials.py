@@ -12,7 +12,13 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field, model_validator
+
+from compplan.io.tomlfile import StrictTable
+
+Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,32 @@ class Coefficients:
     valid_chip_mm: tuple[float, float] = (0.02, 0.3)
     source: str = "the job"  #: Where they come from.
     assumed: bool = False  #: Whether they were not checked against a publication.
+
+
+class CoefficientTable(StrictTable):
+    """[process.coefficients]: tangential, radial, axial; `exponent` is Kienzle's m of each (K is then at h = 1 mm)."""
+
+    cutting_N_mm2: Force3
+    edge_N_mm: Force3 = (0.0, 0.0, 0.0)
+    exponent: Force3 = (0.0, 0.0, 0.0)
+    uncertainty: float = Field(default=0.1, ge=0.0, le=1.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> CoefficientTable:
+        if not 10.0 <= self.cutting_N_mm2[0] <= 20_000.0 or max(map(abs, self.cutting_N_mm2)) > 20_000.0:
+            raise ValueError(
+                f"cutting_N_mm2 is {list(self.cutting_N_mm2)}, the tangential one is 10 to 20000 N/mm2 "
+                "and none is larger: check the unit"
+            )
+        if not all(0.0 <= value <= 500.0 for value in self.edge_N_mm):
+            raise ValueError(f"edge_N_mm is {list(self.edge_N_mm)}, 0 to 500 N/mm is allowed: check the unit")
+        if not all(0.0 <= value <= 0.9 for value in self.exponent):
+            raise ValueError(f"exponent is {list(self.exponent)}, 0 to 0.9 is allowed")
+        return self
+
+    def coefficients(self) -> Coefficients:
+        """Return them as a material's."""
+        return Coefficients(self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty)
 
 
 #: Fields of a material by the keys of its table, where they differ.

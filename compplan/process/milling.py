@@ -1,4 +1,4 @@
-"""Mechanistic force of a rotating cutter: mean wrench and ripple of every waypoint, from its engagement.
+"""Mechanistic force of a rotating cutter: mean wrench at every waypoint, from its engagement.
 
 An edge slice at angle u (from the travel to the left) meets a chip h = f v.n + f^2 c / 2 (f: feed a tooth, v: direction
 of travel, n: outward normal) [Altintas2012, generalised to any profile]: the tooth before it stood a feed back, and its
@@ -19,38 +19,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.io.tables import Array
 from compplan.process.cutter import Slices
-from compplan.process.engagement import ROWS, Engagement, middle_angles
+from compplan.process.engagement import ROWS, Engagement
 from compplan.process.materials import Coefficients
 
-#: Angles of a turn, in a bin of the engagement, and pieces of a slice, that a ripple is followed with.
-FINE, PIECES = 8, 24
 #: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
 #: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed. A smaller
 #: share lets the force of vertical ramps jump within micrometres, which no arm can follow at feed.
 PLOUGHS, PLOUGHING_FEED = 0.004, 1e-5
 #: Least share of the feed that the curvature of a tooth's path is held against, in the cut and behind it.
 STEEP, STEEP_BEHIND = 0.01, 0.002
-#: Angles by which an arc reaches farther at most, in a ripple.
-FARTHER = 10
-#: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
-THINNEST = 1e-4
-
-
-@dataclass(frozen=True)
-class Spindle:
-    """How the cutter turns."""
-
-    teeth: int  #: Number of teeth.
-    speed: float  #: Turns a second. [1/s]
-    helix: float = 0.0  #: Helix angle. [rad]
-
-    def feed_per_tooth(self, feed: Array) -> Array:
-        """Return the feed a tooth [m] from the feed [m/s]."""
-        return np.asarray(feed / (self.speed * self.teeth))
 
 
 @dataclass(frozen=True)
@@ -134,90 +114,3 @@ def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
     at_low = np.concatenate([force, np.cross(arm[None], force)], axis=-1)
     by_rise = np.concatenate([np.zeros_like(force), np.cross(rise[None], force)], axis=-1)
     return at_low, by_rise
-
-
-def ripple_force(
-    found: Engagement, rows: NDArray[np.int_], coefficients: Coefficients, spindle: Spindle, feed_per_tooth: Array
-) -> Array:
-    """Return the force through one turn of the spindle at r waypoints, path axes. (r, a, 3) [N]
-
-    `feed_per_tooth` has shape (r,) [m]; a are the angles of a turn.
-    """
-    edge = found.cutter.slices
-    count = found.depth.shape[2] * FINE
-    angle = middle_angles(count)
-    feed, speed = feed_per_tooth[:, None, None] * 1e3, found.speed(angle, rows)
-    out = feed * (speed + 0.5e-3 * feed * found.bend(angle, rows))
-    share, height = _reach_behind(*_spread_arcs(found.depth[rows]), (speed <= 0.0) & (out > 0.0))
-    force = np.zeros((len(rows), count, 3))
-    directions = edge_wrenches(edge, angle)[0][..., :3]
-    turning = np.arange(count)
-    lead = np.tan(spindle.helix) / found.cutter.radius  # the same lead all along the edge
-    for k in range(len(edge)):
-        span = edge.rise[k] * lead * float(height[:, k].max(initial=0.0))
-        pieces = int(np.clip(np.ceil(span / (2.0 * np.pi / count)), 1, PIECES))
-        for piece in range(pieces):
-            level = (piece + 0.5) / pieces
-            top = height[:, k].max(axis=1)  # the pieces stand on the engaged part of the slice
-            lag = (edge.low[k] + level * top * edge.rise[k]) * lead
-            if edge.rise[k] > 0.0:
-                covered = pieces * height[:, k] / np.maximum(top, 1e-30)[:, None] - piece
-                engaged = share[:, k] * np.clip(covered, 0.0, 1.0)
-            else:
-                engaged, top = share[:, k] * height[:, k], np.ones(len(rows))
-            width = edge.length[k] * 1e3 * top / pieces
-            # higher parts of a right-hand helix lag behind; a clockwise spindle turns teeth to smaller angles
-            shift = np.rint(lag / (2.0 * np.pi) * count).astype(int)
-            at = (turning[None, :] + shift[:, None]) % count
-            chip = np.take_along_axis(out[:, k], at, axis=1)
-            on = np.take_along_axis(engaged, at, axis=1) * (chip > 0.0)
-            ploughs = np.clip(chip / (PLOUGHS * 1e3 * feed_per_tooth[:, None]), 0.0, 1.0)
-            force += _slice_force(chip, on * width[:, None], ploughs, coefficients, directions[:, k][:, at])
-    shifts = [round(tooth * count / spindle.teeth) for tooth in range(spindle.teeth)]
-    return np.asarray(sum(np.roll(force, shift, axis=1) for shift in shifts))
-
-
-def _slice_force(chip: Array, width: Array, ploughs: Array, coefficients: Coefficients, directions: Array) -> Array:
-    """Return the force of slices from chip thickness and width [mm], and the share of the edge force that acts.
-
-    Shape (r, a, 3). [N]
-    """
-    total = np.zeros((*chip.shape, 3))
-    thick = np.maximum(chip, THINNEST)
-    for c in range(3):
-        size = coefficients.cutting[c] * thick ** (1.0 - coefficients.exponent[c]) + coefficients.edge[c] * ploughs
-        total += (size * width)[..., None] * directions[c]
-    return total
-
-
-def _spread_arcs(depth: NDArray[np.float32]) -> tuple[Array, Array]:
-    """Divide the bins of an engagement; where one is engaged in part, that part lies beside its engaged neighbour.
-
-    Returns:
-        Whether each fine bin is engaged, and the height of its engaged part as a share of the slice.
-        Shapes (r, k, fine m).
-    """
-    depth = depth.astype(np.float64)
-    around = np.maximum(np.roll(depth, 1, axis=2), np.roll(depth, -1, axis=2))
-    lonely = (np.roll(depth, 1, axis=2) > 0) & (np.roll(depth, -1, axis=2) > 0)
-    part = np.where((depth < around) & ~lonely, depth / np.maximum(around, 1e-30), np.where(depth > 0, 1.0, 0.0))
-    height = np.where((depth < around) & ~lonely, around, depth) * (depth > 0)
-    after = np.roll(depth, -1, axis=2) > np.roll(depth, 1, axis=2)
-    inner = (np.arange(FINE) + 0.5) / FINE
-    fine = np.where(after[..., None], inner > 1.0 - part[..., None], inner < part[..., None])
-    share = fine.reshape(*depth.shape[:2], -1).astype(np.float64)
-    return share * (np.repeat(depth, FINE, axis=2) > 0), np.repeat(height, FINE, axis=2)
-
-
-def _reach_behind(share: Array, height: Array, behind: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return shares and heights of arcs that go on behind where the edge moves outwards, see `_spread_arcs`."""
-    for way in (1, -1):
-        for _ in range(FARTHER if behind.any() else 0):
-            more = behind & (share == 0.0)
-            share, height = (np.where(more, np.roll(part, way, axis=2), part) for part in (share, height))
-    return share, height
-
-
-def ripple_amplitude(force: Array) -> Array:
-    """Return half of the range of each component through a turn. Shape (r, 3) from (r, a, 3). [N]"""
-    return np.asarray(0.5 * (force.max(axis=1) - force.min(axis=1)))

@@ -1,20 +1,14 @@
-"""The section of a diagnosis for the one who calibrates: what to enter, how accurate, where worst, what comes next."""
+"""The section of a diagnosis for the one who calibrates: what to enter, how accurate, where worst."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from compplan.io.display import Curve, Curves
-from compplan.io.quantities import format_percent
 from compplan.reporting import page
-from compplan.reporting.charts import draw_curves
 
 if TYPE_CHECKING:
-    from compplan.diagnosis.results.accuracy import Assessment, Learning
-    from compplan.diagnosis.results.calibration import Correction, Pose
+    from compplan.diagnosis.results.assessment import Assessment, Correction, Pose
 
 #: A change of less than this share of its half width is none: poses that see a parameter by noise alone give it more.
 UNSEEN = 0.01
@@ -24,7 +18,7 @@ DIGITS = {"mm": 3, "deg": 4}
 
 def show_calibration(assessment: Assessment, joints: Sequence[str]) -> page.Section:
     """Show what a diagnosis is worth to the one who calibrates."""
-    blocks: list[page.Block] = [page.Columns([[_accuracy(assessment)], _more_poses(assessment.learning)], (0.5, 0.5))]
+    blocks: list[page.Block] = [_accuracy(assessment)]
     if assessment.corrections:
         zeros = [c for c in assessment.corrections if c.effect == "joint_offset"]
         others = [c for c in assessment.corrections if c.effect != "joint_offset"]
@@ -46,29 +40,12 @@ def _accuracy(assessment: Assessment) -> page.DataTable:
     rows: list[page.Row] = []
     for name, word in (("before", "nominal model"), ("after", "delivered model, not in the fit")):
         a = assessment.accuracy[name]
-        rows.append([word, *(1e3 * value for value in (a.mean, a.largest, a.three_sigma, a.rms))])
+        rows.append([word, a.mean_mm, a.max_mm, a.mean_and_3_sigma_mm, a.rms_mm])
     poses = assessment.accuracy["before"].poses
     caption = f"Distance between command and mean attained position (AP of ISO 9283) over {poses} poses."
     return page.DataTable(
         ["pose accuracy", "mean [mm]", "largest [mm]", "mean + 3 sigma [mm]", "rms [mm]"], rows, caption
     )
-
-
-def _more_poses(learning: Learning | None) -> list[page.Block]:
-    if learning is None:
-        return ["Too few poses, or nothing delivered: the gain of more poses is unknown."]
-
-    from compplan.diagnosis.results.accuracy import MORE
-
-    count = np.linspace(min(learning.poses), learning.now + 2 * MORE, 60)
-    lines = (
-        Curve("not in the fit", np.array(learning.poses), 1e3 * np.array(learning.errors), "after", "markers"),
-        Curve("expected", count, 1e3 * np.array([learning.at(n) for n in count]), "neutral"),
-    )
-    now, then = learning.at(learning.now), learning.at(learning.now + MORE)
-    less, least = (format_percent(1.0 - error / now) if now > 0.0 else "0 %" for error in (then, learning.floor))
-    text = f"{MORE} more poses like these would take {less} off the error, endless ones {least}. Names and noise held."
-    return [page.Chart(draw_curves(Curves("", "poses given", "rms of the others [mm]", lines)), text, 260)]
 
 
 def _corrections(corrections: Sequence[Correction], caption: str) -> page.DataTable:
@@ -100,7 +77,8 @@ def _frames(frames: Sequence[Pose]) -> page.DataTable:
 
 def _poses(assessment: Assessment, joints: Sequence[str]) -> page.DataTable:
     rows: list[page.Row] = [
-        [pose.row, ", ".join(f"{v:.1f}" for v in pose.joints), 1e3 * pose.distance] for pose in assessment.worst
+        [pose["row"], ", ".join(f"{v:.1f}" for v in pose["joints_deg_or_mm"]), pose["held_out_mm"]]
+        for pose in assessment.worst
     ]
     names = f"{joints[0]} … {joints[-1]}" if len(joints) > 1 else str(joints[0])
     return page.DataTable(["row", f"{names} [deg or mm]", "not in the fit [mm]"], rows, "Worst poses.")

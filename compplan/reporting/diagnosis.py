@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis import Diagnosis
-from compplan.diagnosis.results.accuracy import Assessment, assess_diagnosis
-from compplan.diagnosis.results.delivery import Delivery
+from compplan.diagnosis.results.assessment import Assessment, assess_diagnosis
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.shares import CALIBRATION
 from compplan.diagnosis.results.where import Split, split_diagnosis
@@ -33,7 +32,6 @@ from compplan.reporting.gap_figures import (
     draw_gap_shares,
     draw_histogram,
     draw_residuals,
-    draw_together,
     draw_traces,
 )
 from compplan.reporting.provenance import describe_grade, describe_robot
@@ -50,11 +48,7 @@ if TYPE_CHECKING:
 #: A written robot reproduces the predictions in memory to this (theory: rounding of the solved equilibrium). [m]
 SAME_POSITION = 1e-9
 #: Kinds of robot folders in words.
-DELIVERED = {
-    "nominal": "the nominal robot as it was",
-    "causes": "the named causes alone",
-    "calibrated": "all that a calibration finds, named or not",
-}
+DELIVERED = {"nominal": "the nominal robot as it was", "calibrated": "all that a calibration finds, named or not"}
 
 
 def deliver_diagnosis(
@@ -89,33 +83,29 @@ def write_diagnosis(
     """
     table = {**table, "made_by": describe_origin()}
     with replace_folder(out, "diagnose") as part:
-        for number, delivery in enumerate(diagnosis.deliveries):
-            folder = part / delivery.folder(number)
-            read = deliver_robot_folder(diagnosis.robot_of(delivery), folder, diagnosis.robot)
-            after = measure_gap(diagnosis, read, delivery, folder)
-            if number == 0:
-                table["gap"] = {**table["gap"], "after_rms_mm": round(1e3 * after, 5)}
-            if delivery.state.registration is not None:
-                write_registration(delivery.state.registration, folder / "registration.toml")
+        folder, registration = part / "robot", diagnosis.delivery.state.registration
+        read = deliver_robot_folder(diagnosis.updated, folder, diagnosis.robot)
+        table["gap"] = {**table["gap"], "after_rms_mm": round(1e3 * measure_gap(diagnosis, read, folder), 5)}
+        if registration is not None:
+            write_registration(registration, folder / "registration.toml")
         write_text(part / "report.html", render_diagnosis(diagnosis, split, assessment, table))
         write_gap(diagnosis, split.shares, part)
         write_json(part / "diagnosis.json", table, indent=2)
     return table
 
 
-def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery, folder: Path) -> float:
+def measure_gap(diagnosis: Diagnosis, robot: Robot, folder: Path) -> float:
     """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]
 
     Raises:
         InputError: If the folder predicts other positions than the model that was judged.
     """
-    campaign = diagnosis.fit.problem.campaign
+    campaign, delivery = diagnosis.fit.problem.campaign, diagnosis.delivery
     registration = delivery.state.registration
     gap = predict_campaign(robot, campaign, registration=registration, later=False).gap
     expected = delivery.residual
     if registration is not None and registration.contacts:  # the places of contacts are fitted anew by a prediction
-        in_memory = diagnosis.robot_of(delivery)
-        expected = predict_campaign(in_memory, campaign, registration=registration, later=False).gap
+        expected = predict_campaign(diagnosis.updated, campaign, registration=registration, later=False).gap
     good = campaign.usable.copy()
     alike = good
     if any(effect.name == "backlash" for effect in delivery.state.effects):
@@ -157,7 +147,7 @@ def render_diagnosis(
     used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)
     used[diagnosis.outliers] = False
     rows = _UsedRows(used, np.nan_to_num(campaign.q[used]), diagnosis.points[used], before[used], after[used])
-    structure, robot, kind = words.describe_structure(diagnosis), diagnosis.robot, diagnosis.deliveries[0].kind
+    structure, robot, kind = words.describe_structure(diagnosis), diagnosis.robot, diagnosis.delivery.kind
     verdict, gap, steps = table["verdict"], table["gap"], table["next_measurement"]
     taken_up = words.reaches_noise(gap, kind)
     sections = [
@@ -193,7 +183,7 @@ def _open(diagnosis: Diagnosis, split: Split, table: Mapping[str, Any]) -> page.
     caption = "Share of the error by place. Lines: 95 % intervals; where one is long, another place explains it as well"
     small = split.shares.by_place[CALIBRATION].share
     return open_diagnosis(
-        table["verdict"], table["gap"], diagnosis.deliveries[0].kind, page.Chart(shares, f"{caption}.", 330), small,
+        table["verdict"], table["gap"], diagnosis.delivery.kind, page.Chart(shares, f"{caption}.", 330), small,
         listed=any(step.get("poses") for step in table["next_measurement"]),
     )  # fmt: skip
 
@@ -264,7 +254,7 @@ def _list_facts(diagnosis: Diagnosis, rows: _UsedRows) -> list[tuple[str, str]]:
     return [
         *([] if campaign.file is None else [("measurements", str(campaign.file))]),
         ("rows", f"{len(rows.used)}{apart}"),
-        ("robot folder that is delivered", DELIVERED[diagnosis.deliveries[0].kind]),
+        ("robot folder that is delivered", DELIVERED[diagnosis.delivery.kind]),
         ("noise floor from", diagnosis.noise),
         ("frames fitted first", ", ".join(diagnosis.fit.problem.register) or "none"),
         ("outliers", f"{shown} ({len(outliers)}), counted from 0" if len(outliers) else "none"),
@@ -287,10 +277,6 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> page.Sec
             "a sloped line, lost motion two levels, a gear error a wave."
         )
         blocks.append(page.Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
-    together = {place: own for place, own in shares.together.items() if any(s >= 0.005 for s in own.values())}
-    if together:
-        caption = "How much of the gap, in per cent, each place carries by each effect."
-        blocks.append(page.Chart(draw_together(together), caption, 120 + 30 * len(together)))
     blocks.append(page.Fold("By run, time, load, direction, approach and region", _list_splits(split)))
     return page.Section("Where it lies", blocks)
 
@@ -356,19 +342,13 @@ def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> page.Sect
 
 
 def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedRows) -> page.Section:
-    parts, floor = diagnosis.fit.problem.register, page.Cell(gap.get("noise_floor_mm"), "muted")
+    floor = page.Cell(gap.get("noise_floor_mm"), "muted")
     held_out = page.Cell(gap.get("held_out_after_rms_mm"), "strong")
-    rivals = {f"registration only ({', '.join(parts)})": diagnosis.gap.registration_only} if parts else {}
-    for number, delivery in reversed(list(enumerate(diagnosis.deliveries[1:], start=1))):
-        rivals[f"{delivery.folder(number)}: {DELIVERED[delivery.kind]}"] = delivery.held.rms
-    rivals["generic fit of zeros and lengths"] = diagnosis.gap.generic
-    rivals["best effect that is not named, alone"] = diagnosis.gap.wrong
     rows: list[page.Row] = [
         ["nominal model", gap.get("before_rms_mm"), gap.get("held_out_before_rms_mm")],
         [page.Cell("updated model", "strong"), gap.get("after_rms_mm"), held_out],
+        [page.Cell("noise floor", "muted"), floor, floor],
     ]
-    rows += [[name, None, 1e3 * rms] for name, rms in rivals.items()]
-    rows.append([page.Cell("noise floor", "muted"), floor, floor])
     heads = ["model", "all rows [mm]", "rows left out of the choice [mm]"]
     figures = page.DataTable(heads, rows, "Rms of the 3D distance, outliers left out.")
     before, after = (np.linalg.norm(side, axis=1) for side in (measured.before, measured.after))

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from compplan.diagnosis.data.conventions import name_counting
-from compplan.diagnosis.evidence.unmodelled import describe_unmodelled, names_alike
-from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Share
-from compplan.diagnosis.results.small_errors import WEIGHT, SmallErrors, kind_of
-from compplan.diagnosis.results.verdict import CALIBRATED, FLOORS_LEFT, Finding
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, WEIGHT, Share, SmallErrors, kind_of
+from compplan.diagnosis.results.verdict import CALIBRATED, FLOORS_LEFT
+from compplan.diagnosis.validation.unmodelled import describe_unmodelled
 from compplan.io.quantities import format_length, format_number, format_percent
 from compplan.reporting.effect_text import describe_change, describe_effect, name_effect
 
@@ -52,11 +51,11 @@ def _describe_beside_names(split: Split) -> str:
         return ""
     named = {(c.place, kind_of(c.effect, loaded)) for c in split.shares.carriers for loaded in (False, True)}
     told = [
-        f"{g.kind} of {g.place} {format_percent(g.share.share)}"
-        for g in split.small_errors.groups
-        if (g.place, g.kind) not in named and (g.kind != WEIGHT or ("links", WEIGHT) not in named)
+        f"{kind} of {place} {format_percent(share.share)}"
+        for place, kind, share in split.small_errors.groups
+        if share.share >= 0.05 and (place, kind) not in named and (kind != WEIGHT or ("links", WEIGHT) not in named)
     ][:3]
-    return f"; both halves of the poses show {', '.join(told)}" if told else ""
+    return f"; {', '.join(told)} in the updated robot" if told else ""
 
 
 def _describe_places(errors: SmallErrors) -> str:
@@ -121,8 +120,8 @@ def describe_small_errors(errors: SmallErrors) -> str:
         if share.share >= 0.02 and kind != UNEXPLAINED
     ]
     text = f"Which: no single cause; small errors make the gap: {', '.join(kinds)}"
-    groups = [f"{group.kind} of {group.place}, {format_percent(group.share.share)}" for group in errors.groups[:3]]
-    return f"{text}. {'; '.join(groups)}: both halves of the poses show it." if groups else f"{text}."
+    groups = [f"{kind} of {place}, {format_percent(share.share)}" for place, kind, share in errors.groups[:3]]
+    return f"{text}. The largest: {'; '.join(groups)}." if groups else f"{text}."
 
 
 def describe_how_far(gap: Mapping[str, float | None]) -> str:
@@ -148,25 +147,15 @@ def describe_structure(diagnosis: Diagnosis) -> list[str]:
     against = f", against {explained} that the named effects explain" if named else ""
     if structure.dependences:
         parts = [
-            f"{describe_unmodelled(d.effect.joint, str(d.effect.axis))}"
-            f"{describe_beside(diagnosis.verdict.findings, d)} ({format_length(d.explained)} rms)"
+            f"{describe_unmodelled(d.effect.joint, str(d.effect.axis))} ({format_length(d.explained)} rms)"
             for d in structure.dependences
         ]
-        return [f"No named effect makes {'; '.join(parts)}{against}."]
+        beyond = "Beyond the named effects there is" if named else "No effect explains"
+        return [f"{beyond} {'; '.join(parts)}{against}."]
     return [
         f"An error of {format_length(structure.rms)} rms is constant while the robot stands still and matches "
         f"no effect of the vocabulary{against}."
     ]
-
-
-def describe_beside(findings: Sequence[Finding], left: Finding) -> str:
-    """Say which named effect an error is left beside that follows the same; "" where there is none."""
-    effect = left.effect
-    for finding in findings:
-        name, joint, axis = finding.effect.place
-        if names_alike(str(effect.axis), effect.joint, name, joint):
-            return f" beyond the named {name_effect({'effect': name, 'joint': joint, 'axis': axis})}"
-    return ""
 
 
 def describe_counting(diagnosis: Diagnosis) -> str:

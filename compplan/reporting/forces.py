@@ -20,9 +20,9 @@ from compplan.io.quantities import format_number
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
-from compplan.process.cutting import CoefficientTable
 from compplan.process.engagement import Engagement
 from compplan.process.fit import ForceFit
+from compplan.process.force_law import Process
 from compplan.process.force_models import name_force_model
 from compplan.process.learned_force import (
     SCATTER,
@@ -33,7 +33,7 @@ from compplan.process.learned_force import (
     read_learned_force,
     write_learned_force,
 )
-from compplan.process.wrench import Process
+from compplan.process.materials import CoefficientTable
 from compplan.reporting import page
 from compplan.reporting.along_path import Stations, draw_lines, draw_wrench, find_spans
 from compplan.reporting.charts import Figure
@@ -64,14 +64,13 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
         "notes": found.notes,
     }  # fmt: skip
     summary["stops"] = list_stops(summary["notes"])
-    if found.law.cutting is not None and found.ripple is not None:
+    if found.law.cutting is not None:
         cut = found.law.cutting.engagement
         summary["engagement"] = {
             "axial_depth_mm": {"max": float(1e3 * cut.axial.max())},
             "radial_width_mm": {"max": float(1e3 * cut.radial.max())},
             "removed_mm3": float(1e9 * (cut.section[1:] * found.nominal.steps * ~found.nominal.rapid[1:]).sum()),
         }
-        summary["ripple_N"] = {"max": float(np.linalg.norm(found.ripple, axis=1).max())}
         resistance = found.law.cutting.process.resistance
         summary["coefficients"] = {
             "cutting_N_mm2": list(resistance.cutting), "edge_N_mm": list(resistance.edge),
@@ -173,14 +172,13 @@ def _tabulate(found: ForcePrediction) -> dict[str, object]:
     nominal = found.nominal
     columns: dict[str, object] = {"s_mm": 1e3 * nominal.arc_length, "rapid": nominal.rapid.astype(np.int64)}
     columns["feed_mm_s"] = 1e3 * nominal.feed
-    if found.law.cutting is not None and found.ripple is not None:
+    if found.law.cutting is not None:
         cut = found.law.cutting.engagement
         arc = np.nan_to_num(np.degrees(cut.arc))
         columns |= {
             "axial_depth_mm": 1e3 * cut.axial, "radial_width_mm": 1e3 * cut.radial, "section_mm2": 1e6 * cut.section,
             "first_angle_deg": arc[:, 0], "last_angle_deg": arc[:, 1],
         }  # fmt: skip
-        columns |= {f"ripple_{name}_N": found.ripple[:, k] for k, name in enumerate(("travel", "left", "axis"))}
     columns |= {name: found.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     return columns
 
@@ -299,14 +297,10 @@ def _show_force(found: ForcePrediction, stations: Stations) -> list[page.Block]:
     series = dict(zip(names, _leave_out_air(found, found.local[:, :3]).T, strict=True))
     mean = draw_lines(stations, series, "N", title="force", colours=CATEGORIES[:3])
     about = "Mean force of the environment on the tool; left as seen down the tool axis, the axis from tip up."
-    blocks: list[page.Block] = [page.Chart(mean, about, height=340)]
-    if found.ripple is not None and found.ripple.any():
-        ripple = dict(zip(names, _leave_out_air(found, found.ripple).T, strict=True))
-        lines = draw_lines(stations, ripple, "N", title="ripple", colours=CATEGORIES[:3], zero=True)
-        blocks.append(page.Chart(lines, "Half of the range of each component in a turn of the spindle.", height=280))
     tall = 440 if np.abs(found.wrench[:, 3:]).max() > 1e-9 else 300
     lines = draw_wrench(stations, _leave_out_air(found, found.wrench))
-    return [*blocks, page.Chart(lines, "The same wrench at the tip, base axes.", height=tall)]
+    base = page.Chart(lines, "The same wrench at the tip, base axes.", height=tall)
+    return [page.Chart(mean, about, height=340), base]
 
 
 def _show_engagement(found: ForcePrediction, cut: Engagement, stations: Stations) -> list[page.Block]:

@@ -23,7 +23,7 @@ from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.shares import Share
-    from compplan.diagnosis.results.traces import Trace
+    from compplan.diagnosis.results.where import Trace
 
 #: Residual vectors and dots that a chart draws at most.
 VECTORS, DOTS = 900, 1500
@@ -79,25 +79,6 @@ def draw_gap_shares(shares: Mapping[str, Share], title: str) -> Figure:
     bars = Bars(value, CATEGORIES[0], low, high)
     figure = draw_bars(list(shares), {"": bars}, f"share of the gap by {title}, %", hover="%{x:.1f} %")
     figure.axis("x", range=[0, 104])
-    return figure
-
-
-def draw_together(together: Mapping[str, Mapping[str, float]]) -> Figure:
-    """Draw how much each place carries by each effect, from 0 to 1, as a heat map."""
-    places = list(together)
-    effects = list(dict.fromkeys(name for own in together.values() for name in own))
-    effects = [name for name in effects if any(together[place].get(name, 0.0) >= 0.005 for place in places)]
-    values = np.array([[100 * together[place].get(name, np.nan) for name in effects] for place in places])
-    figure = Figure()
-    figure.add(
-        "heatmap", z=values, x=[name.replace("_", " ") for name in effects], y=places, texttemplate="%{text}",
-        text=[["" if np.isnan(value) else f"{value:.0f}" for value in row] for row in values],
-        zmin=0, zmax=100, xgap=2, ygap=2, hoverongaps=False, showscale=False,
-        colorscale=[[0, "rgba(140,150,160,0.10)"], [0.5, "#7fb0cf"], [1, "#2b6ca8"]],
-        hovertemplate="%{y}, %{x}: %{z:.1f} %<extra></extra>",
-    )  # fmt: skip
-    figure.axis("y", autorange="reversed", showgrid=False)
-    figure.axis("x", side="top", showgrid=False)
     return figure
 
 

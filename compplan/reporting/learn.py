@@ -15,7 +15,7 @@ from compplan.io.quantities import format_length, format_mm, format_mm_change
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.part import LearnedPart
-from compplan.learning.residual import Residual, residual_file
+from compplan.learning.representable import Residual, residual_file
 from compplan.process.learned_force import FILE as PROCESS
 from compplan.process.learned_force import write_learned_force
 from compplan.reporting import page

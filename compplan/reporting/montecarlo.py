@@ -25,7 +25,7 @@ from compplan.reporting.strategy_text import colour_strategies, name_strategy
 from compplan.studies.job_study import JobStudy
 from compplan.studies.runner import Run
 from compplan.studies.sensitivity import Sensitivity
-from compplan.studies.statistics import trace_convergence
+from compplan.studies.summary import trace_convergence
 
 #: What groups of uncertainties are called in a sentence.
 GROUPS = {

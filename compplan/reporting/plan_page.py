@@ -136,8 +136,7 @@ def _show_reach(plan: Plan, stations: Stations) -> page.Section:
     cut = plan.after.cut
     kinds = np.where(mark_force(plan.task.wrench, cut), 0, np.where(cut, 1, 2))
     start = int(np.flatnonzero(cut)[0])
-    request = None if plan.task.start is None else plan.task.start.request
-    scene = None if request is None else request.scene
+    scene = None if plan.task.start is None else plan.task.start.settings.scene
     around = [] if scene is None else place_meshes(plan.robot, plan.q[start], scene.meshes)
     named = ", ".join(shape.link for shape in around)
     with_them = f", with the meshes that the job names ({named})" if named else ""
@@ -155,7 +154,7 @@ def _draw_band(plan: Plan, stations: Stations) -> page.Chart:
     """Show how far the true tip may be from the path, against the tolerance."""
     evaluated = np.where(plan.after.cut, 1e3, np.nan)
     tolerance, cell = 1e3 * plan.task.tolerance, plan.mismatch.cell
-    series = {"as modelled": plan.after.distance * evaluated, cell: plan.mismatch.along(len(evaluated)) * evaluated}
+    series = {"as modelled": plan.after.distance * evaluated, cell: plan.mismatch.distance * evaluated}
     said = "Distance of the loaded tool tip from the path. As modelled: what the plan leaves if the model is the truth."
     said += f" {cell.capitalize()}: what it leaves if all of them are wrong by that much (assumed)."
     if plan.promise is not None:

@@ -175,10 +175,10 @@ def _describe_cut(plan: Plan) -> list[tuple[str, str]]:
     process = None if plan.job is None else plan.job.process
     if not isinstance(process, CuttingTable):
         return []
-    spindle, material = process.spindle(), process.material or "coefficients of the job"
-    cutter = f"{process.model} {2e3 * process.cutter().radius:g} mm, {spindle.teeth} teeth, {process.spindle_rpm:g} rpm"
+    material = process.material or "coefficients of the job"
+    cutter = f"{process.model} {2e3 * process.cutter().radius:g} mm, {process.teeth} teeth, {process.spindle_rpm:g} rpm"
     moment = np.abs(np.einsum("ni,ni->n", plan.task.wrench[:, 3:], plan.task.rotation[:, :, 2])).max(initial=0.0)
-    power = 2.0 * np.pi * spindle.speed * moment
+    power = 2.0 * np.pi * (process.spindle_rpm / 60.0) * moment
     return [("Cutter", f"{cutter}, in {material}"), ("Spindle", f"up to {moment:.3g} N m, {1e-3 * power:.3g} kW")]
 
 

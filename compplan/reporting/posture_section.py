@@ -9,7 +9,6 @@ import numpy as np
 from compplan.io.display import Curve, Curves
 from compplan.io.palette import AFTER, BEFORE, LIMIT, NEUTRAL
 from compplan.io.quantities import format_length, format_number
-from compplan.planning.posture.start import compare_postures
 from compplan.reporting import page
 from compplan.reporting.along_path import Stations, draw_lines
 from compplan.reporting.charts import Figure, draw_curves
@@ -45,7 +44,7 @@ COLOURS = [list(stop) for stop in SEQUENTIAL]
 
 def show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> page.Section:
     """Show how the posture along the path was chosen, and how far it keeps clear where that was asked for."""
-    blocks: list[page.Block] = [show_map(choice.map), _list_costs(plan, choice)]
+    blocks: list[page.Block] = [show_map(choice.map), _list_costs(choice)]
     if plan.clearance is not None:
         blocks.append(_draw_clearance(stations, plan.clearance))
     lede = f"Rotation about the tool axis against path length, preset {choice.settings.preset!r}."
@@ -133,12 +132,9 @@ def _draw_clearance(stations: Stations, clearance: ClearanceProfile) -> page.Cha
     return page.Chart(figure, caption, 280)
 
 
-def _list_costs(plan: Plan, choice: PostureSummary) -> page.DataTable:
+def _list_costs(choice: PostureSummary) -> page.DataTable:
     """List what the posture costs, beside the plain one where that is known."""
-    both = None
-    if plan.job is not None and plan.task.start is not None and plan.robot.nq >= 6:
-        both = compare_postures(plan.robot, plan.task.start, plan.job.tool_x_base)
-    chosen, plain = both or (choice.costs, {})
+    chosen, plain = choice.instead_of or choice.costs, choice.plain or {}
     rows: list[page.Row] = []
     for key in chosen:
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))

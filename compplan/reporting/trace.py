@@ -13,8 +13,7 @@ import numpy as np
 import tomli_w
 
 from compplan.controllers.motion.identify import Identified, identify_motion, score, summarise_distance
-from compplan.controllers.motion.model import divide_gap
-from compplan.controllers.motion.windows import PlacedLog, cut_windows, load_trace
+from compplan.controllers.motion.windows import PlacedLog, cut_windows, divide_gap, load_trace
 from compplan.controllers.writers.joint_convention import load_motion
 from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion, tabulate_motion
 from compplan.errors import InputError

@@ -12,12 +12,15 @@ correction, on the plant that its gains fit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from compplan.robot import Array
+
+#: A remaining error beyond this has run away and is held [mm]; errors are shown up to the second.
+RUN_AWAY, SHOWN = 1e6, 10.0
 
 
 @dataclass(frozen=True)
@@ -30,23 +33,15 @@ class Plant:
 
 @dataclass(frozen=True)
 class Loop:
-    """A correction loop.
+    """A correction loop."""
 
-    Attributes:
-        gain: Proportional gain.
-        integral: Integral time. [s]
-        derivative: Derivative time, 0 for a PI law. [s]
-        plant: How the robot follows.
-        error: Where the law takes its error from: the correction "sent" one period before, or the one "attained".
-        period: Period of the law. [s]
-    """
-
-    gain: float = 0.8
-    integral: float = 0.048
-    derivative: float = 0.012
-    plant: Plant = Plant()
+    gain: float = 0.8  #: Proportional gain.
+    integral: float = 0.048  #: Integral time. [s]
+    derivative: float = 0.012  #: Derivative time, 0 for a PI law. [s]
+    plant: Plant = Plant()  #: How the robot follows.
+    #: Where the law takes its error from: the correction "sent" one period before, or the one "attained".
     error: Literal["sent", "attained"] = "attained"
-    period: float = 0.01
+    period: float = 0.01  #: Period of the law. [s]
 
     @property
     def law(self) -> tuple[Array, Array]:
@@ -107,7 +102,50 @@ def _add(a: Array, b: Array) -> Array:
 
 #: The law as printed, on a robot that follows at once: unstable.
 LITERAL = Loop(plant=Plant(0.0, 0.0), error="sent")
+#: Eqs. (6) to (8) and (17) without the derivative part.
+WITHOUT_DERIVATIVE = replace(LITERAL, derivative=0.0)
+
+
 #: The same without its derivative part; the robot follows with lag and delay outside the loop.
 PI = Loop(derivative=0.0, error="sent")
+
+
 #: The PID with the error of the attained correction.
 PID = Loop(error="attained")
+
+
+def ziegler_nichols_plant(loop: Loop = LITERAL) -> Plant:
+    """Find the plant for which Ziegler and Nichols' rule gives a loop's gains (Kc = 0.6 Ku, Ti = Tu / 2, Td = Tu / 8).
+
+    A lag a and a delay L have the gain 1/Ku = 1 / sqrt(1 + (w a)^2) and the phase -pi at w = 2 pi / Tu.
+    """
+    ultimate, frequency = loop.gain / 0.6, np.pi / loop.integral
+    lag = float(np.sqrt(ultimate**2 - 1) / frequency)
+    delay = float((np.pi - np.arctan(frequency * lag)) / frequency)
+    return Plant(lag, delay)
+
+
+def fitted_loop() -> Loop:
+    """Return the PID loop whose error is taken from where the robot stands, on the plant that its gains fit."""
+    return replace(PID, plant=ziegler_nichols_plant(PID))
+
+
+def simulate_loops(seconds: float = 1.0) -> tuple[Array, dict[str, Array]]:
+    """Simulate the error after a load that deflects the tool by 1 mm: time [s], and error by variant [mm]."""
+    fitted = fitted_loop()
+    loops = {
+        "literal": LITERAL,
+        "without derivative": WITHOUT_DERIVATIVE,
+        f"plant of {fitted.plant.lag * 1e3:.1f} ms lag, {fitted.plant.delay * 1e3:.0f} ms delay": fitted,
+    }
+    wanted = np.ones(int(seconds / fitted.period))
+    time = np.arange(float(len(wanted))) * fitted.period
+    return time, {name: _hold(1.0 - run_loop(loop, wanted)) for name, loop in loops.items()}
+
+
+def _hold(error: Array) -> Array:
+    """Hold an error from where it runs away, and show no more than SHOWN of it."""
+    away = np.flatnonzero(np.abs(error) > RUN_AWAY)
+    if len(away):
+        error[away[0] :] = error[away[0] - 1]
+    return np.clip(error, -SHOWN, SHOWN)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.identification import Estimate, build_structure, estimate_parameters
-from compplan.measurement.from_arrays import make_log
+from compplan.measurement.campaign import make_log
 from compplan.reporting.maps.pictures import draw_joint_map, draw_lines
 from compplan.reproduce.paper import (
     PaperFigure,

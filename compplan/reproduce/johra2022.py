@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.reporting.maps.pictures import draw_lines
-from compplan.reproduce.correction_loop import LITERAL, largest_pole
-from compplan.reproduce.johra_loop import WITHOUT_DERIVATIVE, fitted_loop, simulate_loops
+from compplan.reproduce.correction_loop import LITERAL, WITHOUT_DERIVATIVE, fitted_loop, largest_pole, simulate_loops
 from compplan.reproduce.paper import (
     PaperFigure,
     Reproduction,

@@ -246,10 +246,7 @@ def _rows_of_case(name: str, result: Strategies) -> list[Row]:
     note = f"{FIT}; load of 100 kg, {name}"
     scale = 1e3
     rows = []
-    for title, stated, values in (
-        ("primary", PRIMARY, result.primary),
-        ("secondary", SECONDARY, result.secondary),
-    ):
+    for title, stated, values in (("primary", PRIMARY, result.primary), ("secondary", SECONDARY, result.secondary)):
         for what, number, ours in (
             ("standard deviation", stated[1], values.std()),
             ("maximum", stated[2], values.max()),

@@ -22,15 +22,7 @@ from compplan.reproduce.mamedov_circles import (
     compensate_circles,
     fit_posture,
 )
-from compplan.reproduce.paper import (
-    PaperFigure,
-    Reproduction,
-    Row,
-    cannot,
-    compare,
-    describe_paper,
-    statement,
-)
+from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, describe_paper, statement
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.beam import hollow_beam_compliance
 from compplan.statics.chain import build_chain
@@ -259,11 +251,7 @@ def _rows_of_circles(fit: CircleErrors) -> list[Row]:
 
 
 def _figures(
-    full: Robot,
-    planes: dict[str, DeflectionMap],
-    own: ReducedModel,
-    walls: list[WallStep],
-    fit: CircleErrors,
+    full: Robot, planes: dict[str, DeflectionMap], own: ReducedModel, walls: list[WallStep], fit: CircleErrors
 ) -> list[PaperFigure]:
     figures = [
         PaperFigure(

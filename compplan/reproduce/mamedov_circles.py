@@ -26,32 +26,20 @@ _TARGET = np.array([MEANS_BEFORE, MEANS_AFTER]) * 1e-3
 
 @dataclass(frozen=True)
 class CirclePosture:
-    """Where the circles lie and how the tool stands: what the paper leaves out.
+    """Where the circles lie and how the tool stands: what the paper leaves out."""
 
-    Attributes:
-        centre: Centre of both circles, base frame. Shape (3,). [m]
-        orientation: Rotation vector of the TCP frame, the same all around. Shape (3,). [rad]
-        plane: Plane of the circles: "xy", "xz" or "yz".
-        slot: Configuration, an index into `compplan.statics.ik.CONFIGURATIONS`.
-    """
-
-    centre: Array
-    orientation: Array
-    plane: str
-    slot: int
+    centre: Array  #: Centre of both circles, base frame. Shape (3,). [m]
+    orientation: Array  #: Rotation vector of the TCP frame, the same all around. Shape (3,). [rad]
+    plane: str  #: Plane of the circles: "xy", "xz" or "yz".
+    slot: int  #: Configuration, an index into `compplan.statics.ik.CONFIGURATIONS`.
 
 
 @dataclass(frozen=True)
 class CircleErrors:
-    """Errors along both circles, before and after the mirrored compensation by the reduced model.
+    """Errors along both circles, before and after the mirrored compensation by the reduced model."""
 
-    Attributes:
-        before: Shape (2, POINTS, 3). [m]
-        after: Shape (2, POINTS, 3). [m]
-    """
-
-    before: Array
-    after: Array
+    before: Array  #: Shape (2, POINTS, 3). [m]
+    after: Array  #: Shape (2, POINTS, 3). [m]
 
     def means(self, errors: Array) -> Array:
         """Return the mean size per axis. Shape (2, 3). [m]."""

@@ -11,36 +11,33 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from compplan.io.provenance import describe_origin
+from compplan.io.quantities import format_number
+from compplan.io.tables import write_json, write_text
+from compplan.io.transaction import replace_folder
+from compplan.reporting import page
+from compplan.reporting.provenance import describe_robot
 from compplan.robot import Array, Robot
 
 MATCHES, CLOSE, FACTOR = 0.05, 0.20, 3.0
+TONES = {"matches": "good", "close": "good", "fitted": "assumed", "inconsistent in the paper": "bad"}
 
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of a paper beside ours.
+    """One figure of a paper beside ours."""
 
-    Attributes:
-        quantity: What it is.
-        paper: What the paper states.
-        ours: What this run computed, or None.
-        unit: Unit of both.
-        tolerance: Relative band that the verdict refers to, or None where no numbers are compared.
-        verdict: One of the words above.
-        assumption: What had to be assumed for ours.
-    """
-
-    quantity: str
-    paper: float | str | None
-    ours: float | str | None
-    unit: str
-    tolerance: float | None
-    verdict: str
-    assumption: str = ""
+    quantity: str  #: What it is.
+    paper: float | str | None  #: What the paper states.
+    ours: float | str | None  #: What this run computed, or None.
+    unit: str  #: Unit of both.
+    tolerance: float | None  #: Relative band that the verdict refers to, or None where no numbers are compared.
+    verdict: str  #: One of the words above.
+    assumption: str = ""  #: What had to be assumed for ours.
 
     @property
     def ratio(self) -> float | None:
@@ -61,31 +58,18 @@ class PaperFigure:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """A paper reproduced.
+    """A paper reproduced."""
 
-    Attributes:
-        name: Key of the paper.
-        title: Title of the paper.
-        citation: Authors, year, where.
-        robots: The robots that were used.
-        lede: What came out, in a few sentences.
-        rows: Figures of the paper beside ours.
-        figures: Redrawn figures.
-        missing: What the paper leaves out.
-        inconsistencies: Where the paper contradicts itself.
-        samples: Numbers behind the rows, for tests and notebooks.
-    """
-
-    name: str
-    title: str
-    citation: str
-    robots: tuple[Robot, ...]
-    lede: str
-    rows: tuple[Row, ...]
-    figures: tuple[PaperFigure, ...]
-    missing: tuple[str, ...]
-    inconsistencies: tuple[str, ...] = ()
-    samples: dict[str, Array] = field(default_factory=dict)
+    name: str  #: Key of the paper.
+    title: str  #: Title of the paper.
+    citation: str  #: Authors, year, where.
+    robots: tuple[Robot, ...]  #: The robots that were used.
+    lede: str  #: What came out, in a few sentences.
+    rows: tuple[Row, ...]  #: Figures of the paper beside ours.
+    figures: tuple[PaperFigure, ...]  #: Redrawn figures.
+    missing: tuple[str, ...]  #: What the paper leaves out.
+    inconsistencies: tuple[str, ...] = ()  #: Where the paper contradicts itself.
+    samples: dict[str, Array] = field(default_factory=dict)  #: Numbers behind the rows, for tests and notebooks.
 
     def row(self, quantity: str) -> Row:
         """Find a row by its quantity."""
@@ -168,3 +152,105 @@ def count_verdicts(rows: Sequence[Row]) -> dict[str, int]:
         key = "cannot be reproduced" if row.verdict.startswith("cannot") else row.verdict
         counts[key] = counts.get(key, 0) + 1
     return counts
+
+
+def summarise_reproduction(result: Reproduction) -> dict[str, Any]:
+    """Make the table that reproduction.json holds."""
+    return {
+        "schema": 1,
+        "paper": result.name,
+        "title": result.title,
+        "citation": result.citation,
+        "robots": [robot.name for robot in result.robots],
+        "summary": result.lede,
+        "verdicts": count_verdicts(result.rows),
+        "rows": [asdict(row) for row in result.rows],
+        "missing_in_the_paper": list(result.missing),
+        "inconsistent_in_the_paper": list(result.inconsistencies),
+        "made_by": describe_origin(),
+    }
+
+
+def write_reproduction(result: Reproduction, folder: Path) -> None:
+    """Write reproduction.json, report.html and the figures into a folder."""
+    with replace_folder(folder, "reproduce") as part:
+        write_json(part / "reproduction.json", summarise_reproduction(result))
+        for number, figure in enumerate(result.figures, start=1):
+            (part / f"figure_{number}.png").write_bytes(figure.png)
+        write_text(part / "report.html", _render(result))
+
+
+def _render(result: Reproduction) -> str:
+    blocks: list[Any] = [_table(result.rows)]
+    if list_assumptions(result.rows):
+        blocks.append(_assumption_table(result.rows))
+    sections = [page.Section("Figures of the paper beside ours", blocks, _explain_verdicts())]
+    if result.figures:
+        pictures = [block for figure in result.figures for block in (figure.title, _picture(figure))]
+        sections.append(page.Section("Redrawn", pictures))
+    gaps = [["missing", text] for text in result.missing] + [["inconsistent", text] for text in result.inconsistencies]
+    if gaps:
+        table = page.DataTable(["", "in the paper"], gaps)
+        sections.append(page.Section("What the paper leaves out, and where it contradicts itself", [table]))
+    parts = [describe_robot(robot) for robot in result.robots]
+    provenance = page.Provenance(
+        [("paper", result.citation), *dict.fromkeys(fact for part in parts for fact in part.facts)],
+        list(dict.fromkeys(text for part in parts for text in part.assumptions)),
+    )
+    return page.render_page(
+        result.title, result.lede, sections, kind="Reproduction", opening=_open(result), provenance=provenance
+    )
+
+
+def _open(result: Reproduction) -> page.Summary:
+    """Say how many figures of the paper come out alike."""
+    counts = count_verdicts(result.rows)
+    good = counts.get("matches", 0) + counts.get("close", 0)
+    told = sum(counts.values())
+    figures = [page.KeyFigure(str(count), words) for words, count in list(counts.items())[:3]]
+    picture = _picture(result.figures[0]) if result.figures else None
+    verdict = f"{good} of {told} figures of the paper come out within 20 %."
+    todo = "Read which figures do not, and what the paper leaves out, below."
+    return page.Summary(verdict, "good" if good > 0.5 * told else "unsure", figures, picture, todo)
+
+
+def _picture(figure: Any) -> page.Picture:
+    return page.Picture(figure.png, figure.caption, figure.title)
+
+
+def _table(rows: tuple[Row, ...]) -> page.DataTable:
+    columns = ["quantity", "unit", "paper", "ours", "ours / paper", "verdict", "assumed"]
+    marks = {text: f"[{number}]" for number, text in enumerate(list_assumptions(rows), start=1)}
+    body: list[page.Row] = []
+    for row in rows:
+        ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
+        tone = TONES.get(row.verdict, "muted" if row.verdict.startswith("cannot") else "")
+        mark = page.Cell(marks.get(row.assumption, ""), "assumed")
+        ours, verdict = page.Cell(_show(row.ours), "strong"), page.Cell(row.verdict, tone)
+        body.append([row.quantity, row.unit, _show(row.paper), ours, ratio, verdict, mark])
+    return page.DataTable(columns, body)
+
+
+def list_assumptions(rows: tuple[Row, ...]) -> list[str]:
+    """List the assumptions of the rows, each once, in order."""
+    return list(dict.fromkeys(row.assumption for row in rows if row.assumption))
+
+
+def _assumption_table(rows: tuple[Row, ...]) -> page.DataTable:
+    body = [[f"[{number}]", text] for number, text in enumerate(list_assumptions(rows), start=1)]
+    return page.DataTable(["", "assumed for the rows that point here"], body)
+
+
+def _show(value: float | str | None) -> str:
+    if value is None or isinstance(value, str):
+        return value or "–"
+    text = format_number(float(value), 4)
+    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
+
+
+def _explain_verdicts() -> str:
+    return (
+        "Matches: within 5 %; close: within 20 %; order of magnitude: within a factor of 3. Fitted: tuned to the "
+        "paper's number; arithmetic: computed from the paper's own numbers; neither is evidence. Every other number of "
+        "ours was computed in this run."
+    )

@@ -26,21 +26,13 @@ ROLLS = 8
 
 @dataclass(frozen=True)
 class ServiceSphere:
-    """Directions around a point, the least yielding posture of each.
+    """Directions around a point, the least yielding posture of each."""
 
-    Attributes:
-        point: The point, base frame. Shape (3,). [m]
-        direction: Directions in which the tool points. Shape (m, 3).
-        q: Least yielding posture of each direction, NaN where none is reached. Shape (m, nq). [rad or m]
-        deflection: Deflection of the TCP under the wrench, to first order. Shape (m,). [m]
-        inverse_condition: Dexterity of that posture. Shape (m,).
-    """
-
-    point: Array
-    direction: Array
-    q: Array
-    deflection: Array
-    inverse_condition: Array
+    point: Array  #: The point, base frame. Shape (3,). [m]
+    direction: Array  #: Directions in which the tool points. Shape (m, 3).
+    q: Array  #: Least yielding posture of each direction, NaN where none is reached. Shape (m, nq). [rad or m]
+    deflection: Array  #: Deflection of the TCP under the wrench, to first order. Shape (m,). [m]
+    inverse_condition: Array  #: Dexterity of that posture. Shape (m,).
 
     @property
     def reached(self) -> NDArray[np.bool_]:

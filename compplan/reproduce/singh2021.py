@@ -50,12 +50,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     reached = {height: count_reached(arm, height) for height in PEDESTALS}
     length = find_characteristic_length(build_chain(robot), np.random.default_rng(0).uniform(-1.5, 1.5, (400, 6)))
     points = [examine_point(arm, radius, length) for radius in RADII]
-    rows = [
-        *_rows_of_cloud(reached),
-        *_rows_of_growth(points),
-        *_rows_of_improvement(points, robot),
-        *_rows_of_table(),
-    ]
+    rows = [*_rows_of_cloud(reached), *_rows_of_growth(points), *_rows_of_improvement(points, robot), *_rows_of_table()]
     best = np.mean([1 - np.nanmin(p.spheres["lateral"].deflection) / p.down["lateral"] for p in points if p.down])
     return Reproduction(
         **describe_paper("singh2021"),

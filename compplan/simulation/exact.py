@@ -27,33 +27,22 @@ NEIGHBOUR = 0.02
 
 @dataclass(frozen=True)
 class ExactRobot:
-    """A robot as a Pinocchio model with its springs as joints.
+    """A robot as a Pinocchio model with its springs as joints."""
 
-    Attributes:
-        model: Pinocchio model; its configuration holds commanded and elastic coordinates in chain order.
-        tcp: Frame id of the TCP.
-        commanded: Row of Q per model coordinate: coordinate = select @ q + shift. Shape (n_coordinates, nq).
-        shift: Shape (n_coordinates,).
-        elastic: Model coordinates that are elastic, in chain order. Shape (s,).
-        compliance: Compliance of the elastic coordinates. Shape (s, s).
-        weighs: Whether gravity loads the springs.
-        lifts: Joints whose masses are together none or less, as where a tool is lighter than the one that the springs
-            were identified with: joint, mass [kg] and first moment in its frame, shape (3,) [kg m]. Pinocchio's bodies
-            have masses above 0.
-        ground: Frame in whose axes gravity counts, where a positioner carries the part; 0 where that is the base.
-        gravity: Gravity in its axes. Shape (3,). [m/s^2]
-    """
-
-    model: pin.Model
-    tcp: int
-    commanded: Array
-    shift: Array
-    elastic: np.ndarray
-    compliance: Array
-    weighs: bool
+    model: pin.Model  #: Pinocchio model; its configuration holds commanded and elastic coordinates in chain order.
+    tcp: int  #: Frame id of the TCP.
+    commanded: Array  #: Row of Q per model coordinate: coordinate = select @ q + shift. Shape (n_coordinates, nq).
+    shift: Array  #: Shape (n_coordinates,).
+    elastic: np.ndarray  #: Model coordinates that are elastic, in chain order. Shape (s,).
+    compliance: Array  #: Compliance of the elastic coordinates. Shape (s, s).
+    weighs: bool  #: Whether gravity loads the springs.
+    #: Joints whose masses are together none or less, as where a tool is lighter than the one that the springs were
+    #: identified with: joint, mass [kg] and first moment in its frame, shape (3,) [kg m]. Pinocchio's bodies have
+    #: masses above 0.
     lifts: tuple[tuple[int, float, Array], ...] = ()
+    #: Frame in whose axes gravity counts, where a positioner carries the part; 0 where that is the base.
     ground: int = 0
-    gravity: Array = field(default_factory=lambda: np.zeros(3))
+    gravity: Array = field(default_factory=lambda: np.zeros(3))  #: Gravity in its axes. Shape (3,). [m/s^2]
 
     def turn_gravity(self, data: pin.Data, coordinates: Array) -> None:
         """Set gravity in the frame of the link that carries the part, at a posture."""
@@ -235,11 +224,7 @@ def solve_exact_pose(
         if near[i]:
             start = 3.0 * (theta - before) + earlier if i > 2 and near[i - 1] and near[i - 2] else 2.0 * theta - before
         try:
-            earlier, before, theta = (
-                before,
-                theta,
-                _settle(judge, data, rigid[i], load[i], more[i], start, tolerance),
-            )
+            earlier, before, theta = (before, theta, _settle(judge, data, rigid[i], load[i], more[i], start, tolerance))
         except ConvergenceError as error:
             message = f"{error} at waypoint {i} under {np.linalg.norm(load[i, :3]):.3g} N"
             raise ConvergenceError(

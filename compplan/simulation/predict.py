@@ -1,4 +1,7 @@
-"""Prediction: what the instrument should see if the robot folder, effects included, were the whole truth."""
+"""Prediction: what the instrument should see if the robot folder, effects included, were the whole truth.
+
+Losses say what a controller's calibration cannot hold of a folder, in mm at the tip.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,8 @@ from compplan.effects import apply_effects, robot_effects
 from compplan.effects.forward_model import Attained, build_model, solve_model_poses
 from compplan.io.columns import to_unit
 from compplan.io.tables import write_table
-from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.campaign import Campaign, make_log
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import (
     Registration,
     campaign_gap,
@@ -22,26 +25,22 @@ from compplan.measurement.registration import (
     match_targets,
     stated_registration,
 )
-from compplan.robot import Array, Robot
+from compplan.robot import Array, Joint, Robot
+
+#: Poses over which a loss is taken, drawn within the limits of the joints and half a turn to either side.
+POSES = 200
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What the instrument should see; n rows, those without joints NaN.
+    """What the instrument should see; n rows, those without joints NaN."""
 
-    Attributes:
-        position: Target as the instrument sees it; in the base frame where that sees no position. Shape (n, 3). [m]
-        rotation: Orientation. Shape (n, 3, 3).
-        attained: Everything that the scene came to.
-        registration: Frames used, or None.
-        gap: Measured minus expected, base axes; places of contacts fitted. Shape (n, 3). [m]
-    """
-
+    #: Target as the instrument sees it; in the base frame where that sees no position. Shape (n, 3). [m]
     position: Array
-    rotation: Array
-    attained: Attained
-    registration: Registration | None
-    gap: Array
+    rotation: Array  #: Orientation. Shape (n, 3, 3).
+    attained: Attained  #: Everything that the scene came to.
+    registration: Registration | None  #: Frames used, or None.
+    gap: Array  #: Measured minus expected, base axes; places of contacts fitted. Shape (n, 3). [m]
 
 
 def predict_campaign(
@@ -88,3 +87,57 @@ def write_prediction(prediction: Prediction, file: str | Path) -> None:
     columns = {f"{axis}_mm": position[:, k] for k, axis in enumerate("xyz")}
     columns |= {f"r{axis}_deg": vector[:, k] for k, axis in enumerate("xyz")}
     write_table(file, columns)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """One thing that a calibration does not hold."""
+
+    what: str  #: What it is.
+    rms: float  #: Root mean square of the tip's motion that it makes. [m]
+
+
+def compute_losses(robot: Robot, held: Robot, nominal: Robot, lacks: str, seed: int = 0) -> tuple[list[Loss], float]:
+    """Say what is lost, one thing at a time, and the tip error that all of it leaves (rms).
+
+    Args:
+        robot: The robot as measured: bending under its own weight and effects included.
+        held: The robot that the controller believes, its joints rigid.
+        nominal: The robot as it ships; its tool is the controller's until somebody enters another one.
+        lacks: What the controller's file has no numbers for.
+        seed: Seed of the poses.
+    """
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), (POSES, robot.nq))
+
+    def locate(arm: Robot) -> Array:
+        return predict_campaign(arm, make_log(q, np.zeros(6), np.zeros((POSES, 3)))).position
+
+    plain = replace(robot, effects=())
+    held = stiffen(replace(held, effects=()))
+    rigid, bent, axes = locate(stiffen(plain)), locate(plain), locate(held)
+    believed = locate(replace(held, joints=(*_split(held)[0], *_split(nominal)[1]), tcp=nominal.tcp))
+    losses = [
+        Loss(lacks, _rms(rigid - axes)),
+        Loss("the tool, from flange to TCP: enter it as the TCP", _rms(axes - believed)),
+        Loss(f"bending under the arm's own weight, springs {robot.grade}", _rms(bent - rigid)),
+    ]
+    for effect in robot.effects:
+        place = f", {effect['joint']}" if effect.get("joint") else ""
+        losses.append(Loss(f"{effect['effect']}{place}", _rms(locate(replace(robot, effects=(effect,))) - bent)))
+    return losses, _rms(locate(robot) - believed)
+
+
+def stiffen(robot: Robot) -> Robot:
+    """Return the robot without anything that bends."""
+    return replace(robot, springs=(), link_elasticities=())
+
+
+def _split(robot: Robot) -> tuple[tuple[Joint, ...], tuple[Joint, ...]]:
+    """Divide the chain at the flange."""
+    end = 1 + max(k for k, joint in enumerate(robot.joints) if joint.child == robot.flange)
+    return robot.joints[:end], robot.joints[end:]
+
+
+def _rms(motion: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(motion**2, axis=1))))

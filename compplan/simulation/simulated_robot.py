@@ -28,32 +28,21 @@ JUDGE = "Pinocchio, exact loaded equilibrium at every waypoint"
 
 @dataclass(frozen=True)
 class SimulatedRobot:
-    """A cell.
+    """A cell."""
 
-    Attributes:
-        name: What it is called in tables; says in what it differs from the planner's model.
-        robot: The robot that stands in it, with its tool.
-        judge: The robot as a Pinocchio model.
-        displacement: From the part frame that a touch with this robot found to where the part stands; None where the
-            frame is absolute. Shape (4, 4). [m]
-    """
-
-    name: str
-    robot: Robot
-    judge: ExactRobot
+    name: str  #: What it is called in tables; says in what it differs from the planner's model.
+    robot: Robot  #: The robot that stands in it, with its tool.
+    judge: ExactRobot  #: The robot as a Pinocchio model.
+    #: From the part frame that a touch with this robot found to where the part stands; None where the frame is
+    #: absolute. Shape (4, 4). [m]
     displacement: Array | None = None
 
 
 class SimulatedRun(NamedTuple):
-    """Where the loaded tool went, relative to the part frame as it was found; n waypoints, base axes.
+    """Where the loaded tool went, relative to the part frame as it was found; n waypoints, base axes."""
 
-    Attributes:
-        position: Attained tip. Shape (n, 3). [m]
-        rotation: Attained orientation of the TCP frame. Shape (n, 3, 3).
-    """
-
-    position: Array
-    rotation: Array
+    position: Array  #: Attained tip. Shape (n, 3). [m]
+    rotation: Array  #: Attained orientation of the TCP frame. Shape (n, 3, 3).
 
 
 def build_simulated_robot(robot: Robot, name: str = AS_MODELLED) -> SimulatedRobot:

@@ -40,51 +40,30 @@ class Chain:
     """The m elements from the base to the TCP and their masses.
 
     Placements, axes, masses and compliances may have a leading batch axis: one set of parameters per pose.
-
-    Attributes:
-        names: Name of each element: a joint's name, or "joint.axis" / "link.axis" of an elastic one. Length m.
-        rotation: Orientation of the element frame in the frame before it. Shape (..., m, 3, 3).
-        position: Origin of the element frame in the frame before it. Shape (..., m, 3). [m]
-        axis: Unit vector of the motion in the element frame. Shape (..., m, 3).
-        translates: Which elements translate. Shape (m,).
-        q_index: Commanded joint that drives the element, -1 for an elastic one. Shape (m,).
-        multiplier: Factor on q (mimic joints, otherwise 1). Shape (m,).
-        q_offset: Constant added to multiplier * q. Shape (..., m). [rad or m]
-        theta_index: Elastic coordinate that drives the element, -1 for a commanded one. Shape (m,).
-        tcp_rotation: Orientation of the TCP in the frame of the last element. Shape (..., 3, 3).
-        tcp_position: TCP in the frame of the last element. Shape (..., 3). [m]
-        body_element: Element that carries a body, -1 for the base. Shape (b,).
-        mass: Masses of the bodies. Shape (..., b). [kg]
-        centre: Centres of the bodies in their element's frame after its motion. Shape (..., b, 3). [m]
-        compliance: Compliance of the elastic coordinates. Shape (..., s, s). [rad, m per N m, N]
-        gravity: Gravity in the axes of the ground, zero without gravity load. Shape (3,). [m/s^2]
-        actuator: Which elastic coordinates lie between motor-side and link-side encoder. Shape (s,).
-        link_share: Share of each compliance beyond the link-side encoder, 0 to 1. Shape (s,).
-        joint_elements: Element of each commanded joint. Shape (nq,).
-        ground: Element that carries the fixed frame of gravity, -1 for the base: the last one of a positioner.
-        ground_rotation: Orientation of that frame in the element's frame after its motion. Shape (3, 3).
     """
 
+    #: Name of each element: a joint's name, or "joint.axis" / "link.axis" of an elastic one. Length m.
     names: tuple[str, ...]
-    rotation: Array
-    position: Array
-    axis: Array
-    translates: NDArray[np.bool_]
-    q_index: NDArray[np.int_]
-    multiplier: Array
-    q_offset: Array
-    theta_index: NDArray[np.int_]
-    tcp_rotation: Array
-    tcp_position: Array
-    body_element: NDArray[np.int_]
-    mass: Array
-    centre: Array
-    compliance: Array
-    gravity: Array
-    actuator: NDArray[np.bool_]
-    link_share: Array
-    joint_elements: NDArray[np.int_]
-    ground: int = -1
+    rotation: Array  #: Orientation of the element frame in the frame before it. Shape (..., m, 3, 3).
+    position: Array  #: Origin of the element frame in the frame before it. Shape (..., m, 3). [m]
+    axis: Array  #: Unit vector of the motion in the element frame. Shape (..., m, 3).
+    translates: NDArray[np.bool_]  #: Which elements translate. Shape (m,).
+    q_index: NDArray[np.int_]  #: Commanded joint that drives the element, -1 for an elastic one. Shape (m,).
+    multiplier: Array  #: Factor on q (mimic joints, otherwise 1). Shape (m,).
+    q_offset: Array  #: Constant added to multiplier * q. Shape (..., m). [rad or m]
+    theta_index: NDArray[np.int_]  #: Elastic coordinate that drives the element, -1 for a commanded one. Shape (m,).
+    tcp_rotation: Array  #: Orientation of the TCP in the frame of the last element. Shape (..., 3, 3).
+    tcp_position: Array  #: TCP in the frame of the last element. Shape (..., 3). [m]
+    body_element: NDArray[np.int_]  #: Element that carries a body, -1 for the base. Shape (b,).
+    mass: Array  #: Masses of the bodies. Shape (..., b). [kg]
+    centre: Array  #: Centres of the bodies in their element's frame after its motion. Shape (..., b, 3). [m]
+    compliance: Array  #: Compliance of the elastic coordinates. Shape (..., s, s). [rad, m per N m, N]
+    gravity: Array  #: Gravity in the axes of the ground, zero without gravity load. Shape (3,). [m/s^2]
+    actuator: NDArray[np.bool_]  #: Which elastic coordinates lie between motor-side and link-side encoder. Shape (s,).
+    link_share: Array  #: Share of each compliance beyond the link-side encoder, 0 to 1. Shape (s,).
+    joint_elements: NDArray[np.int_]  #: Element of each commanded joint. Shape (nq,).
+    ground: int = -1  #: Element that carries the fixed frame of gravity, -1 for the base: the last one of a positioner.
+    #: Orientation of that frame in the element's frame after its motion. Shape (3, 3).
     ground_rotation: Array = field(default_factory=lambda: np.eye(3))
 
     @property
@@ -194,23 +173,14 @@ def _body_terms(chain: Chain, element: int, back: Array) -> list[tuple[int, Term
 
 
 class Frames(NamedTuple):
-    """Frames of a chain at n poses.
+    """Frames of a chain at n poses."""
 
-    Attributes:
-        axis: Axis of each element, base axes. Shape (n, m, 3).
-        origin: Origin of each element, base frame. Shape (n, m, 3). [m]
-        tcp_rotation: Orientation of the TCP in the base frame. Shape (n, 3, 3).
-        tcp_position: TCP in the base frame. Shape (n, 3). [m]
-        centre: Centres of the masses in the base frame. Shape (n, b, 3). [m]
-        ground: Orientation of the fixed frame of gravity, base axes. Shape (n, 3, 3).
-    """
-
-    axis: Array
-    origin: Array
-    tcp_rotation: Array
-    tcp_position: Array
-    centre: Array
-    ground: Array
+    axis: Array  #: Axis of each element, base axes. Shape (n, m, 3).
+    origin: Array  #: Origin of each element, base frame. Shape (n, m, 3). [m]
+    tcp_rotation: Array  #: Orientation of the TCP in the base frame. Shape (n, 3, 3).
+    tcp_position: Array  #: TCP in the base frame. Shape (n, 3). [m]
+    centre: Array  #: Centres of the masses in the base frame. Shape (n, b, 3). [m]
+    ground: Array  #: Orientation of the fixed frame of gravity, base axes. Shape (n, 3, 3).
 
 
 def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:

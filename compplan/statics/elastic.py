@@ -32,17 +32,12 @@ MAX_ITERATIONS = 200
 
 
 class LoadedPose(NamedTuple):
-    """Equilibrium of a chain at n poses.
+    """Equilibrium of a chain at n poses."""
 
-    Attributes:
-        theta: Elastic coordinates. Shape (n, s). [rad or m]
-        frames: Frames of the loaded chain; `frames.tcp_position` and `frames.tcp_rotation` are the attained pose.
-        torque: Load on each elastic coordinate. Shape (n, s). [N m or N]
-    """
-
-    theta: Array
+    theta: Array  #: Elastic coordinates. Shape (n, s). [rad or m]
+    #: Frames of the loaded chain; `frames.tcp_position` and `frames.tcp_rotation` are the attained pose.
     frames: Frames
-    torque: Array
+    torque: Array  #: Load on each elastic coordinate. Shape (n, s). [N m or N]
 
     @property
     def position(self) -> Array:

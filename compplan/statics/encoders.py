@@ -28,16 +28,11 @@ FEEDBACKS = ("motor", "link", "combined")
 
 
 class EncoderState(NamedTuple):
-    """Encoder readings and equilibrium of a loaded, controlled arm at n poses.
+    """Encoder readings and equilibrium of a loaded, controlled arm at n poses."""
 
-    Attributes:
-        motor: Readings of the motor-side encoders. Shape (n, nq). [rad or m]
-        link: Readings of the link-side encoders. Shape (n, nq). [rad or m]
-        loaded: Equilibrium of the arm; `theta` of an actuator spring counts from the command, not from the motor.
-    """
-
-    motor: Array
-    link: Array
+    motor: Array  #: Readings of the motor-side encoders. Shape (n, nq). [rad or m]
+    link: Array  #: Readings of the link-side encoders. Shape (n, nq). [rad or m]
+    #: Equilibrium of the arm; `theta` of an actuator spring counts from the command, not from the motor.
     loaded: LoadedPose
 
     @property

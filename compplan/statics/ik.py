@@ -35,26 +35,15 @@ STRIDE = 25
 
 @dataclass(frozen=True)
 class Arm:
-    """A robot prepared for inverse kinematics.
+    """A robot prepared for inverse kinematics."""
 
-    Attributes:
-        robot: The robot.
-        chain: Its chain without springs.
-        arm: The six joints that are solved (or fewer); the others are held. Shape (6,).
-        solver: EAIK's robot for the arm at held joints zero, or None where no closed form is known.
-        exact: Whether the closed form is that of the true geometry.
-        base_turn: Orientation of the TCP at zero joint positions. Shape (3, 3).
-        front: +1 or -1: which side of the first axis counts as the front.
-
-    """
-
-    robot: Robot
-    chain: Chain
-    arm: NDArray[np.int_]
-    solver: Any
-    exact: bool
-    base_turn: Array
-    front: float
+    robot: Robot  #: The robot.
+    chain: Chain  #: Its chain without springs.
+    arm: NDArray[np.int_]  #: The six joints that are solved (or fewer); the others are held. Shape (6,).
+    solver: Any  #: EAIK's robot for the arm at held joints zero, or None where no closed form is known.
+    exact: bool  #: Whether the closed form is that of the true geometry.
+    base_turn: Array  #: Orientation of the TCP at zero joint positions. Shape (3, 3).
+    front: float  #: +1 or -1: which side of the first axis counts as the front.
 
     @property
     def held(self) -> NDArray[np.int_]:

@@ -15,24 +15,14 @@ from compplan.statics.chain import Chain
 
 
 class SymbolicFrames(NamedTuple):
-    """Frames of a chain as expressions.
+    """Frames of a chain as expressions."""
 
-    Attributes:
-        axis: Axis of each element, base axes. m expressions (3).
-        origin: Origin of each element. m expressions (3). [m]
-        position: TCP. Shape (3). [m]
-        rotation: Orientation of the TCP. Shape (3, 3).
-        centre: Centre of each body. b expressions (3). [m]
-        ground: Orientation of the frame of gravity. Shape (3, 3).
-
-    """
-
-    axis: list[ca.SX]
-    origin: list[ca.SX]
-    position: ca.SX
-    rotation: ca.SX
-    centre: list[ca.SX]
-    ground: ca.SX
+    axis: list[ca.SX]  #: Axis of each element, base axes. m expressions (3).
+    origin: list[ca.SX]  #: Origin of each element. m expressions (3). [m]
+    position: ca.SX  #: TCP. Shape (3). [m]
+    rotation: ca.SX  #: Orientation of the TCP. Shape (3, 3).
+    centre: list[ca.SX]  #: Centre of each body. b expressions (3). [m]
+    ground: ca.SX  #: Orientation of the frame of gravity. Shape (3, 3).
 
 
 def build_loaded_function(chain: Chain, steps: int) -> ca.Function:

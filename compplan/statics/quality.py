@@ -19,19 +19,12 @@ from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 
 @dataclass(frozen=True)
 class Zone:
-    """A box in joint space.
+    """A box in joint space."""
 
-    Attributes:
-        name: Name of the zone.
-        joints: Joints that it bounds, counted from 0.
-        lower: Lower bounds, one a joint. [rad or m]
-        upper: Upper bounds, one a joint. [rad or m]
-    """
-
-    name: str
-    joints: tuple[int, ...]
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
+    name: str  #: Name of the zone.
+    joints: tuple[int, ...]  #: Joints that it bounds, counted from 0.
+    lower: tuple[float, ...]  #: Lower bounds, one a joint. [rad or m]
+    upper: tuple[float, ...]  #: Upper bounds, one a joint. [rad or m]
 
     def contains(self, q: Array) -> NDArray[np.bool_]:
         """Return which joint positions lie in the zone. Shape (..., nq) -> (...)."""
@@ -41,25 +34,15 @@ class Zone:
 
 @dataclass(frozen=True)
 class DexterityMap:
-    """Inverse condition number over two joints, all others fixed.
+    """Inverse condition number over two joints, all others fixed."""
 
-    Attributes:
-        first: Positions of the first joint. Shape (a,). [rad or m]
-        second: Positions of the second joint. Shape (b,). [rad or m]
-        joints: The two joints, counted from 0.
-        q: Joint positions. Shape (b, a, nq). [rad or m]
-        inverse_condition: 1/kappa_F. Shape (b, a).
-        position: TCP in the base frame. Shape (b, a, 3). [m]
-        length: Characteristic length. [m]
-    """
-
-    first: Array
-    second: Array
-    joints: tuple[int, int]
-    q: Array
-    inverse_condition: Array
-    position: Array
-    length: float
+    first: Array  #: Positions of the first joint. Shape (a,). [rad or m]
+    second: Array  #: Positions of the second joint. Shape (b,). [rad or m]
+    joints: tuple[int, int]  #: The two joints, counted from 0.
+    q: Array  #: Joint positions. Shape (b, a, nq). [rad or m]
+    inverse_condition: Array  #: 1/kappa_F. Shape (b, a).
+    position: Array  #: TCP in the base frame. Shape (b, a, 3). [m]
+    length: float  #: Characteristic length. [m]
 
 
 def normalise_jacobian(jacobian: Array, length: float) -> Array:

@@ -29,77 +29,44 @@ _SMALL_ANGLE = 0.02
 
 @dataclass(frozen=True)
 class Step:
-    """One element, its frame turned so that it moves about or along z.
+    """One element, its frame turned so that it moves about or along z."""
 
-    Attributes:
-        columns: Columns of the constant rotation from the frame before it.
-        shift: Constant translation from the frame before it, in that frame. [m]
-        translates: Whether the element translates.
-        q_index: Commanded joint, or -1.
-        theta_index: Elastic coordinate, or -1.
-        multiplier: Factor on the joint position.
-        q_offset: Constant added to it. [rad or m]
-        bodies: Bodies that the element carries: index and centre in its frame.
-    """
-
-    columns: tuple[Terms, Terms, Terms]
-    shift: Terms
-    translates: bool
-    q_index: int
-    theta_index: int
-    multiplier: float
-    q_offset: Array | float
-    bodies: list[tuple[int, Terms]]
+    columns: tuple[Terms, Terms, Terms]  #: Columns of the constant rotation from the frame before it.
+    shift: Terms  #: Constant translation from the frame before it, in that frame. [m]
+    translates: bool  #: Whether the element translates.
+    q_index: int  #: Commanded joint, or -1.
+    theta_index: int  #: Elastic coordinate, or -1.
+    multiplier: float  #: Factor on the joint position.
+    q_offset: Array | float  #: Constant added to it. [rad or m]
+    bodies: list[tuple[int, Terms]]  #: Bodies that the element carries: index and centre in its frame.
 
 
 @dataclass(frozen=True)
 class CompiledChain:
-    """A compiled chain: elements, bodies of the base, TCP and rows of the compliance.
+    """A compiled chain: elements, bodies of the base, TCP and rows of the compliance."""
 
-    Attributes:
-        steps: The elements from the base.
-        base_bodies: Bodies of the base.
-        tcp_columns: Columns of the TCP's orientation in the frame of the last element.
-        tcp_shift: TCP in the frame of the last element. [m]
-        weights: Weight of each body, none without gravity load. [N]
-        n_bodies: Number of bodies.
-        compliance: Rows of the compliance.
-        ground: Step that carries the fixed frame of gravity, -1 for the base.
-        ground_columns: Columns of the orientation of that frame in the frame of the step.
-        gravity: Gravity in its axes. Three numbers. [m/s^2]
-        masses: Mass of each body. [kg]
-    """
-
-    steps: list[Step]
-    base_bodies: list[tuple[int, Terms]]
-    tcp_columns: tuple[Terms, Terms, Terms]
-    tcp_shift: Terms
-    weights: list[list[Array | float]]
-    n_bodies: int
-    compliance: list[Terms]
-    ground: int
-    ground_columns: tuple[Terms, Terms, Terms]
-    gravity: list[float]
-    masses: list[Array | float]
+    steps: list[Step]  #: The elements from the base.
+    base_bodies: list[tuple[int, Terms]]  #: Bodies of the base.
+    tcp_columns: tuple[Terms, Terms, Terms]  #: Columns of the TCP's orientation in the frame of the last element.
+    tcp_shift: Terms  #: TCP in the frame of the last element. [m]
+    weights: list[list[Array | float]]  #: Weight of each body, none without gravity load. [N]
+    n_bodies: int  #: Number of bodies.
+    compliance: list[Terms]  #: Rows of the compliance.
+    ground: int  #: Step that carries the fixed frame of gravity, -1 for the base.
+    ground_columns: tuple[Terms, Terms, Terms]  #: Columns of the orientation of that frame in the frame of the step.
+    gravity: list[float]  #: Gravity in its axes. Three numbers. [m/s^2]
+    masses: list[Array | float]  #: Mass of each body. [kg]
 
 
 class Walk(NamedTuple):
-    """Frames of n poses, components first; a length of 1 in place of n means equal for all.
+    """Frames of n poses, components first; a length of 1 in place of n means equal for all."""
 
-    Attributes:
-        axis: Axis of each element. m arrays of shape (3, n).
-        origin: Origin of each element. m arrays of shape (3, n). [m]
-        columns: Columns of the TCP's orientation. Three arrays of shape (3, n).
-        position: TCP. Shape (3, n). [m]
-        centre: Centres of the bodies. b arrays of shape (3, n). [m]
-        ground: Columns of the orientation of the frame of gravity, three arrays of shape (3, n); none for the base.
-    """
-
-    axis: list[Array]
-    origin: list[Array]
-    columns: list[Array]
-    position: Array
-    centre: list[Array]
+    axis: list[Array]  #: Axis of each element. m arrays of shape (3, n).
+    origin: list[Array]  #: Origin of each element. m arrays of shape (3, n). [m]
+    columns: list[Array]  #: Columns of the TCP's orientation. Three arrays of shape (3, n).
+    position: Array  #: TCP. Shape (3, n). [m]
+    centre: list[Array]  #: Centres of the bodies. b arrays of shape (3, n). [m]
+    #: Columns of the orientation of the frame of gravity, three arrays of shape (3, n); none for the base.
     ground: list[Array]
 
 

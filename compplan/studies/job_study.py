@@ -3,40 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
 from compplan.io.provenance import note_seed
 from compplan.job.job import Job
+from compplan.job.noise import NoiseTable
+from compplan.planning.compare import Comparison, Drawn, compare_task
 from compplan.planning.plan import build_task, prepare_job
-from compplan.studies.runner import Run, Settings, run_study
+from compplan.planning.task import PlanTask
+from compplan.studies.runner import Run, Settings, discard_chunks, run_study
 from compplan.studies.sensitivity import Sensitivity, measure_sensitivity
-from compplan.studies.storage import discard_chunks
 from compplan.studies.study import MOST_WAYPOINTS, prepare_study
-from compplan.studies.summary import summarise_run
+from compplan.studies.summary import estimate_quantile, summarise_run
 from compplan.studies.workers import Workers
-from compplan.uncertainty.sensitivities import read_force_spread
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
 
 SAMPLES = "samples"
+#: Robots that are drawn, their seed, and the waypoints at which they are looked at.
+DRAWS, SEED, WAYPOINTS = 200, 1, 300
 
 
 @dataclass(frozen=True)
 class JobStudy:
-    """A study of a job with everything that its report shows.
+    """A study of a job with everything that its report shows."""
 
-    Attributes:
-        job: The job.
-        run: The samples.
-        sensitivity: Total Sobol indices, or None.
-        summary: Content of montecarlo.json.
-    """
-
-    job: Job
-    run: Run
-    sensitivity: Sensitivity | None
-    summary: dict[str, Any]
+    job: Job  #: The job.
+    run: Run  #: The samples.
+    sensitivity: Sensitivity | None  #: Total Sobol indices, or None.
+    summary: dict[str, Any]  #: Content of montecarlo.json.
 
 
 def study_job(
@@ -97,3 +95,27 @@ def study_job(
     say("summary")
     summary = summarise_run(run, indices, name=job.name or job.file.stem, main=options.strategy)
     return JobStudy(job, run, indices, summary)
+
+
+def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None) -> Comparison:
+    """Compare every strategy on a job.
+
+    Raises:
+        InputError: If the job is not what it has to be, or the part is out of reach.
+    """
+    announce("robot, toolpath and posture")
+    robot, nominal, options = prepare_job(job)
+    task = build_task(robot, nominal, options, file=job.file)
+    comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
+    announce("robots drawn from the uncertainty")
+    return replace(comparison, job=job, drawn=draw_strategies(task, job.noise, read_force_spread(job)))
+
+
+def draw_strategies(task: PlanTask, noise: NoiseTable, force: ForceSpread, draws: int = DRAWS) -> Drawn:
+    """Let every strategy cut the path on the drawn robots of a Monte Carlo study, the same ones for all."""
+    study = prepare_study(task, noise, most_waypoints=WAYPOINTS, force=force)
+    found = run_study(study, Settings(draws, SEED), workforce=Workers(workers=1)).evaluated.rms
+    rms = dict(zip(study.strategies, found.T, strict=True))
+    ends = {name: estimate_quantile(values, 0.5) for name, values in rms.items()}
+    source = f"{robot_uncertainty(task.robot).source}; force {force.source}"
+    return Drawn(source, rms, {name: (median.low, median.high) for name, median in ends.items()})

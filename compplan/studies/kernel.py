@@ -3,19 +3,30 @@
 The fixed point of `compplan.statics.elastic` with three savings: it starts from the model's own deflections, it keeps
 nothing but the tip, and instead of a last walk it moves the tip by J (theta_k - theta_(k-1)), whose error is of the
 second order of a change that is already small. Blocks of BLOCK poses stay in the cache.
+
+Every drawn robot finds a touched-off part by touching it before it cuts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from compplan.effects.attained import attain_with_effects, rest_robot
 from compplan.errors import ConvergenceError
+from compplan.job.noise import NoiseTable
+from compplan.planning.task import PlanTask
 from compplan.robot import Array
+from compplan.robot.pose import linear_displacement
 from compplan.statics.chain import Chain
 from compplan.statics.sweep import CompiledChain, apply_compliance, element_loads, joint_turns, walk_chain
+from compplan.studies.posterior import MODES
+from compplan.studies.sampling import Cells, differentiate_placements, shift_tip
+from compplan.toolpath.toolpath import select_waypoints
+from compplan.uncertainty.touch_off import TouchedPart, locate_touching
 
 #: Poses solved at once.
 BLOCK = 8192
@@ -24,21 +35,17 @@ TOLERANCE = 1e-9
 #: Assumed lever of a spring, for translating the tolerance to elastic coordinates. [m]
 LEVER = 4.0
 MOST_PASSES = 60
+#: Columns of `differentiate_placements`: growth, part frame.
+GROWN, PART_AXES = 1, 6
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """A chain, ready to be settled.
+    """A chain, ready to be settled."""
 
-    Attributes:
-        compiled: The chain prepared for walking.
-        elements: Elements that are elastic.
-        slides: Which elastic coordinates translate.
-    """
-
-    compiled: CompiledChain
-    elements: tuple[int, ...]
-    slides: tuple[bool, ...]
+    compiled: CompiledChain  #: The chain prepared for walking.
+    elements: tuple[int, ...]  #: Elements that are elastic.
+    slides: tuple[bool, ...]  #: Which elastic coordinates translate.
 
 
 def build_kernel(chain: Chain) -> Kernel:
@@ -109,3 +116,50 @@ def _move_tip(
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             total[i] = total[i] + step * (a[j] * lever[k] - a[k] * lever[j])
     return np.array(total)
+
+
+class Touch(NamedTuple):
+    """Touched points, components first; k points."""
+
+    q: Array  #: Joint positions there. Shape (nq, 1, k). [rad or m]
+    shown: Array  #: The points in the found frame. Shape (3, k). [m]
+    placements: Array  #: Motion of the tip per placement error. Shape (c, 3, k).
+    offset: Array  #: Motion of the tip by the effects of the robot folder. Shape (3, k). [m]
+    fit: Array  #: Shift of the middle and rotation vector of the best-fit motion of the points. Shape (6, 3 k).
+
+
+def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None) -> Touch | None:
+    """Prepare the touched points of a strategy's posture; None where the part frame is absolute."""
+    if touched is None:
+        return None
+    k, robot = len(touched.q), rest_robot(task.robot)
+    nominal = replace(select_waypoints(task.nominal, np.zeros(k, int)), position=touched.shown, events=())
+    there = replace(
+        task, robot=robot, nominal=nominal, q_start=touched.q, wrench=np.zeros((k, 6)), rotation=task.rotation[:k],
+        compensated=np.ones(k, bool), missed=np.zeros(k, bool), lead=np.zeros(k, bool), rests=np.zeros(k, bool),
+        bias=None, links=None, places=None, start=None, step_time=np.ones(k - 1),
+        theta=np.zeros((k, task.chain.n_springs)), touched=None,
+    )  # fmt: skip
+    rates = differentiate_placements(there, noise)[0]
+    rates[GROWN : GROWN + PART_AXES] = 0.0  # the part does not move between touch and cut
+    rates[len(rates) - 3 * MODES :] = 0.0  # the band counts what is unexplained as it is
+    offset = np.zeros((k, 3))
+    if robot.effects:
+        plain = attain_with_effects(replace(robot, effects=()), touched.q, np.zeros((k, 6)), np.ones(k - 1))[0]
+        offset = locate_touching(robot, touched.q) - plain
+    return Touch(touched.q.T[:, None, :], touched.shown.T, rates, offset.T, linear_displacement(touched.shown))
+
+
+def move_part(touch: Touch, kernel: Kernel, cells: Cells, scale: Array, position: Array) -> Array:
+    """Return where the part of every cell stands beside the found frame, at positions (3, n). Shape (3, b, n). [m]
+
+    scale: share of each spring's deflection that the feedback leaves. Shape (s, b).
+    """
+    b, k = cells.zero.shape[1], touch.q.shape[2]
+    q = (touch.q + cells.zero[:, :, None]).reshape(len(touch.q), -1)
+    factor = np.repeat(cells.factor * scale, k, axis=1)
+    tips = settle_tips(kernel, q, np.zeros((6, b * k)), factor, np.zeros_like(factor)).reshape(3, b, k)
+    gap = tips + shift_tip(cells.causes, touch.placements) + (touch.offset - touch.shown)[:, None, :]
+    twist = touch.fit @ np.moveaxis(gap, 1, 0).transpose(0, 2, 1).reshape(b, -1).T
+    lever = position - touch.shown.mean(axis=1, keepdims=True)
+    return np.asarray(twist[:3, :, None] + np.cross(twist[3:, :, None], lever[:, None, :], axis=0))

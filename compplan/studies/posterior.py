@@ -24,8 +24,14 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.perturbation import group_alternatives
-from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, measure_slopes, pick_rows, tie_force
+from compplan.uncertainty.sensitivities import (
+    ForceSpread,
+    build_path_model,
+    group_alternatives,
+    measure_slopes,
+    pick_rows,
+    tie_force,
+)
 
 #: Smooth errors along the path that stand for what is unexplained, and waypoints that tell them.
 MODES, STATIONS = 12, 200
@@ -34,38 +40,25 @@ LEAST = 0.02
 
 
 class ArmParameter(NamedTuple):
-    """A parameter that acts inside the arm.
+    """A parameter that acts inside the arm."""
 
-    Attributes:
-        row: Its row among the parameters.
-        kind: "factor", "zero" or "drive".
-        place: Elastic coordinate, or joint.
-        shape: What one unit of it is: 1 / compliance, 1, or the motion of the drive along the path, shape (n,).
-    """
-
-    row: int
-    kind: str
-    place: int
-    shape: Array
+    row: int  #: Its row among the parameters.
+    kind: str  #: "factor", "zero" or "drive".
+    place: int  #: Elastic coordinate, or joint.
+    shape: Array  #: What one unit of it is: 1 / compliance, 1, or the motion of the drive along the path, shape (n,).
 
 
 @dataclass(frozen=True, eq=False)
 class RobotPosterior:
-    """What is known of a robot, ready for samples.
+    """What is known of a robot, ready for samples."""
 
-    Attributes:
-        root: Parameters per normal coordinate, then per rival explanation that holds. Shape (p, r + rivals). [SI]
-        parts: Parameters that act inside the arm; the others move the tip.
-        rivals: For each cause, the numbers of its rivals and the weights of each and of the folder's, last.
-        tie: How level and turns go with the parameters and what of them is apart (`tie_force`); None: all is apart.
-        force: What measured parts said of the force where it goes with the robot, or None.
-    """
-
-    root: Array
-    parts: tuple[ArmParameter, ...]
+    root: Array  #: Parameters per normal coordinate, then per rival explanation that holds. Shape (p, r + rivals). [SI]
+    parts: tuple[ArmParameter, ...]  #: Parameters that act inside the arm; the others move the tip.
+    #: For each cause, the numbers of its rivals and the weights of each and of the folder's, last.
     rivals: list[tuple[list[int], Array]]
+    #: How level and turns go with the parameters and what of them is apart (`tie_force`); None: all is apart.
     tie: tuple[Array, Array] | None = None
-    force: ForceSpread | None = None
+    force: ForceSpread | None = None  #: What measured parts said of the force where it goes with the robot, or None.
 
     def push(self, z: Array, shares: Array) -> Array:
         """Return level and turns of the force in their deviations, of settled coordinates and own ones. (4, b)."""

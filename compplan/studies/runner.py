@@ -2,61 +2,57 @@
 
 A chunk is a fixed range of samples, whatever computes it: the numbers are the same to the last digit with any number of
 workers. Chunks are written as they come; those that a folder holds already are not computed again.
+
+A folder of chunks belongs to one study: `study.json` and every chunk hold the fingerprint of everything that the
+numbers depend on. A folder with finished chunks of another study is refused.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
 from compplan.errors import InputError
+from compplan.io.tables import write_text
+from compplan.io.transaction import clear_parts, replace_file
 from compplan.robot import Array
-from compplan.studies.evaluation import ChunkResult
-from compplan.studies.factors import draw_points
-from compplan.studies.storage import ChunkFolder, fingerprint_study
-from compplan.studies.study import Study
+from compplan.studies.sampling import draw_points
+from compplan.studies.study import ChunkResult, Study
 from compplan.studies.workers import Workers, compute_chunks
+from compplan.version import VERSION
 
 #: Poses a chunk comes to, about; and the bounds of its number of samples. At most 20 leave four chunks and more to each
 #: of 100 workers from 8,000 samples on; on one machine small chunks cost about a quarter of the time.
 CHUNK_POSES, LEAST_SAMPLES, MOST_SAMPLES = 600_000, 8, 20
 #: Samples whose distances along the path are kept.
 MOST_ALONG = 2000
+_COLUMNS = {"rms": "rms_m", "mean": "mean_m", "max": "max_m", "within": "within_tolerance", "along": "along_m"}
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a study is sampled.
+    """How a study is sampled."""
 
-    Attributes:
-        samples: Number of samples.
-        seed: Seed of everything.
-        replicates: Independent replicates of the Sobol sequence; their scatter gives the intervals.
-    """
-
-    samples: int
-    seed: int
-    replicates: int = 8
+    samples: int  #: Number of samples.
+    seed: int  #: Seed of everything.
+    replicates: int = 8  #: Independent replicates of the Sobol sequence; their scatter gives the intervals.
 
 
 @dataclass(frozen=True)
 class Run:
-    """A study that was run.
+    """A study that was run."""
 
-    Attributes:
-        study: The study.
-        settings: How it was sampled.
-        evaluated: Figures of every sample, in their order; `along` of the first MOST_ALONG.
-        reused: Chunks that were found on disk.
-    """
-
-    study: Study
-    settings: Settings
-    evaluated: ChunkResult
-    reused: int = 0
+    study: Study  #: The study.
+    settings: Settings  #: How it was sampled.
+    evaluated: ChunkResult  #: Figures of every sample, in their order; `along` of the first MOST_ALONG.
+    reused: int = 0  #: Chunks that were found on disk.
 
 
 def run_study(
@@ -151,3 +147,101 @@ def chunk_size(study: Study) -> int:
 def _lighten(evaluated: ChunkResult, start: int) -> ChunkResult:
     """Drop the distances along the path of late samples."""
     return evaluated._replace(along=evaluated.along[: max(0, MOST_ALONG - start)])
+
+
+def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
+    """Return a fingerprint of everything that the numbers of a study depend on."""
+    digest = hashlib.sha256()
+    about = {"version": VERSION, "numpy": np.__version__, **settings}
+    digest.update(json.dumps(about, sort_keys=True).encode())
+    digest.update(study.noise.model_dump_json().encode())
+    at = study.surroundings
+    arrays: list[Array] = [study.nominal, at.wrench, at.shift, at.scale, study.task.chain.compliance]
+    arrays += [at.link_share, 1e9 * at.posterior.root]
+    for name, worker in study.workers.items():
+        digest.update(name.encode())
+        arrays += [worker.q, worker.spring_factor]
+        arrays += [part for part in (worker.gain, worker.expected) if part is not None]
+    for array in arrays:
+        digest.update(np.round(array, 12).tobytes())
+    digest.update(f"{study.task.tolerance:.9g}".encode())
+    return digest.hexdigest()
+
+
+class ChunkFolder:
+    """Chunks of one study in a folder.
+
+    Args:
+        folder: The folder; made if needed.
+        fingerprint: Fingerprint of the study.
+
+    Raises:
+        InputError: If the folder cannot be written, or holds finished chunks of another study.
+    """
+
+    def __init__(self, folder: Path, fingerprint: str) -> None:
+        self.folder, self.fingerprint = folder, fingerprint
+        others = sum(not self._is_ours(file) for file in folder.glob("chunk-*.npz"))
+        if others:
+            message = (
+                f"holds {others} finished chunks of another study (another job, robot, seed, number of waypoints or "
+                "version); name another folder, or take them away with --discard"
+            )
+            raise InputError(message, file=folder)
+        clear_parts(folder)
+
+    def _is_ours(self, file: Path) -> bool:
+        """Tell whether a chunk is of this study; one that was cut off is nobody's."""
+        try:
+            with np.load(file, allow_pickle=False) as table:
+                return str(table["fingerprint"]) == self.fingerprint
+        except KeyError:
+            return False
+        except (OSError, ValueError, EOFError, BadZipFile):
+            return True
+
+    def path(self, chunk: int) -> Path:
+        """Return the file of a chunk."""
+        return self.folder / f"chunk-{chunk:06d}.npz"
+
+    def write(self, chunk: int, first: int, evaluated: ChunkResult, strategies: tuple[str, ...]) -> None:
+        """Write a chunk: number of its first sample, names of the strategies, and the figures with their units."""
+        figures = {column: getattr(evaluated, name) for name, column in _COLUMNS.items()}
+        about: dict[str, Any] = {"first": first, "strategies": np.array(strategies), "fingerprint": self.fingerprint}
+        with replace_file(self.path(chunk)) as part, part.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **about, **figures)
+        if _read_mark(self.folder / "study.json") != self.fingerprint:
+            write_text(self.folder / "study.json", json.dumps({"schema": 1, "fingerprint": self.fingerprint}) + "\n")
+
+    def read(self, chunk: int, strategies: tuple[str, ...]) -> ChunkResult | None:
+        """Read a chunk back; None where there is none, or where it was cut off."""
+        if not self.path(chunk).is_file():
+            return None
+        try:
+            with np.load(self.path(chunk), allow_pickle=False) as table:
+                if tuple(table["strategies"]) != strategies or str(table["fingerprint"]) != self.fingerprint:
+                    return None
+                return ChunkResult(**{name: table[column] for name, column in _COLUMNS.items()})
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+            return None
+
+
+def discard_chunks(folder: Path) -> None:
+    """Take away the chunks in a folder and in those below it, whatever study they are of.
+
+    Raises:
+        InputError: If they cannot be taken away.
+    """
+    try:
+        for file in (*folder.rglob("chunk-*.npz"), *folder.rglob("study.json")):
+            file.unlink()
+    except OSError as error:
+        raise InputError(f"cannot be deleted: {error.strerror}", file=folder) from None
+
+
+def _read_mark(file: Path) -> str | None:
+    """Return the fingerprint in study.json; None where it is no mark."""
+    try:
+        return str(json.loads(file.read_text(encoding="utf-8"))["fingerprint"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None

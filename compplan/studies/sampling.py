@@ -1,24 +1,33 @@
-"""What a sample's point means in the cell: compliances, zeros, gear errors, geometry, wrench, and the noise of sensors.
+"""The coordinates of a sample's point, how points are chosen, and what a point means in the cell.
 
-Arrays are components first, then b samples, then n waypoints.
+A sample is a point of the unit cube. Most coordinates become one number (a compliance factor, a zero, a force level);
+some become the seed of a noise along the path. Everything random about a sample follows from its point. Arrays of
+cells are components first, then b samples, then n waypoints.
 """
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
+from scipy.stats import qmc
 
-from compplan.effects import build_model, command_campaign, solve_model_poses
+from compplan.effects import (
+    build_model,
+    command_campaign,
+    solve_model_poses,
+)
 from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.planning.task import PlanTask
-from compplan.robot import Array
+from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
-from compplan.studies.factors import Factors, to_normal
-from compplan.studies.posterior import RobotPosterior, move_by_posterior, take_posterior
+from compplan.studies.posterior import RobotPosterior, count_coordinates, move_by_posterior, take_posterior
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import read_placement
 from compplan.uncertainty.sensitivities import ForceSpread
@@ -37,72 +46,45 @@ DRIFT = 2.5
 NOISE_ARM, BIAS_ARM = 0.05, 0.1
 #: Gain of a force sensor, one standard deviation (assumed; datasheets state 1 %).
 GAIN = 0.01
+#: Coordinates of a placement: three translations, three rotations.
+TWIST = 6
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What all samples share; n waypoints.
+    """What all samples share; n waypoints."""
 
-    Attributes:
-        noise: The standard deviations.
-        factors: The coordinates of a sample's point.
-        wrench: Predicted wrench. Shape (6, n). [N, N m]
-        q: Commanded joints, for what depends on angle and direction of travel. Shape (nq, n). [rad or m]
-        travel: Direction of travel of each joint, -1, 0 or 1. Shape (nq, n).
-        link_share: Share of each compliance beyond the link-side encoder. Shape (s,).
-        n_springs: Number of elastic coordinates.
-        shift: Motion of the tip per growth, place of the part and coordinate of the robot. Shape (k, 3, n).
-            [m per m, rad, 1]
-        scale: Standard deviation of each of them. Shape (k,). [m, rad, 1]
-        knot: Position of each waypoint among the knots of the noise along the path. Shape (n,).
-        forget: What is left of the noise from one knot to the next.
-        repeatability: Standard deviation, an axis. [m]
-        posterior: What is known of the robot, which robots are drawn from.
-    """
-
-    noise: NoiseTable
-    factors: Factors
-    wrench: Array
-    q: Array
-    travel: Array
-    link_share: Array
-    n_springs: int
+    noise: NoiseTable  #: The standard deviations.
+    factors: Factors  #: The coordinates of a sample's point.
+    wrench: Array  #: Predicted wrench. Shape (6, n). [N, N m]
+    q: Array  #: Commanded joints, for what depends on angle and direction of travel. Shape (nq, n). [rad or m]
+    travel: Array  #: Direction of travel of each joint, -1, 0 or 1. Shape (nq, n).
+    link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s,).
+    n_springs: int  #: Number of elastic coordinates.
+    #: Motion of the tip per growth, place of the part, effect and coordinate of the robot. Shape (k, 3, n). [m per m,
+    #: rad, 1]
     shift: Array
-    scale: Array
-    knot: Array
-    forget: float
-    repeatability: float
-    posterior: RobotPosterior
+    scale: Array  #: Standard deviation of each of them. Shape (k,). [m, rad, 1]
+    knot: Array  #: Position of each waypoint among the knots of the noise along the path. Shape (n,).
+    forget: float  #: What is left of the noise from one knot to the next.
+    repeatability: float  #: Standard deviation, an axis. [m]
+    posterior: RobotPosterior  #: What is known of the robot, which robots are drawn from.
 
 
 class Cells(NamedTuple):
-    """b cells; a part is cut in each.
+    """b cells; a part is cut in each."""
 
-    Attributes:
-        factor: Factor on each compliance. Shape (s, b).
-        link_share: Share of each compliance beyond the link-side encoder. Shape (s, b).
-        zero: True minus read position of each joint. Shape (nq, b). [rad or m]
-        drive: Link-side minus motor-side position, elastic part left out. Shape (nq, b, n). [rad or m]
-        causes: Growth, place of the part and robot. Shape (k, b). [m, rad, 1]
-        shift: Motion of the tip by them, at the posture of the task. Shape (3, b, n). [m]
-        wrench: Wrench on the tool. Shape (6, b, n). [N, N m]
-        repeat: Scatter of the tip from part to part. Shape (3, b). [m]
-        motor: Error of motor-side encoders. Shape (nq, b, n). [rad or m]
-        link: Error of link-side encoders. Shape (nq, b, n). [rad or m]
-        force: Error of the force sensor. Shape (6, b, n). [N, N m]
-    """
-
-    factor: Array
-    link_share: Array
-    zero: Array
-    drive: Array
-    causes: Array
-    shift: Array
-    wrench: Array
-    repeat: Array
-    motor: Array
-    link: Array
-    force: Array
+    factor: Array  #: Factor on each compliance. Shape (s, b).
+    link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s, b).
+    zero: Array  #: True minus read position of each joint. Shape (nq, b). [rad or m]
+    drive: Array  #: Link-side minus motor-side position, elastic part left out. Shape (nq, b, n). [rad or m]
+    causes: Array  #: Growth, place of the part, effects and robot. Shape (k, b). [m, rad, 1]
+    shift: Array  #: Motion of the tip by them, at the posture of the task. Shape (3, b, n). [m]
+    wrench: Array  #: Wrench on the tool. Shape (6, b, n). [N, N m]
+    repeat: Array  #: Scatter of the tip from part to part. Shape (3, b). [m]
+    motor: Array  #: Error of motor-side encoders. Shape (nq, b, n). [rad or m]
+    link: Array  #: Error of link-side encoders. Shape (nq, b, n). [rad or m]
+    force: Array  #: Error of the force sensor. Shape (6, b, n). [N, N m]
 
 
 def survey_surroundings(
@@ -140,7 +122,7 @@ def find_travel(q: Array) -> Array:
 
 
 def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, Array]:
-    """Return the tip's motion by growth, part frame and robot, (k, 3, n), and their sigmas, (k,).
+    """Return the tip's motion by growth, part frame, effects and robot, (k, 3, n), and their sigmas, (k,).
 
     To first order, of the unloaded robot: the load changes it by its own relative deflection.
     """
@@ -258,3 +240,89 @@ class _Noises:
     def encoder(self, side: int) -> Array:
         """Draw the errors of motor-side (0) or link-side (1) encoders. Shape (nq, b, n). [rad]"""
         return np.radians(ENCODERS[side]) * self.white(_ENCODERS, "encoders", side, len(self.at.q))
+
+
+@dataclass(frozen=True)
+class Factors:
+    """The coordinates of a sample's point."""
+
+    columns: Mapping[str, slice]  #: By factor, the columns of the point that belong to it.
+    groups: Mapping[str, tuple[str, ...]]  #: By group of the sensitivity analysis, its factors.
+
+    @property
+    def size(self) -> int:
+        """Count the coordinates."""
+        return max(part.stop for part in self.columns.values())
+
+    def group_names(self) -> list[str]:
+        """Name the group of every coordinate. Length `size`."""
+        names = [""] * self.size
+        for group, factors in self.groups.items():
+            for factor in factors:
+                for column in range(self.columns[factor].start, self.columns[factor].stop):
+                    names[column] = group
+        return names
+
+
+def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
+    """List the factors of a robot; groups without any uncertainty are left out of the sensitivity analysis."""
+    sizes = {
+        "link_share": sum(1 for spring in robot.springs if 0.0 < spring.link_share < 1.0),
+        "part_frame": TWIST,
+        "temperature": 1,
+        "wrench_level": 1,
+        "wrench_direction": 3,
+        "wrench_path": 1,
+        "encoders": 1,
+        "repeatability": 3,
+        "force_bias": 7,
+        "force_noise": 1,
+        "posterior": count_coordinates(robot),
+    }
+    starts = np.concatenate([[0], np.cumsum(list(sizes.values()))])
+    columns = {name: slice(int(a), int(a) + size) for (name, size), a in zip(sizes.items(), starts, strict=False)}
+    groups = {
+        "link_share": (noise.link_share, ("link_share",)),
+        "part": (max(noise.part_frame_mm, noise.part_frame_deg), ("part_frame",)),
+        "temperature": (noise.temperature_K, ("temperature",)),
+        "wrench_level": (noise.wrench_level, ("wrench_level",)),
+        "wrench_direction": (noise.wrench_direction_deg, ("wrench_direction",)),
+        "wrench_path": (noise.wrench_path, ("wrench_path",)),
+        "encoders": (1.0, ("encoders",)),
+        "repeatability": (robot_uncertainty(robot).repeatability or 0.0, ("repeatability",)),
+        "force_sensor": (1.0, ("force_bias", "force_noise")),
+        "robot": (1.0, ("posterior",)),
+    }
+    kept = {
+        name: factors
+        for name, (level, factors) in groups.items()
+        if level > 0.0 and sum(sizes[factor] for factor in factors) > 0
+    }
+    return Factors(columns, kept)
+
+
+def draw_points(factors: Factors, seed: int, replicates: int, samples: range) -> Array:
+    """Draw points inside the unit cube; sample i is point i // replicates of the Sobol sequence i % replicates.
+
+    The replicates are scrambled independently, so that their scatter gives intervals of means [Owen1995]. `samples` is
+    a contiguous range. Shape (len(samples), size).
+    """
+    points = np.empty((len(samples), factors.size))
+    for replicate in range(replicates):
+        rows = [i for i in samples if i % replicates == replicate]
+        if not rows:
+            continue
+        first, count = rows[0] // replicates, len(rows)
+        rng = np.random.default_rng(np.random.SeedSequence([seed, replicate]))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # no power of two: balanced less, not wrong
+            engine = qmc.Sobol(factors.size, scramble=True, rng=rng)
+            if first:
+                engine.fast_forward(first)
+            points[np.array(rows) - samples.start] = engine.random(count)
+    return np.clip(points, 1e-12, 1.0 - 1e-12)
+
+
+def to_normal(points: Array) -> Array:
+    """Turn uniform coordinates into standard normal ones."""
+    return np.asarray(ndtri(points))

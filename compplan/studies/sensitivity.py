@@ -29,21 +29,13 @@ RESAMPLES = 200
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Total Sobol indices.
+    """Total Sobol indices."""
 
-    Attributes:
-        groups: Names of the groups.
-        total: By strategy, the total index of each group. Shape (groups,) each.
-        half_width: By strategy, half the 95 % interval of each (bootstrap). Shape (groups,) each.
-        samples: Number of samples behind them.
-        waypoints: Number of waypoints that they look at.
-    """
-
-    groups: tuple[str, ...]
-    total: dict[str, Array]
-    half_width: dict[str, Array]
-    samples: int
-    waypoints: int
+    groups: tuple[str, ...]  #: Names of the groups.
+    total: dict[str, Array]  #: By strategy, the total index of each group. Shape (groups,) each.
+    half_width: dict[str, Array]  #: By strategy, half the 95 % interval of each (bootstrap). Shape (groups,) each.
+    samples: int  #: Number of samples behind them.
+    waypoints: int  #: Number of waypoints that they look at.
 
 
 def measure_sensitivity(

@@ -1,13 +1,12 @@
-"""A study: strategies at work in many cells, and what all samples of it share, worked out once.
+"""A study: strategies cut their parts in many cells; what all samples share is worked out once.
 
-`compplan.studies.evaluation` lets every strategy cut its part in the cell of every point.
-
-All strategies meet the same cells, so that their differences are paired.
+All strategies meet the same cells, so that their differences are paired. Measured is how far the tool was from the
+path.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -17,19 +16,21 @@ from numpy.typing import NDArray
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
 from compplan.job.noise import NoiseTable
-from compplan.planning.strategies.online import ONLINE, Answer, list_strategies, prepare_answers
+from compplan.planning.strategies.online import ONLINE, Answer, answer_reading, list_strategies, prepare_answers
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
-from compplan.statics.encoders import actuator_selection, control_equilibrium
-from compplan.studies.factors import list_factors
-from compplan.studies.kernel import Kernel, build_kernel
+from compplan.statics.encoders import actuator_selection, control_equilibrium, feedback_scale
+from compplan.studies.kernel import Kernel, Touch, build_kernel, move_part, prepare_touch, settle_tips
 from compplan.studies.posterior import settle_force
 from compplan.studies.sampling import (
+    Cells,
     Surroundings,
     differentiate_placements,
+    list_factors,
+    sample_robots,
+    shift_tip,
     survey_surroundings,
 )
-from compplan.studies.touch import Touch, prepare_touch
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.sensitivities import ForceSpread
 
@@ -39,59 +40,38 @@ MOST_WAYPOINTS = 2500
 OTHER_POSTURE = 0.05
 #: Stations along the path whose distances are kept.
 STATIONS = 120
+#: Poses worked on at once, samples times waypoints.
+BATCH = 8192
 
 
 class Worker(NamedTuple):
-    """An answer, components first, ready for many samples.
+    """An answer, components first, ready for many samples."""
 
-    Attributes:
-        q: Shape (nq, 1, n). [rad or m]
-        gain: Shape (nq, k, n), or None.
-        expected: Shape (k, 1, n), or None.
-        spring_gain: Factor on what each gear yields. Shape (nq,).
-        spring_factor: The same for every elastic coordinate, 1 where no encoder measures it. Shape (s,).
-        theta: Elastic coordinates by the model. Shape (s, n). [rad or m]
-        offset: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
-        placements: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
-        touch: How the strategy's robot finds the part, None where its frame is absolute.
-    """
-
-    q: Array
-    gain: Array | None
-    expected: Array | None
-    spring_gain: Array
-    spring_factor: Array
-    theta: Array
-    offset: Array
+    q: Array  #: Shape (nq, 1, n). [rad or m]
+    gain: Array | None  #: Shape (nq, k, n), or None.
+    expected: Array | None  #: Shape (k, 1, n), or None.
+    spring_gain: Array  #: Factor on what each gear yields. Shape (nq,).
+    spring_factor: Array  #: The same for every elastic coordinate, 1 where no encoder measures it. Shape (s,).
+    theta: Array  #: Elastic coordinates by the model. Shape (s, n). [rad or m]
+    offset: Array  #: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
+    #: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
     placements: Array | None = None
-    touch: Touch | None = None
+    touch: Touch | None = None  #: How the strategy's robot finds the part, None where its frame is absolute.
 
 
 @dataclass(frozen=True)
 class Study:
-    """What all samples of a study share.
+    """What all samples of a study share."""
 
-    Attributes:
-        task: The task, thinned where it is long.
-        waypoints_of_path: Number of waypoints of the whole path.
-        answers: The strategies.
-        workers: The same, ready for many samples.
-        kernel: The kernel.
-        surroundings: Noise and what it acts on.
-        nominal: Wanted tips. Shape (3, n). [m]
-        cut: Waypoints that count. Shape (n,).
-        stations: Waypoints whose distances are kept. Shape (k,).
-    """
-
-    task: PlanTask
-    waypoints_of_path: int
-    answers: dict[str, Answer]
-    workers: dict[str, Worker]
-    kernel: Kernel
-    surroundings: Surroundings
-    nominal: Array
-    cut: NDArray[np.bool_]
-    stations: NDArray[np.int_]
+    task: PlanTask  #: The task, thinned where it is long.
+    waypoints_of_path: int  #: Number of waypoints of the whole path.
+    answers: dict[str, Answer]  #: The strategies.
+    workers: dict[str, Worker]  #: The same, ready for many samples.
+    kernel: Kernel  #: The kernel.
+    surroundings: Surroundings  #: Noise and what it acts on.
+    nominal: Array  #: Wanted tips. Shape (3, n). [m]
+    cut: NDArray[np.bool_]  #: Waypoints that count. Shape (n,).
+    stations: NDArray[np.int_]  #: Waypoints whose distances are kept. Shape (k,).
 
     @property
     def strategies(self) -> tuple[str, ...]:
@@ -225,3 +205,72 @@ def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseT
         placements=differentiate_placements(replace(task, q_start=answer.q), noise)[0] if elsewhere else None,
         touch=prepare_touch(task, noise, answer.touched),
     )
+
+
+class ChunkResult(NamedTuple):
+    """Figures of b samples and m strategies."""
+
+    rms: Array  #: Shape (b, m). [m]
+    mean: Array  #: Shape (b, m). [m]
+    max: Array  #: Shape (b, m). [m]
+    within: Array  #: Share of waypoints within tolerance. Shape (b, m).
+    along: NDArray[np.float32]  #: Distance at the stations. Shape (b, m, k). [m]
+
+
+#: Number and figures of each chunk of a study, as it is done.
+Chunks = Generator[tuple[int, ChunkResult], None, None]
+
+
+def evaluate_points(study: Study, points: Array) -> ChunkResult:
+    """Let every strategy cut its part in the cell of every point of the unit cube. points: shape (b, size).
+
+    Raises:
+        ConvergenceError: If a cell buckles under its load.
+    """
+    size = max(1, BATCH // len(study.task))
+    batches = [_judge_batch(study, points[start : start + size]) for start in range(0, len(points), size)]
+    return ChunkResult(*(np.concatenate(parts) for parts in zip(*batches, strict=True)))
+
+
+def _judge_batch(study: Study, points: Array) -> ChunkResult:
+    cells = sample_robots(study.surroundings, points)
+    distances = np.stack([np.linalg.norm(run_strategy(study, name, cells), axis=0) for name in study.strategies], 1)
+    cut = distances[:, :, study.cut]
+    return ChunkResult(
+        rms=np.sqrt((cut**2).mean(axis=2)),
+        mean=cut.mean(axis=2),
+        max=cut.max(axis=2),
+        within=(cut <= study.task.tolerance).mean(axis=2),
+        along=distances[:, :, study.stations].astype(np.float32),
+    )
+
+
+def run_strategy(study: Study, name: str, cells: Cells) -> Array:
+    """Let a strategy cut its part with b robots; return the deviation. Shape (3, b, n). [m]"""
+    worker = study.workers[name]
+    q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
+    if worker.gain is not None and worker.expected is not None:
+        q = worker.q + answer_reading(worker.gain, cells.wrench + cells.force - worker.expected)
+    return _cut_part(study, worker, cells, q)
+
+
+def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array) -> Array:
+    """Cut a part with a command; return its deviation. Shape (3, b, n). [m]"""
+    gain = worker.spring_gain[:, None, None]
+    true = q + cells.zero[:, :, None] + gain * cells.drive - gain * cells.motor - (1 - gain) * cells.link
+    b, n = true.shape[1:]
+    scale = feedback_scale(worker.spring_factor[:, None], cells.link_share)
+    factor = np.repeat(cells.factor * scale, n, axis=1)
+    theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
+    shift = cells.shift if worker.placements is None else shift_tip(cells.causes, worker.placements)
+    found = study.nominal[:, None, :]
+    if worker.touch is not None:
+        found = found + move_part(worker.touch, study.kernel, cells, scale, study.nominal)
+    moved = shift + cells.repeat[:, :, None] + worker.offset[:, None, :] - found
+
+    def attain(wrench: Array) -> Array:
+        flat = wrench.reshape(6, -1)
+        tips = settle_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
+        return np.asarray(tips.reshape(3, b, n) + moved)
+
+    return attain(cells.wrench)

@@ -1,43 +1,50 @@
-"""Who computes the chunks of a study: this process, processes on this machine, or a Dask cluster."""
+"""Who computes the chunks of a study: this process, processes on this machine, or a Dask cluster.
+
+On a cluster the packed study travels as a task of its own, so that the scheduler can make it anew where a worker that
+held it is lost; a chunk that was lost with its worker is computed again elsewhere.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import os
+import pickle
+import re
 import signal
+import warnings
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice
 from multiprocessing import active_children, get_context
 from threading import Thread
 from time import sleep
+from typing import Any
 
-from compplan.errors import InputError
+from compplan.errors import CompplanError, InputError
 from compplan.robot import Array
-from compplan.studies.cluster import compute_on_cluster
-from compplan.studies.evaluation import ChunkResult, Chunks, evaluate_points
-from compplan.studies.storage import pack_study, unpack_study
-from compplan.studies.study import Study
+from compplan.studies.study import ChunkResult, Chunks, Study, evaluate_points
 
 #: Greatest number of worker processes on one machine.
 MOST_WORKERS = 1024
 #: Threads of numeric libraries in a worker process.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: An address of a scheduler.
+ADDRESS = re.compile(r"(tcp|tls|ws|wss)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(?P<port>\d{1,5})/?")
+#: Time to wait for the scheduler. [s]
+PATIENCE = 15
+#: Chunks on their way per worker, and how often a failed chunk is tried again.
+AHEAD, RETRIES = 4, 3
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Who computes.
+    """Who computes."""
 
-    Attributes:
-        workers: Processes on this machine; None: one a core, 1: in this process.
-        scheduler: Address of a Dask scheduler, in place of processes on this machine.
-    """
-
-    workers: int | None = None
-    scheduler: str | None = None
+    workers: int | None = None  #: Processes on this machine; None: one a core, 1: in this process.
+    scheduler: str | None = None  #: Address of a Dask scheduler, in place of processes on this machine.
 
     def check(self) -> None:
         """Ask the scheduler whether it is there, before anything is computed or written.
@@ -48,7 +55,7 @@ class Workers:
         if self.workers is not None and self.workers > MOST_WORKERS:
             raise InputError(f"--workers is {self.workers}, at most {MOST_WORKERS}")
         if self.scheduler is not None:
-            from compplan.studies.cluster import ask_scheduler
+            from compplan.studies.workers import ask_scheduler
 
             ask_scheduler(self.scheduler)
 
@@ -77,7 +84,7 @@ def _compute_in_processes(study: Study, numbers: list[int], points: Callable[[in
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     others = set(active_children())
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _start_worker, (pack_study(study), os.getpid()))
+    pool = ProcessPoolExecutor(count, get_context("spawn"), _start_worker, (pickle.dumps(study), os.getpid()))
     try:
         todo = iter(numbers)
         running: dict[Future[ChunkResult], int] = {pool.submit(_work, points(n)): n for n in islice(todo, 2 * count)}
@@ -106,7 +113,7 @@ _HELD: list[Study] = []
 
 def _start_worker(packed: bytes, parent: int) -> None:
     die_with_parent(parent)
-    _HELD[:] = [unpack_study(packed)]
+    _HELD[:] = [pickle.loads(packed)]
 
 
 def die_with_parent(parent: int) -> None:
@@ -132,3 +139,117 @@ def _watch_parent(parent: int) -> None:
 
 def _work(points: Array) -> ChunkResult:
     return evaluate_points(_HELD[0], points)
+
+
+def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int], Array], scheduler: str) -> Chunks:
+    """Compute chunks by number on the cluster of a scheduler ("tcp://127.0.0.1:8786"), as they come.
+
+    Raises:
+        InputError: If the scheduler does not answer, Dask is not installed, or a worker has other versions.
+    """
+    client = _connect(scheduler)
+    try:
+        _check_versions(client)
+        yield from _collect(client, study, numbers, points)
+    finally:
+        client.close()
+
+
+def ask_scheduler(scheduler: str) -> None:
+    """Ask a scheduler whether it is there.
+
+    Raises:
+        InputError: If the address is none, or nobody answers.
+    """
+    match = ADDRESS.fullmatch(scheduler)
+    if match is None or int(match["port"]) > 65535:
+        raise InputError(f"--scheduler is {scheduler!r}, expected an address such as tcp://127.0.0.1:8786")
+    _connect(scheduler).close()
+
+
+def _connect(scheduler: str) -> Any:
+    import logging
+
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError('--scheduler needs Dask; install it with pip install "compplan[cluster]"') from None
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is said in one line below
+    try:
+        return Client(scheduler, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        message = f"no Dask scheduler answers at {scheduler}: {reason}; start one with `dask scheduler`"
+        raise InputError(message) from None
+
+
+def _check_versions(client: Any) -> None:
+    """Compare the versions that results depend on with those of every worker that is there."""
+    here = _list_versions()
+    for worker, there in client.run(_list_versions).items():
+        other = [
+            f"{name} {there.get(name)} (here {version})" for name, version in here.items() if there.get(name) != version
+        ]
+        if other:
+            raise InputError(
+                f"worker {worker} has {', '.join(other)}: results would depend on who computes them; "
+                "give all workers the same environment"
+            )
+
+
+def _list_versions() -> dict[str, str]:
+    from importlib.metadata import PackageNotFoundError, version
+    from platform import python_version
+
+    from compplan.version import VERSION
+
+    found = {"compplan": VERSION, "Python": python_version()}
+    for name in ("numpy", "pin", "casadi"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def _collect(client: Any, study: Study, numbers: list[int], points: Callable[[int], Array]) -> Chunks:
+    from distributed import as_completed
+
+    with warnings.catch_warnings():
+        # the study goes over once, as a task of its own that another worker can repeat
+        warnings.filterwarnings("ignore", message="Sending large graph")
+        packed = client.submit(_hand_over, pickle.dumps(study), pure=False, retries=RETRIES)
+    chunk_of: dict[str, int] = {}
+
+    def submit(number: int) -> Any:
+        future = client.submit(_evaluate_packed, packed, points(number), pure=False, retries=RETRIES)
+        chunk_of[future.key] = number
+        return future
+
+    todo = iter(numbers)
+    ahead = AHEAD * max(2, len(client.nthreads()))
+    pending = as_completed([submit(number) for number in islice(todo, ahead)], loop=client.loop)
+    for future in pending:
+        for number in islice(todo, 1):
+            pending.add(submit(number))
+        try:
+            evaluated = future.result()
+        except CompplanError:
+            raise
+        except Exception as error:
+            raise InputError(f"the cluster gave up a chunk: {type(error).__name__}: {error}") from error
+        yield chunk_of.pop(future.key), evaluated
+
+
+def _hand_over(packed: bytes) -> bytes:
+    return packed
+
+
+@lru_cache(maxsize=2)
+def _unpack(packed: bytes) -> Study:
+    return pickle.loads(packed)
+
+
+def _evaluate_packed(packed: bytes, points: Array) -> ChunkResult:
+    return evaluate_points(_unpack(packed), points)

@@ -27,12 +27,12 @@ from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 from compplan.uncertainty.ladder import USUAL, Rung, climb_ladder, condition, pick_places, pose_variance, weigh_poses
 from compplan.uncertainty.motion import Motion
-from compplan.uncertainty.perturbation import sample_alternatives
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     measure_force_slopes,
     measure_slopes,
     pick_rows,
+    sample_alternatives,
     tie_force,
     unload_model,
 )
@@ -64,28 +64,20 @@ PATHS, SEED = 2000, 20260601
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """A path to first order; k rows, p parameters.
+    """A path to first order; k rows, p parameters."""
 
-    Attributes:
-        rows: Rows of the path. Shape (k,).
-        tip: Where the loaded tip goes. Shape (k, 3). [m]
-        model: Motion of the tip per unit of every parameter. Shape (k, 3, p).
-        shared: Motion by one standard deviation of the force, alike along the path. Shape (k, 3, 4). [m]
-        local: The same, from place to place. Shape (k, 3, 1). [m]
-        moved: Where the motion of drawn arms puts the tip, none where it is not counted. Shape (d, k, 3). [m]
-        tie: How level and turns go with the robot and what of them is apart, as `tie_force` says; none: all is apart.
-        touched: The part as the robot found it by touching, or None where its frame is absolute.
-        alone: `model` of the tip itself, where that of a touched part is relative to the part; None: the same.
-    """
-
-    rows: NDArray[np.int_]
-    tip: Array
-    model: Array
-    shared: Array
-    local: Array
+    rows: NDArray[np.int_]  #: Rows of the path. Shape (k,).
+    tip: Array  #: Where the loaded tip goes. Shape (k, 3). [m]
+    model: Array  #: Motion of the tip per unit of every parameter. Shape (k, 3, p).
+    shared: Array  #: Motion by one standard deviation of the force, alike along the path. Shape (k, 3, 4). [m]
+    local: Array  #: The same, from place to place. Shape (k, 3, 1). [m]
+    #: Where the motion of drawn arms puts the tip, none where it is not counted. Shape (d, k, 3). [m]
     moved: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    #: How level and turns go with the robot and what of them is apart, as `tie_force` says; none: all is apart.
     tie: tuple[Array, Array] | None = None
+    #: The part as the robot found it by touching, or None where its frame is absolute.
     touched: TouchedPart | None = None
+    #: `model` of the tip itself, where that of a touched part is relative to the part; None: the same.
     alone: Array | None = None
 
     def smooth_columns(self, known: Uncertainty) -> Array:
@@ -118,45 +110,30 @@ class Slopes:
 
 @dataclass(frozen=True, eq=False)
 class ErrorBand:
-    """How far the true tip may be from the planned one; n rows of a path.
+    """How far the true tip may be from the planned one; n rows of a path."""
 
-    Attributes:
-        radius: Distance that holds the true tip with 95 %, what the plan itself leaves included. Shape (n,). [m]
-        parts: The same by each part alone. Shape (n,) each. [m]
-        covariance: Covariance of the tip, interpolated between the differentiated rows. Shape (n, 3, 3). [m^2]
-        cut: Rows that it is stated for. Shape (n,).
-        between: Greatest distance between rows beyond that at the rows. [m]
-        whole: Distance that the whole path keeps within with 95 %. [m]
-        leading: Parameters and their share of the variance, mean over the path, largest first.
-        known: What is known of the robot.
-        force: Uncertainty of the force.
-        assumed: What is assumed, one sentence each.
-        without: What `greatest` would be if a part were nothing, by part. [m]
-        before: The same as `greatest` and `whole` of the uncorrected program, None where it is not stated. [m]
-        ladder: What each further measurement would make of `whole`, cheapest first.
-        cheapest: The cheapest measurements after which the band keeps the tolerance; none: none is needed or does.
-        causes: The band where it is widest by each cause alone, in words of people. [m]
-        motion: What the motion of the arm adds, None where it is not counted.
-        placed: Whether the place of the part is counted.
-    """
-
-    radius: Array
-    parts: Mapping[str, Array]
-    covariance: Array
-    cut: NDArray[np.bool_]
-    between: float
-    whole: float
+    radius: Array  #: Distance that holds the true tip with 95 %, what the plan itself leaves included. Shape (n,). [m]
+    parts: Mapping[str, Array]  #: The same by each part alone. Shape (n,) each. [m]
+    covariance: Array  #: Covariance of the tip, interpolated between the differentiated rows. Shape (n, 3, 3). [m^2]
+    cut: NDArray[np.bool_]  #: Rows that it is stated for. Shape (n,).
+    between: float  #: Greatest distance between rows beyond that at the rows. [m]
+    whole: float  #: Distance that the whole path keeps within with 95 %. [m]
+    #: Parameters and their share of the variance, mean over the path, largest first.
     leading: tuple[tuple[str, float], ...]
-    known: Uncertainty
-    force: ForceSpread
-    assumed: tuple[str, ...]
+    known: Uncertainty  #: What is known of the robot.
+    force: ForceSpread  #: Uncertainty of the force.
+    assumed: tuple[str, ...]  #: What is assumed, one sentence each.
+    #: What `greatest` would be if a part were nothing, by part. [m]
     without: Mapping[str, float] = field(default_factory=dict)
+    #: The same as `greatest` and `whole` of the uncorrected program, None where it is not stated. [m]
     before: tuple[float, float] | None = None
-    ladder: tuple[Rung, ...] = ()
+    ladder: tuple[Rung, ...] = ()  #: What each further measurement would make of `whole`, cheapest first.
+    #: The cheapest measurements after which the band keeps the tolerance; none: none is needed or does.
     cheapest: tuple[str, ...] = ()
+    #: The band where it is widest by each cause alone, in words of people. [m]
     causes: Mapping[str, float] = field(default_factory=dict)
-    motion: Motion | None = None
-    placed: bool = False
+    motion: Motion | None = None  #: What the motion of the arm adds, None where it is not counted.
+    placed: bool = False  #: Whether the place of the part is counted.
 
     @property
     def greatest(self) -> float:

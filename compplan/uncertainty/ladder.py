@@ -32,39 +32,25 @@ PATH, CALIBRATION = "path", "calibration"
 
 @dataclass(frozen=True)
 class Equipment:
-    """What a shop has to measure with; defaults are assumed.
+    """What a shop has to measure with; defaults are assumed."""
 
-    Attributes:
-        weights: Weights that can hang at the tool, 0 for none. [kg]
-        pull: Force with which the tool can be pulled sideways, 0 for none. [N]
-        sigma: Standard deviation of the instrument per axis. [m]
-        register: Frames that are unknown, of "base" and "tool"; None: both of a tracker, none of other instruments.
-        seed: Seed of the candidates.
-        purpose: What the poses are for: PATH or CALIBRATION.
-        instrument: What sees the tip, "tracker", "sockets", "gauge" or "ball_bar".
-        places: Unknown places at which it stands; None: the usual number.
-        length: Length of a ball bar, or distance of two sockets of a plate; None: the usual one. [m]
-        poses: Poses of a campaign that a plan's ladder counts with, under the process force.
-        force_level: Relative standard deviation of the force after a log of a force sensor (gain 1 %, drift).
-        force_direction: Standard deviation of its direction then. [rad]
-        probe: Standard deviation of a measured point of a part per axis (default of `compplan learn`). [m]
-        points: Points of a part that count as independent.
-    """
-
-    weights: tuple[float, ...] = (0.0,)
-    pull: float = 0.0
-    sigma: float = 3e-5
+    weights: tuple[float, ...] = (0.0,)  #: Weights that can hang at the tool, 0 for none. [kg]
+    pull: float = 0.0  #: Force with which the tool can be pulled sideways, 0 for none. [N]
+    sigma: float = 3e-5  #: Standard deviation of the instrument per axis. [m]
+    #: Frames that are unknown, of "base" and "tool"; None: both of a tracker, none of other instruments.
     register: tuple[str, ...] | None = None
-    seed: int = 0
-    purpose: str = PATH
-    instrument: str = TRACKER
-    places: int | None = None
+    seed: int = 0  #: Seed of the candidates.
+    purpose: str = PATH  #: What the poses are for: PATH or CALIBRATION.
+    instrument: str = TRACKER  #: What sees the tip, "tracker", "sockets", "gauge" or "ball_bar".
+    places: int | None = None  #: Unknown places at which it stands; None: the usual number.
+    #: Length of a ball bar, or distance of two sockets of a plate; None: the usual one. [m]
     length: float | None = None
-    poses: int = 12
+    poses: int = 12  #: Poses of a campaign that a plan's ladder counts with, under the process force.
+    #: Relative standard deviation of the force after a log of a force sensor (gain 1 %, drift).
     force_level: float = 0.02
-    force_direction: float = 0.01
-    probe: float = 2e-5
-    points: int = 60
+    force_direction: float = 0.01  #: Standard deviation of its direction then. [rad]
+    probe: float = 2e-5  #: Standard deviation of a measured point of a part per axis (default of `compplan learn`). [m]
+    points: int = 60  #: Points of a part that count as independent.
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -92,23 +78,14 @@ COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELA
 
 @dataclass(frozen=True)
 class Rung:
-    """The band after one more measurement, those before it included.
+    """The band after one more measurement, those before it included."""
 
-    Attributes:
-        step: "now", "touch_off", "force_log", "poses" or "first_part".
-        band: Distance that the whole cut keeps within with 95 %. [m]
-        alone: The same after this measurement alone. [m]
-        keeps: Whether `band` is within the tolerance.
-        minutes: Work of one person (assumed).
-        instrument: What it is measured with.
-    """
-
-    step: str
-    band: float
-    alone: float
-    keeps: bool
-    minutes: float
-    instrument: str
+    step: str  #: "now", "touch_off", "force_log", "poses" or "first_part".
+    band: float  #: Distance that the whole cut keeps within with 95 %. [m]
+    alone: float  #: The same after this measurement alone. [m]
+    keeps: bool  #: Whether `band` is within the tolerance.
+    minutes: float  #: Work of one person (assumed).
+    instrument: str  #: What it is measured with.
 
 
 #: Minutes of work (assumed) and instrument of each measurement, cheapest first.

@@ -1,6 +1,6 @@
 """What the motion of the arm and the place of the part add to the band.
 
-The springs answer to the load b(t) of the motion with their own dynamics (`compplan.simulation.response`), and so they
+The springs answer to the load b(t) of the motion with their own dynamics (`compplan.simulation.vibration`), and so they
 do to drives that move ahead by what the load c(t) that a plan compensates would bend. With k the factor of masses and
 compliances,
 
@@ -25,8 +25,7 @@ from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty, split_unknowns
-from compplan.simulation.response import MODES, POSTURES, ring
-from compplan.simulation.vibration import Dynamics, find_modes
+from compplan.simulation.vibration import MODES, POSTURES, Dynamics, find_modes, ring
 
 #: Relative standard deviation of the masses that move, where the folder states them and where they are assumed
 #: (assumed: makers state arms to some 10 %; shares of links guessed from the whole arm err by more).
@@ -39,19 +38,12 @@ DRAWS = 12
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where the motion of the arm puts the tip; n rows.
+    """Where the motion of the arm puts the tip; n rows."""
 
-    Attributes:
-        error: Tip beside the planned one in every draw. Shape (d, n, 3). [m]
-        answer: Motion of the tip by the load of its motion, as modelled. Shape (n, 3). [m]
-        static: The same if the springs gave at once. Shape (n, 3). [m]
-        source: What it rests on.
-    """
-
-    error: Array
-    answer: Array
-    static: Array
-    source: str
+    error: Array  #: Tip beside the planned one in every draw. Shape (d, n, 3). [m]
+    answer: Array  #: Motion of the tip by the load of its motion, as modelled. Shape (n, 3). [m]
+    static: Array  #: The same if the springs gave at once. Shape (n, 3). [m]
+    source: str  #: What it rests on.
 
     @property
     def mean(self) -> Array:

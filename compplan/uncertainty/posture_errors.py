@@ -31,17 +31,11 @@ from compplan.uncertainty.sensitivities import (
 
 @dataclass(frozen=True, eq=False)
 class PostureErrors:
-    """What is known of a robot, as errors of the tip at any posture.
+    """What is known of a robot, as errors of the tip at any posture."""
 
-    Attributes:
-        robot: The robot with its tool.
-        known: Its uncertainty.
-        force: Uncertainty of the force.
-    """
-
-    robot: Robot
-    known: Uncertainty
-    force: ForceSpread
+    robot: Robot  #: The robot with its tool.
+    known: Uncertainty  #: Its uncertainty.
+    force: ForceSpread  #: Uncertainty of the force.
 
     @property
     def source(self) -> str:

@@ -28,8 +28,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
 from compplan.robot.validity import FILE, ValidityPart, ValidityRegion, read_visited
 from compplan.statics.chain import build_chain, locate_frames
-from compplan.uncertainty.perturbation import group_alternatives
-from compplan.uncertainty.sensitivities import build_path_model, measure_slopes
+from compplan.uncertainty.sensitivities import build_path_model, group_alternatives, measure_slopes
 
 #: Lengths over which the share may change: of places, in spreads of the visited ones; of forces, in the largest one
 #: (assumed: from a quarter of what was visited to far beyond it).

@@ -35,37 +35,25 @@ TOUCH_REPEATABILITY = 2e-5
 
 @dataclass(frozen=True, eq=False)
 class TouchOff:
-    """How a part was found by touching it.
+    """How a part was found by touching it."""
 
-    Attributes:
-        frame: Pose of the part frame that the touch found, seen from the base. Shape (4, 4). [m]
-        points: Touched points in the part frame; None: three corners of the box of the cut. Shape (k, 3). [m]
-        repeatability: Standard deviation of a touched coordinate. [m]
-    """
-
-    frame: Array
+    frame: Array  #: Pose of the part frame that the touch found, seen from the base. Shape (4, 4). [m]
+    #: Touched points in the part frame; None: three corners of the box of the cut. Shape (k, 3). [m]
     points: Array | None = None
-    repeatability: float = TOUCH_REPEATABILITY
+    repeatability: float = TOUCH_REPEATABILITY  #: Standard deviation of a touched coordinate. [m]
 
 
 @dataclass(frozen=True, eq=False)
 class TouchedPart:
-    """A part as the touch found it.
+    """A part as the touch found it."""
 
-    Attributes:
-        robot: The robot model that found it.
-        q: Joint positions at the touched points. Shape (k, nq). [rad or m]
-        shown: The touched points in the found frame, base axes. Shape (k, 3). [m]
-        displacement: D, from the found frame to where the part stands by the robot model; None where nothing bends or
-            displaces the arm there. Shape (4, 4). [m]
-        repeatability: Standard deviation of a touched coordinate. [m]
-    """
-
-    robot: Robot
-    q: Array
-    shown: Array
+    robot: Robot  #: The robot model that found it.
+    q: Array  #: Joint positions at the touched points. Shape (k, nq). [rad or m]
+    shown: Array  #: The touched points in the found frame, base axes. Shape (k, 3). [m]
+    #: D, from the found frame to where the part stands by the robot model; None where nothing bends or displaces the
+    #: arm there. Shape (4, 4). [m]
     displacement: Array | None
-    repeatability: float = TOUCH_REPEATABILITY
+    repeatability: float = TOUCH_REPEATABILITY  #: Standard deviation of a touched coordinate. [m]
 
     def spread_part(self, position: Array) -> Array:
         """Return how the fitted part moves by one deviation of the touched coordinates. Shape (n, 3, 6). [m]"""

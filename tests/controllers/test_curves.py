@@ -1,4 +1,4 @@
-"""Arcs of the CAM file, cubics, and starts from rest in programs of few moves; and what the second reader says."""
+"""Arcs of the CAM file, and starts from rest in programs of few moves; and what the second reader says."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from program_readers import read_krl
 from scipy.spatial.transform import Rotation
-from script_readers import read_sinumerik
 
 from compplan.controllers.readback.fitted import PlannedRows, find_rows, follow_moves
 from compplan.controllers.readback.poses import Move
@@ -17,7 +15,7 @@ from compplan.controllers.writers import Program, write_program
 from compplan.controllers.writers.fit import fit_moves
 from compplan.toolpath.readers import CamTable, read_cam
 from compplan.toolpath.toolpath import resample_toolpath
-from tests.controllers.test_fit import circle, make_program
+from tests.controllers.test_fit import make_program
 
 GCODE = "G21 G90 G17 G94\nG0 X0 Y0 Z5\nG1 Z0 F600\nG1 X40\nG3 X60 Y20 I0 J20\nG1 Y40\nG2 X60 Y40 I15 J0\nM30\n"
 APT = (
@@ -71,13 +69,6 @@ def test_an_arc_that_the_correction_bends_is_divided(tmp_path: Path) -> None:
     assert len(fitted.rows) <= len(unmarked.rows) + 4
 
 
-def make_curve() -> Program:
-    s = np.linspace(0.0, 3.0, 1501)
-    place = np.column_stack([30 * np.cos(s) + 3 * np.sin(2 * s), 30 * np.sin(s), 4 * np.cos(3 * s)])
-    step = np.linalg.norm(np.diff(place, axis=0), axis=1)
-    return replace(make_program(place, np.r_[0.0, np.cumsum(step / 15.0)], turn=0.2), status=np.zeros(1501, int))
-
-
 def rows_of(program: Program) -> PlannedRows:
     assert program.tcp is not None and program.time is not None
     n = len(program)
@@ -87,21 +78,6 @@ def rows_of(program: Program) -> PlannedRows:
     return PlannedRows(
         1e3 * tip[:, :3, 3], tip[:, :3, :3], program.time, kept, np.zeros(n, bool), np.full(n, 2e-3), 4e-3
     )
-
-
-def test_cubics_of_a_sinumerik_program_are_the_path_and_fewer_than_arcs(tmp_path: Path) -> None:
-    program = make_curve()
-    curved = fit_moves(program, curves=True)
-    assert len(curved.rows) < 0.8 * len(fit_moves(program).rows) and curved.program.curves.sum() > 5
-    write_program(replace(program, splines=True), "sinumerik", tmp_path, any_brand=True)
-    moves = read_sinumerik(tmp_path / "PATH.MPF")
-    assert [move.kind for move in moves[1:]].count("curve") == curved.program.curves.sum()
-    rows = rows_of(program)
-    assert follow_moves(rows, curved.rows, moves, [np.eye(4)] * len(moves)) == []
-    bent = next(k for k, move in enumerate(moves) if move.kind == "curve")
-    other = moves[bent]._replace(bend=1.02 * np.asarray(moves[bent].bend))
-    said = follow_moves(rows, curved.rows, [*moves[:bent], other, *moves[bent + 1 :]], [np.eye(4)] * len(moves))
-    assert "off the move" in said[0]
 
 
 def test_the_reader_knows_starts_from_rest_by_itself() -> None:
@@ -115,15 +91,6 @@ def test_the_reader_knows_starts_from_rest_by_itself() -> None:
         moves = [Move("joint", True, pose=start), Move("line", True, pose=end, feed=feed)]
         assert (follow_moves(rows, ends, moves, [np.eye(4)] * 2) == []) == fine
     assert follow_moves(rows, ends, [moves[0]._replace(stops=False), moves[1]._replace(feed=20.0)], [np.eye(4)] * 2)
-
-
-def test_lines_and_arcs_of_the_spline_planner_are_written_where_splines_are_asked_for(tmp_path: Path) -> None:
-    program = make_program(circle(np.linspace(0.0, 2.5, 301)), np.linspace(0.0, 6.0, 301))
-    names = ("A1", "A2", "A3", "A4", "A5", "A6")
-    program = replace(program, status=np.zeros(301, int), joint_names=names, splines=True)
-    write_program(program, "krl", tmp_path, any_brand=True)
-    assert "\nSCIRC {" in (tmp_path / "path_L1.src").read_text()
-    assert [move.kind for move in read_krl(tmp_path / "path_L.src")] == ["joint", "arc"]
 
 
 def test_moves_name_the_line_of_the_cam_file_at_which_they_end(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from program_moves import Move, kuka_pose, shift
 from program_readers import read_csv, read_fanuc, read_krl, read_rapid, read_val3
 from script_readers import read_inform, read_kawasaki, read_sinumerik, read_urscript
 
-from compplan.controllers.readback.declared import compare_declared, read_declared
+from compplan.controllers.readback.comparison import compare_declared, read_declared
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.program import Post
 from compplan.robot import load_robot

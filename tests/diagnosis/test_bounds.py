@@ -12,7 +12,7 @@ from compplan.diagnosis.validation.bounds import MOST_BENT, find_breach, stretch
 from compplan.effects import Effect, command_campaign, solve_model_poses
 from compplan.effects.payload import carried_payload
 from compplan.robot.folder import read_robot_folder
-from compplan.uncertainty.perturbation import build_varied_model
+from compplan.uncertainty.sensitivities import build_varied_model
 
 ROBOT = next(Path(__file__).parents[2].glob("robots/ur10*"))
 

@@ -25,8 +25,7 @@ from compplan.effects.frame_shift import shift_at
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.poses.exchange import settle_choice, take_greedily
-from compplan.measurement.poses.information import explain_rows, odds_gains
+from compplan.measurement.pose_selection import explain_rows, odds_gains, settle_choice, take_greedily
 from compplan.robot import Robot, load_robot
 from tests.effects.test_effects_signatures import make_linearization
 

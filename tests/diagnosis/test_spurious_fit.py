@@ -13,10 +13,15 @@ from compplan.diagnosis.evidence.normal_equations import project_out
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.search import Claim, Model
 from compplan.diagnosis.search.state import Fit, Problem
-from compplan.diagnosis.validation import spurious_fit
-from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability
-from compplan.diagnosis.validation.spurious_fit import draw_errors, explain_squares, rate_spurious_fits
-from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
+from compplan.diagnosis.validation import probability
+from compplan.diagnosis.validation.probability import (
+    Evidence,
+    calibrate_probability,
+    draw_errors,
+    explain_squares,
+    rate_spurious_fits,
+)
+from compplan.diagnosis.validation.unmodelled import RevisedProbabilities
 from compplan.effects import Effect
 
 CAUSE = Effect("joint_stiffness", "joint_3", None, {"compliance_change_rad_per_Nm": 3e-7})
@@ -52,8 +57,8 @@ def test_a_true_cause_is_hardly_a_spurious_fit(fit: Fit) -> None:
 def test_the_best_fits_of_errors_outside_the_vocabulary_have_uniform_probabilities(
     fit: Fit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(spurious_fit, "SEED", 77)
-    monkeypatch.setattr(spurious_fit, "SAMPLE", 24)
+    monkeypatch.setattr(probability, "SEED", 77)
+    monkeypatch.setattr(probability, "SAMPLE", 24)
     unknown = 30.0 * draw_errors(fit)
     monkeypatch.undo()
     design = fit.search.equations.designs[0].reshape(-1, fit.search.equations.p)

@@ -13,7 +13,6 @@ import pytest
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.results.accuracy import assess_diagnosis
 from compplan.effects import Effect, build_model, solve_model_poses
 from compplan.robot import Robot
 from compplan.simulation.predict import predict_campaign
@@ -73,11 +72,6 @@ def test_trap_4_a_coupling_convention_is_named_not_fitted(robot: Robot, parts: t
     assert places(diagnosis) == [("joint_coupling", "joint_3")]
     assert diagnosis.gap.after < 1.2 * diagnosis.gap.noise_floor
     if not parts:
-        # the folder holds the convention and no parameter: more poses would bring nothing, and that can be said
-        assert diagnosis.deliveries[0].kind == "causes"
-        learning = assess_diagnosis(diagnosis).learning
-        assert learning is not None
-        assert learning.errors == pytest.approx([learning.errors[0]] * len(learning.errors), rel=0.05)
         assert "joint_coupling" in str(diagnosis) and "joint_3: probability 0.99" in str(diagnosis)
 
 

@@ -9,7 +9,7 @@ import pytest
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.evidence.unmodelled import describe_unmodelled, past_load
+from compplan.diagnosis.validation.unmodelled import describe_unmodelled, past_load
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot
 

@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.identification import build_structure, estimate_parameters
-from compplan.measurement.campaign import Campaign
-from compplan.measurement.from_arrays import make_log
+from compplan.measurement.campaign import Campaign, make_log
 from compplan.robot import Robot, load_robot
 from compplan.robot.springs import link_springs
 from compplan.statics.chain import build_chain

@@ -14,7 +14,7 @@ from compplan.identification import (
     estimate_parameters,
     reduce_model,
 )
-from compplan.measurement.from_arrays import make_log
+from compplan.measurement.campaign import make_log
 from compplan.robot import Robot, load_robot
 
 

@@ -14,7 +14,7 @@ from compplan.identification.campaign import place_spring
 from compplan.identification.refine import refine_structure
 from compplan.identification.update import find_unexplained
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit.heldout import distance_rms
+from compplan.measurement.fit.intervals import distance_rms
 from compplan.robot import Spring, load_robot
 from compplan.robot.springs import candidate_springs
 

@@ -92,7 +92,7 @@ def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> No
     options = read_options(job, robot)
     start = np.array([0.5, 0.0, np.pi / 2, -np.pi / 2, 0.0, np.pi / 4, np.pi])  # the rail in metres
     assert robot.prismatic.tolist() == [True] + [False] * 6
-    assert options.preference.start == pytest.approx(start)
+    assert options.posture.start == pytest.approx(start)
     assert (options.tolerance, options.max_correction, options.chord) == pytest.approx((2e-4, 5e-3, 3e-5))
     settings = read_settings(job, robot)
     assert settings.start == pytest.approx(start)

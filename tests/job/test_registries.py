@@ -20,7 +20,7 @@ import compplan as cp
 from compplan.cli import group
 from compplan.controllers.writers import WRITERS
 from compplan.controllers.writers.zones import widest_zone
-from compplan.diagnosis.results.small_errors import kind_of
+from compplan.diagnosis.results.shares import kind_of
 from compplan.effects import robot_effects
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError

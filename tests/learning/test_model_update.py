@@ -12,19 +12,19 @@ from commandline import run_command
 
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
+from compplan.job.loading import load_nominal
 from compplan.learning.gathered_points import Gathered
 from compplan.learning.measured_path import match_points, read_measured_points
 from compplan.learning.model_update import learn_part
-from compplan.learning.part import LearnedPart, build_learned, plan_learned
-from compplan.learning.representable import fit_representable
-from compplan.learning.residual import Residual, read_residual, residual_file
+from compplan.learning.part import LearnedPart, build_learned, learn_from_part
+from compplan.learning.representable import Residual, fit_representable
 from compplan.learning.transfer import state_own
-from compplan.process.learned_force import read_learned_force
-from compplan.robot import Robot, load_robot
+from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import Toolpath
 from compplan.uncertainty.band import Slopes
-from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, tip_of
+from compplan.uncertainty.sensitivities import ForceSpread
 
 PATHS = Path(__file__).parents[2] / "paths"
 
@@ -163,24 +163,6 @@ def small_job(tmp_path: Path) -> Job:
     return load_job(tmp_path / "circle.toml")
 
 
-def cut_part(job: Job, folder: str, truth: Robot, level: float, file: Path, seed: int) -> float:
-    """Cut the part on the true robot with another force, and measure it; return the true rms deviation. [m]"""
-    robot = load_robot(folder)
-    force = read_learned_force(robot.folder, job.process)
-    wanted, plan = plan_learned(job.with_force(force), robot, read_residual(residual_file(robot, job), robot))
-    rows, task = np.flatnonzero(plan.task.cut), plan.task
-    predicted = task.wrench if force is None else force.undo(task.wrench, job.T_base_part[:3, :3])
-    tip = tip_of(build_path_model(truth, plan.q, level * predicted, task.step_time), rows)
-    length = np.interp(task.origin[rows], np.arange(len(wanted)), wanted.arc_length)
-    path = np.stack([np.interp(length, wanted.arc_length, wanted.position[:, k]) for k in range(3)], axis=1)
-    place = job.T_base_part
-    noise = 5e-6 * np.random.default_rng(seed).standard_normal(tip.shape)
-    points = ((tip - place[:3, 3]) @ place[:3, :3] + noise) * 1e3
-    rows_of_file = np.column_stack([points, length * 1e3, np.full(len(tip), 0.005)])
-    write_points(file, "x_mm,y_mm,z_mm,s_mm,sigma_mm", rows_of_file)
-    return float(np.sqrt(np.mean(np.sum((tip - path) ** 2, axis=1))))
-
-
 def test_bad_measurements_end_in_one_line(small_job, tmp_path, monkeypatch, capsys) -> None:
     for text, words in (
         ("x_mm,y_mm\n1,2\n", "z_mm"),
@@ -227,3 +209,40 @@ def test_the_residual_is_taken_off_the_path_and_joints_csv_is_held_against_what_
     assert task.position == pytest.approx(path - [1e-3, 0.0, 0.0], abs=1e-9)
     lesson = SimpleNamespace(after=SimpleNamespace(task=task), path=nominal, residual=left)
     assert LearnedPart.wanted.__get__(lesson) == pytest.approx(path, abs=1e-9)
+
+
+@pytest.mark.parametrize("measured", ["across", "upwards"])
+def test_the_next_program_does_not_move_where_nothing_was_measured(measured: str, tmp_path: Path) -> None:
+    """A part off by (.25, .15, -.1) mm that no parameter explains, measured across its circle, or upwards alone.
+
+    Around the circle the points across it tell the shift, but at each place nothing was measured along the path.
+    """
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("radius_mm = 10.0", "radius_mm = 200.0")
+    sure = "[noise]\nwrench_level = 0.0\nwrench_direction_deg = 0.0\nwrench_path = 0.0\n"
+    (tmp_path / "circle.toml").write_text(f"{text}\n{sure}", encoding="utf-8")
+    job = load_job(tmp_path / "circle.toml")
+    tool = Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.full(3, 1e-9))
+    known = Uncertainty("measured", "test", (tool,), np.eye(3), unexplained=3e-4, repeatability=1e-5)
+    turn, off = job.T_base_part[:3, :3], np.array([0.25, 0.15, -0.1])
+    circle = 1e3 * (load_nominal(job).position[::5] - job.T_base_part[:3, 3]) @ turn
+    columns = {f"{axis}_mm": circle[:, k] for k, axis in enumerate("xyz")}
+    if measured == "across":
+        columns = {name: column + off["xyz".index(name[0])] for name, column in columns.items()}
+    else:
+        up = {f"dir_{axis}": np.full(len(circle), float(axis == "k")) for axis in "ijk"}
+        columns |= {"reading_mm": np.full(len(circle), off[2]), **up}
+    learned = learn_from_part(job, replace(load_robot("kuka_kr270"), uncertainty=known), columns, align="datum")
+    assert learned.lesson.taken, learned.lesson.reason
+    path, chain, places = learned.path, build_chain(learned.before.robot), []
+    at = np.linspace(0.05, 0.95, 60) * path.arc_length[-1]
+    for plan in (learned.before, learned.after):
+        length = np.interp(plan.task.origin, np.arange(len(path)), path.arc_length)
+        tip = locate_frames(chain, plan.q).tcp_position
+        places.append(np.stack([np.interp(at, length, axis) for axis in tip.T], axis=1))
+    move = 1e3 * (places[1] - places[0]) @ turn
+    around = np.stack([np.interp(at, path.arc_length, axis) for axis in (path.position @ turn).T], axis=1)
+    along, move = np.gradient(around, axis=0)[1:-1], move[1:-1]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    assert np.abs(np.sum(move * along, axis=1)).max() < 0.005
+    wanted = off - np.sum(off * along, axis=1)[:, None] * along if measured == "across" else off * [0.0, 0.0, 1.0]
+    assert np.abs(move + wanted).max() < 0.01

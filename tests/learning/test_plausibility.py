@@ -154,5 +154,18 @@ def test_a_turn_that_was_not_measured_is_not_reported() -> None:
     off = np.einsum("bij,bj->bi", across, [2.6e-5, 0.0, 0.0] + 5e-6 * random.standard_normal((60, 3)))
     gathered = Gathered(np.arange(60), off, across, np.full(60, 25e-12), np.ones(60, int))
     tip = 0.005 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
-    said = describe_whole(gathered, tip, np.eye(3))
-    assert "by [0.02" in said and ", 0, 0] mm" in said and "a turn of 0 deg" in said
+    noise = 25e-12 * np.eye(180)
+    said, beyond = describe_whole(gathered, tip, np.eye(3), noise)
+    assert "by [0.02" in said and ", 0, 0] mm" in said and "a turn of 0 deg" in said and beyond
+    shift = np.tile(np.eye(3), (60, 1))  # a robot that may shift the whole part by .02 mm explains it
+    assert describe_whole(gathered, tip, np.eye(3), noise + 4e-10 * shift @ shift.T) == (said, False)
+
+
+@pytest.mark.parametrize("counted", [np.diag([0.0, 0.0, 1.0]), np.diag([0.0, 1.0, 1.0])])
+def test_an_alignment_is_reported_in_what_its_points_determine(counted: Array) -> None:
+    """Points along x, measured upwards or across: off by .05 mm along z, and of the rest nothing is said."""
+    tip, random = np.column_stack([np.linspace(-0.1, 0.1, 60), np.zeros((60, 2))]), np.random.default_rng(1)
+    off = ([0.0, 0.0, 5e-5] + 2e-6 * random.standard_normal((60, 3))) @ counted
+    gathered = Gathered(np.arange(60), off, np.tile(counted, (60, 1, 1)), np.full(60, 4e-12), np.ones(60, int))
+    said, beyond = describe_whole(gathered, tip, np.eye(3), 4e-12 * np.eye(180))
+    assert "by [0, " in said and ", 0.05] mm" in said and "a turn of 0 deg" in said and beyond

@@ -10,22 +10,28 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.diagnosis.validation.options import WIDE
+from compplan.diagnosis.validation.mixture import WIDE
 from compplan.effects import joint_offset, link_geometry
 from compplan.errors import InputError
 from compplan.job.job import load_job
-from compplan.learning import contacts
+from compplan.learning import candidates as contacts
 from compplan.learning.campaign import Equipment, add_places, design_campaign, take_frames
-from compplan.learning.candidates import find_postures, list_candidates
-from compplan.learning.contacts import bring_tips, find_touching, list_fixtures, sight_candidates
+from compplan.learning.candidates import (
+    bring_tips,
+    find_postures,
+    find_touching,
+    list_candidates,
+    list_fixtures,
+    sight_candidates,
+)
 from compplan.learning.design import (
     Design,
     choose_measurements,
     find_idle,
     first_visits,
     grade_choice,
+    order_poses,
 )
-from compplan.learning.order import order_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import CONTACT

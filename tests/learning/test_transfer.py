@@ -15,11 +15,10 @@ from compplan.effects import Effect
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.learning.gathered_points import Gathered
-from compplan.learning.generalisation import check_generalisation
 from compplan.learning.model_update import learn_part
 from compplan.learning.part import build_learned
 from compplan.learning.representable import add_effect, apply_update
-from compplan.learning.transfer import choose_transfer, learn_force, state_own
+from compplan.learning.transfer import check_generalisation, choose_transfer, learn_force, state_own
 from compplan.process.force_models.constant import ConstantProcess
 from compplan.process.learned_force import (
     FILE,

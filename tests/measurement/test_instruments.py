@@ -19,7 +19,7 @@ from compplan.diagnosis.data.channels import estimate_noises
 from compplan.effects import Effect, apply_effects, build_model, command_campaign, solve_model_poses
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import READING, KnownDistances, Observations
 from compplan.measurement.reading import read_campaign
@@ -192,7 +192,7 @@ def test_diagnosis_explains_what_gauges_show_to_their_noise(robot: Robot, tmp_pa
     assert diagnosis.gap.noise_floor == pytest.approx(SIGMA, rel=0.3)
     assert diagnosis.gap.held_out_after < 2.0 * SIGMA
     assert diagnosis.verdict.status in ("calibrated", "explained")
-    assert diagnosis.deliveries[0].kind != "nominal"
+    assert diagnosis.delivery.kind != "nominal"
 
 
 def test_a_known_distance_is_as_sure_as_its_file_says_or_a_caliper(robot: Robot, tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_what_gauges_leave_unexplained_counts_along_all_three_axes(robot: Robot,
     """Readings scatter by 0.3 mm where the robot is as modelled: 0.3 mm per axis is what the tip may be off."""
     log, instrument = gauge_log(robot, tmp_path, (), 3e-4)
     diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
-    known = diagnosis.deliveries[0].uncertainty
+    known = diagnosis.delivery.uncertainty
     assert known.unexplained == pytest.approx(np.sqrt(3.0) * 3e-4, rel=0.15)
     assert known.calibration < 1.3
 
@@ -246,10 +246,10 @@ def test_what_gauges_show_of_small_errors_holds_from_stay_to_stay_but_for_their_
     small = tuple(replace(e, parameters={"offset_rad": 0.05 * e.parameters["offset_rad"]}) for e in PLANTED)
     log, instrument = gauge_log(robot, tmp_path, small)
     diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
-    held = diagnosis.deliveries[0].visited
+    held = diagnosis.delivery.visited
     assert held is not None and held.spread < 0.1
     # gauges put up anywhere turn with the arm: the first joint's zero is as unknown as before
-    known = diagnosis.deliveries[0].uncertainty
+    known = diagnosis.delivery.uncertainty
     (zero,) = (u for u in known.unknowns if u.effect == "joint_offset" and u.joint == robot.joint_names[0])
     (before,) = (u for u in robot_uncertainty(robot).unknowns if (u.effect, u.joint) == (zero.effect, zero.joint))
     assert known.calibration * zero.deviation == pytest.approx(before.deviation, rel=1e-6)

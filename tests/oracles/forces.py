@@ -1,6 +1,6 @@
 """The judge's own reading of a job's process: the wrench on the tool at the feed that is driven.
 
-Written from the job's keys and the rows that are commanded; it shares nothing with `compplan.process.wrench`.
+Written from the job's keys and the rows that are commanded; it shares nothing with `compplan.process.force_law`.
 """
 
 from __future__ import annotations

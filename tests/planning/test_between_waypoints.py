@@ -24,7 +24,7 @@ from compplan.simulation.inertia import load_springs
 from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import locate_frames
 from compplan.statics.inertia import build_moving_chain, load_motion
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 
 PATHS = Path(__file__).parents[2] / "paths"
 pytestmark = pytest.mark.usefixtures("graph_alone")
@@ -39,12 +39,12 @@ def straight_profile(cap=20.0, n=401):
 def test_a_smoothed_profile_is_later_by_its_window_and_no_faster():
     along, speed = straight_profile()
     plain, smooth = smooth_profile(along, speed, 0.0), smooth_profile(along, speed, 0.1)
-    assert smooth.time[-1] == pytest.approx(plain.time[-1] + 0.1)
-    assert smooth.speed.max() <= 1.0 + 1e-12 and np.abs(smooth.push).max() <= 20.0 * (1 + 1e-9)
-    assert smooth.speed[[0, -1]] == pytest.approx(0.0)
+    time, share = smooth
+    assert time[-1] == pytest.approx(plain[0][-1] + 0.1)
+    assert share.max() <= 1.0 + 1e-12 and share[[0, -1]] == pytest.approx(0.0)
+    assert np.abs(np.diff(share) / np.diff(time)).max() <= 20.0 * (1 + 1e-9)
     # the mean of a step of speed over a window: speed and place of the ramp in closed form
-    t = smooth.time[(smooth.time > 0.05) & (smooth.time < 0.1)]
-    place = along[(smooth.time > 0.05) & (smooth.time < 0.1)]
+    t, place = time[(time > 0.05) & (time < 0.1)], along[(time > 0.05) & (time < 0.1)]
     expected = ((t - 0.025) ** 2 / 2 + 0.05**2 / 24) / 0.1
     assert place == pytest.approx(expected, abs=2e-6)
 
@@ -127,7 +127,7 @@ def test_a_verdict_speaks_of_ways_that_programs_take_and_of_no_cubic_through_the
     def say(way):
         far = np.zeros(len(plan.task) - 1)
         far[move] = 2.0 * plan.task.move_tolerance[move]
-        between = replace(plan.between, **{way: far})
+        between = plan.between._replace(**{way: far})
         given = plan.task, plan.command, plan.timing, between, plan.after, plan.margins, bench
         return [check.sentence for check in run_checks(*given) if check.fails and "strays" in check.sentence]
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import compplan.controllers.writers.krl as krl
+import compplan.controllers.writers.language as language
 import compplan.controllers.writers.program as programs
 import compplan.reporting.writers.plan as outputs
 from compplan.job.job import load_job
@@ -109,13 +110,13 @@ MISTAKES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "a row left out": _program(lambda program: replace(
         program.take(np.arange(1, len(program))), arc_of=None, line_of=None, corner=None, events=())),
     "feed in mm a minute": lambda patch: _shift(
-        patch, krl, "fit_moves", lambda fitted: replace(fitted, program=replace(
+        patch, language, "fit_moves", lambda fitted: replace(fitted, program=replace(
             fitted.program, feed=fitted.program.feed * 60.0))),
     "an arc through a place beside it": lambda patch: _shift(
-        patch, krl, "fit_moves", lambda fitted: replace(fitted, program=replace(
+        patch, language, "fit_moves", lambda fitted: replace(fitted, program=replace(
             fitted.program, via=fitted.program.via + np.eye(4, k=3) * 1e-5))),
     "moves that cut corners": lambda patch: _shift(
-        patch, krl, "fit_moves", lambda fitted: replace(fitted, program=replace(
+        patch, language, "fit_moves", lambda fitted: replace(fitted, program=replace(
             fitted.program, via=np.full_like(fitted.program.via, np.nan)))),
     "the tool in centimetres": _program(
         lambda program: replace(program, tool=program.tool * np.array([[1, 1, 1, 0.1]] * 3 + [[1] * 4]))),

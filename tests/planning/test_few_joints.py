@@ -9,7 +9,7 @@ from compplan.errors import InputError
 from compplan.planning.plan import PlanOptions, plan_compensation
 from compplan.robot import read_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
-from compplan.toolpath.generators import Pace, generate_circle
+from compplan.toolpath.generators import CircleTable
 from compplan.toolpath.toolpath import place_toolpath
 
 AXES = [
@@ -51,7 +51,7 @@ def test_a_gantry_of_three_slides_and_two_turning_joints_is_planned_tilted_and_f
     robot = write_gantry(tmp_path / "gantry")
     pose = np.eye(4)
     pose[:3, 3] = [0.3, -0.2, -0.5]
-    path = place_toolpath(generate_circle(0.1, Pace(feed=0.05, waypoints=120)), pose)
+    path = place_toolpath(CircleTable(radius_mm=100, feed_mm_s=50, waypoints=120).generate(), pose)
     tilt = np.column_stack([np.full(120, np.sin(angle)), np.zeros(120), np.full(120, np.cos(angle))])
     wrench = np.tile([300.0, -200.0, 500.0, 0.0, 0.0, 0.0], (120, 1))
     nominal = type(path)(path.position, tilt, path.feed, path.rapid, wrench, "base")
@@ -103,7 +103,7 @@ def write_four(folder, kind):
 def four_joint_path(tilt=0.0):
     place = np.eye(4)
     place[:3, 3] = [1.3, 0.3, 0.55]
-    path = place_toolpath(generate_circle(0.1, Pace(feed=0.05, waypoints=80)), place)
+    path = place_toolpath(CircleTable(radius_mm=100, feed_mm_s=50, waypoints=80).generate(), place)
     axis = np.column_stack([np.full(80, np.sin(tilt)), np.zeros(80), np.full(80, np.cos(tilt))])
     wrench = np.tile([300.0, -200.0, 400.0, 0.0, 0.0, 0.0], (80, 1))
     return type(path)(path.position, axis, path.feed, path.rapid, wrench, "base")

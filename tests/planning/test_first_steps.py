@@ -61,7 +61,7 @@ def slow_run(follows: bool) -> tuple[Any, Any]:
     ("follows", "words"),
     [
         (True, "so that the joints can follow the corrections (velocity of"),
-        (False, "to keep the run smooth around joint limits (velocity of"),
+        (False, "to keep the run smooth around limits (velocity of"),
     ],
 )
 def test_a_slow_run_names_corners_the_limit_and_what_is_left(follows: bool, words: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.limits import sample_use
-from compplan.controllers.readback.robot import read_joints
+from compplan.controllers.readback.joint_table import read_joints
 from compplan.planning.checks import _check_jerk
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.motion_limits import TorqueRules, describe_jerk, measure_smooth_use
@@ -56,7 +56,7 @@ def test_a_run_with_corners_holds_its_limits_at_every_millisecond(after: float) 
 def test_a_run_that_has_to_stand_still_on_its_way_is_timed_within_its_jerk(monkeypatch: pytest.MonkeyPatch) -> None:
     def stop_halfway(*words: Any, **more: Any) -> Any:
         found = time_cut(*words, **more)
-        found[2][len(found[2]) // 2] = 0.0
+        found[len(found) // 2] = 0.0
         return found
 
     task = make_task(arc_path(0.3, 1.2, 120))

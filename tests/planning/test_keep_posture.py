@@ -10,7 +10,7 @@ from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.learning.part import build_learned
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.posture.kept_posture import describe_posture_change, is_same_machine
+from compplan.planning.posture.kept_posture import is_same_machine
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 
@@ -97,15 +97,6 @@ def test_an_earlier_program_is_kept_with_its_full_turns(own: Array, tmp_path: Pa
     file.write_text(file.read_text().replace("radius_mm = 80.0", "radius_mm = 70.0"))
     with pytest.raises(InputError, match="follows a path of"):
         starts_at(file, keep=str(tmp_path))
-
-
-def test_what_cannot_be_kept_is_named(own: Array) -> None:
-    robot, far = load_robot("ur5e"), np.array(own)
-    far[:, 0] += 0.4
-    far[:, 5] += 2 * np.pi
-    told = describe_posture_change(robot, own, far)
-    assert "22.92 deg" in told and "360 deg" in told and "joint" in told
-    assert describe_posture_change(robot, own, own + 0.01) == ""
 
 
 def test_another_robot_is_no_machine_to_keep_the_posture_of(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from compplan.planning.posture.motion import list_plays
 from compplan.planning.sampling import measure_between
 from compplan.planning.task import attain_rows
 from compplan.robot import load_robot
-from compplan.toolpath.generators import Pace, generate_circle
+from compplan.toolpath.generators import CircleTable
 from compplan.toolpath.toolpath import place_toolpath
 
 #: Ten waypoints; joint 1 of its robot has a backlash of 0.4 mrad, which is 0.3 mm at the tip.
@@ -85,7 +85,7 @@ def test_a_move_in_which_a_link_turns_is_divided_until_the_path_does_not_go_on_w
     play = {"effect": "backlash", "joint": "joint_1", "parameters": {"width_rad": 2.2e-4}}
     place = np.eye(4)
     place[:3, 3] = 1.55, 0.35, 0.7
-    path = place_toolpath(generate_circle(0.07, Pace(feed=0.01, waypoints=90)), place)
+    path = place_toolpath(CircleTable(radius_mm=70, feed_mm_s=10, waypoints=90).generate(), place)
     plan = plan_compensation(replace(robot, effects=(play,)), path, PlanOptions())
     assert plan.status == "solved", plan.explain_failures()
     crosses = np.abs(np.diff(plan.q[:, 0] - plan.command.facts["links"][:, 0])) > 0.0
@@ -98,7 +98,7 @@ def test_inertia_is_compensated_where_a_cubic_that_no_program_follows_swings_bes
     robot, place = load_robot("kuka_kr270"), np.eye(4)
     play = {"effect": "backlash", "joint": "joint_1", "parameters": {"width_rad": 1e-3}}
     place[:3, 3] = 1.7, 0.0, 0.9
-    path = place_toolpath(generate_circle(0.06, Pace(feed=0.03, waypoints=60)), place)
+    path = place_toolpath(CircleTable(radius_mm=60, feed_mm_s=30, waypoints=60).generate(), place)
     plan = plan_compensation(replace(robot, effects=(play,)), path, PlanOptions(inertia=True))
     assert plan.status == "solved" and plan.bending.compensated, plan.notes
     assert plan.between.driven.max() < 0.2 * PlanOptions().tolerance < plan.between.spline.max()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from compplan.planning.dense import pick_stations, solve_path, state_problem
-from compplan.planning.limits import read_torques
+from compplan.planning.limits.torque import read_torques
 from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.nlp import build_nlp, explain_conflict, solve_nlp, solve_problem
 from compplan.planning.strategies import command_path
@@ -16,7 +16,7 @@ from compplan.planning.task import attain_rows
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.kinematics import build_loaded_function
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from tests.planning.test_strategies import make_path, make_task
 
 

@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InfeasibleError, InputError
 from compplan.job.job import check_job
+from compplan.job.loading import load_nominal
 from compplan.planning.plan import job_robot
-from compplan.planning.posture.place import Rater, place_part, summarise_placement
+from compplan.planning.posture.place import place_part, rate_places, summarise_placement
 from compplan.planning.posture.settings import PostureSettings
 from compplan.reporting.place import draw_place_map
 
@@ -57,10 +58,8 @@ def test_the_result_is_plain_json_with_a_picture(placed) -> None:
 
 def test_places_out_of_reach_are_rated_as_such() -> None:
     job = check_job(TABLE, "job.toml")
-    rater = Rater(job_robot(job), PostureSettings())
-    from compplan.job.loading import load_nominal
-
-    bound = rater.rate(load_nominal(job), job.tool_x_base, np.eye(3), np.array([[0.0, 0, 0], [9.0, 0, 0]]))
+    shifts = np.array([[0.0, 0, 0], [9.0, 0, 0]])
+    bound = rate_places(job, job_robot(job), PostureSettings(), load_nominal(job), shifts)
     assert np.isfinite(bound[0]) and np.isnan(bound[1])
 
 

@@ -12,7 +12,7 @@ import compplan as cp
 from compplan.diagnosis import campaign_diagnosis
 from compplan.errors import InputError
 from compplan.job.job import CollisionTable, check_job
-from compplan.planning.notes import _ask_about_x
+from compplan.planning.notes import describe_tool_x
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.posture import collision_scene
 from compplan.reporting.writers.post import read_part
@@ -194,7 +194,7 @@ def test_each_scale_lowers_its_own_limits_alone() -> None:
 def test_an_x_along_the_tool_axis_is_said_to_say_nothing(y: float, asked: bool) -> None:
     axis = np.tile([0.0, 0.0, 1.0], (4, 1))
     plan = SimpleNamespace(model_fields_set={"tool_x"})
-    said = _ask_about_x(
+    said = describe_tool_x(
         SimpleNamespace(nominal=SimpleNamespace(axis=axis)), SimpleNamespace(plan=plan, tool_x_base=[0.0, y, -1.0])
     )  # type: ignore[arg-type]
     assert bool(said) == asked
@@ -215,7 +215,7 @@ def test_the_zone_of_the_tip_that_may_touch_is_given_in_mm(monkeypatch: pytest.M
     job = SimpleNamespace(
         collision=CollisionTable(tip_zone_mm=45.0), file=Path("job.toml"), T_base_part=np.eye(4), tool=None,
     )  # fmt: skip
-    collision_scene.compute_model_loads(job, robot)  # type: ignore[arg-type]
+    collision_scene.read_scene(job, robot)  # type: ignore[arg-type]
     assert asked["tip"] == pytest.approx(0.045)
 
 

@@ -11,14 +11,14 @@ from posture_cases import brute_force, cut_stations, make_case, mean_square
 
 from compplan.errors import InfeasibleError
 from compplan.planning.plan import PlanOptions, plan_compensation
-from compplan.planning.posture.choose import choose_posture_path, sum_errors
+from compplan.planning.posture.choose import _choose_line, choose_posture_path, sum_errors
 from compplan.planning.posture.configuration import choose_posture
 from compplan.planning.posture.costs import Weights
 from compplan.planning.posture.lattice import orient_tool
 from compplan.planning.posture.motion import MotionFigures, MotionPrice, measure_inertia_error
 from compplan.planning.posture.search import Rungs, _Joints, _step
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
-from compplan.planning.posture.summary import PostureRequest, PostureSummary, summarise_costs
+from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import build_arm
@@ -43,16 +43,16 @@ def check_on_path(robot, nominal: Toolpath, posture_choice) -> None:
     assert (posture_choice.q >= robot.lower).all() and (posture_choice.q <= robot.upper).all()
 
 
-def choose(*given, **more) -> PostureSummary:
-    return choose_posture_path(PostureProblem(*given, **more))
+def choose(*given) -> PostureSummary:
+    return choose_posture_path(PostureProblem(*given))
 
 
 @pytest.fixture(scope="module")
 def angled():
     case = make_case("kuka_kr240", "circle", 45.0)
-    settings = PostureSettings(stations=160, weights={"travel": 0.0})  # what is left under load, alone
     axes = case.job.T_base_part[:3, :3]
-    return case, choose(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
+    settings = PostureSettings(stations=160, axes=axes)  # what is left under load, alone; no plain posture beside it
+    return case, _choose_line(PostureProblem(case.robot, case.nominal, case.job.tool_x_base, settings))
 
 
 def test_the_chosen_posture_is_within_two_percent_of_brute_force_that_shares_no_cost_code(angled) -> None:
@@ -66,10 +66,10 @@ def test_the_chosen_posture_is_within_two_percent_of_brute_force_that_shares_no_
 def test_travel_is_priced_as_an_error_and_a_plain_posture_is_kept_that_is_as_accurate(angled) -> None:
     case, greedy = angled
     axes = case.job.T_base_part[:3, :3]
-    settings = PostureSettings(stations=160, motion=MotionFigures(stated=True))  # no assumed figure prices motion
-    posture_choice = choose(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
+    settings = PostureSettings(stations=160, motion=MotionFigures(stated=True), axes=axes)  # no assumed figure counts
+    posture_choice = choose(case.robot, case.nominal, case.job.tool_x_base, settings)
     plain = choose_posture(case.robot, case.nominal.position, tool_axes(case.nominal, case.job.tool_x_base))
-    costs = summarise_costs(PostureProblem(case.robot, case.nominal, FLAT, PostureSettings(), axes), plain.q)
+    costs = summarise_costs(PostureProblem(case.robot, case.nominal, FLAT, PostureSettings(axes=axes)), plain.q)
     # some micrometres less under load, for six times the travel, and inertia bends more than all of that
     assert greedy.costs["sensitivity_rms_mm"] < costs["sensitivity_rms_mm"]
     assert greedy.costs["joint_travel_deg"] > 5 * costs["joint_travel_deg"]
@@ -81,9 +81,9 @@ def test_each_preset_is_the_best_of_the_three_at_what_it_is_for(angled) -> None:
     case, _ = angled
     axes = case.job.T_base_part[:3, :3]
     found = {
-        preset: choose(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes).costs
+        preset: choose(case.robot, case.nominal, case.job.tool_x_base, settings).costs
         for preset in ("accurate", "smooth", "fast")
-        if (settings := PostureSettings(stations=120, preset=preset))
+        if (settings := PostureSettings(stations=120, preset=preset, axes=axes))
     }
     for preset, key, slack in (("accurate", "sensitivity_rms_mm", 1.001), ("smooth", "joint_travel_deg", 1.03),
                                ("fast", "time_s", 1.001)):  # fmt: skip
@@ -227,10 +227,11 @@ def test_the_map_holds_the_chosen_line() -> None:
     assert np.isfinite(picture.sensitivity[picture.reason == 0]).all()
 
 
-def test_the_plan_keeps_the_chosen_posture_and_stands_on_the_path_under_load(angled) -> None:
-    case, posture_choice = angled
-    request = PostureRequest(posture_choice.settings, case.job.T_base_part[:3, :3])
-    options = PlanOptions(tool_x=case.job.tool_x_base, posture=request, inertia=False)
+def test_the_plan_keeps_the_chosen_posture_and_stands_on_the_path_under_load(angled, monkeypatch) -> None:
+    case, greedy = angled
+    monkeypatch.setattr("compplan.planning.plan.better_start", lambda start, asked, **named: start)
+    posture_choice = choose(case.robot, case.nominal, case.job.tool_x_base, greedy.settings)
+    options = PlanOptions(tool_x=case.job.tool_x_base, posture=posture_choice.settings, inertia=False)
     plan = plan_compensation(case.robot, case.nominal, options, name="angled")
     assert plan.status == "solved"
     assert plan.after.max_deviation < 1e-8
@@ -247,9 +248,8 @@ def test_five_thousand_waypoints_take_less_than_ten_seconds() -> None:
     from compplan.toolpath.toolpath import resample_toolpath
 
     nominal = resample_toolpath(case.nominal, case.nominal.cutting_length / 5000)
-    request = PostureRequest(PostureSettings(), np.eye(3))
     clock = time.process_time()
-    plan = plan_compensation(case.robot, nominal, PlanOptions(tool_x=FLAT, posture=request))
+    plan = plan_compensation(case.robot, nominal, PlanOptions(tool_x=FLAT, posture=PostureSettings()))
     assert plan.status == "solved" and len(nominal) >= 5000
     assert time.process_time() - clock < 10.0
 

@@ -48,7 +48,7 @@ def test_no_other_preset_is_faster_than_fast(job: str, presets: list[str]) -> No
     assert task.start is not None and task.start.posture_choice is not None
     assert fast == pytest.approx(task.start.posture_choice.costs["driven_s"], rel=1e-9)
     assert task.start.posture_choice.costs["driven_s"] == min(task.start.posture_choice.compared.values())
-    assert any("fastest of the postures" in note for note in task.start.notes)
+    assert any("one of the least time is driven" in note for note in task.start.notes)
 
 
 def test_a_feed_that_every_posture_holds_is_a_tie_and_the_plan_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,7 +56,7 @@ def test_a_feed_that_every_posture_holds_is_a_tie_and_the_plan_says_so(monkeypat
     task, _ = stand("slow spin", "fast")
     assert task.start is not None and task.start.posture_choice is not None
     assert task.start.posture_choice.settings.preset == "fast"
-    assert any("the programmed feed sets the time, not the posture" in note for note in task.start.notes)
+    assert any("compared tie at a time of" in note for note in task.start.notes)
 
 
 @pytest.mark.parametrize("preset", ["accurate", "smooth"])

@@ -109,13 +109,12 @@ def test_a_band_beyond_ten_times_what_is_compensated_says_why() -> None:
 
 
 def test_no_campaign_is_asked_for_where_the_first_joints_zero_makes_the_band() -> None:
-    robot = SimpleNamespace(actuated=[SimpleNamespace(name="joint_1")])
-    plan: Any = SimpleNamespace(status="solved", job=None, task=SimpleNamespace(robot=robot))
+    robot: Any = SimpleNamespace(actuated=[SimpleNamespace(name="joint_1")])
     for name, asked in (("joint_offset joint_1", True), ("joint_offset joint_2", False)):
         promise: Any = SimpleNamespace(leading=((name, 0.8),), known=SimpleNamespace(grade="measured"), ladder=())
-        assert (find_change(plan, promise, "geometry of the robot") == TOUCH_OFF) == asked
+        assert (find_change(robot, promise, "geometry of the robot") == TOUCH_OFF) == asked
         promise.known.grade = "literature"  # it has more to learn from poses than that zero
-        assert find_change(plan, promise, "geometry of the robot") == MEASURE
+        assert find_change(robot, promise, "geometry of the robot") == MEASURE
 
 
 def test_the_share_of_a_cut_goes_by_length() -> None:

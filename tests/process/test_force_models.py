@@ -15,7 +15,6 @@ from compplan.planning.citations import list_citations
 from compplan.process.force_models import FORCE_MODELS
 from compplan.process.force_models.friction_stir import FrictionStirProcess
 from compplan.process.force_models.isf_regression import (
-    UNCERTAINTY,
     IsfRegressionProcess,
     find_step_down,
     find_wall_angle,
@@ -23,7 +22,7 @@ from compplan.process.force_models.isf_regression import (
     scallop_height,
     steady_axial_force,
 )
-from compplan.toolpath.generators import Pace, generate_cone
+from compplan.toolpath.generators import ConeTable
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 from tests.oracles.forces import DrivenRows, read_forces
 
@@ -73,15 +72,16 @@ GOLDEN = {
 @pytest.mark.parametrize("model", FORCE_MODELS)
 def test_every_model_has_the_golden_force(model, tmp_path) -> None:
     assert get_args(FORCE_MODELS[model].table.model_fields["model"].annotation) == (model,)
-    keys, expected = GOLDEN[model]
+    stated, expected = GOLDEN[model]
     (tmp_path / "wrench.csv").write_text("s_mm,fx_N,fy_N,fz_N\n0,0,2,3\n40,8,2,3\n")
     path = SLIDE if model != "drill" else "x_mm,y_mm,z_mm,feed_mm_s\n20,20,-5,20\n20,20,-15,20\n"
     if model == "columns":
         path = "x_mm,y_mm,z_mm,feed_mm_s,fx_N,fy_N,fz_N\n0,20,-1,20,1,2,3\n40,20,-1,20,1,2,3\n"
     if model == "isf_regression":
-        cone = 1e3 * generate_cone(0.08, 0.02, np.radians(45), 1e-3, Pace(feed=0.02, step=1e-3)).position
+        keys = {"diameter_mm": 80, "depth_mm": 20, "wall_angle_deg": 45, "pitch_mm": 1, "feed_mm_s": 20, "step_mm": 1}
+        cone = 1e3 * ConeTable(**keys).generate().position
         path = "\n".join(["x_mm,y_mm,z_mm,feed_mm_s", *(f"{x:.6f},{y:.6f},{z:.6f},20" for x, y, z in cone), ""])
-    nominal, _ = load_path(make_job(tmp_path, {"model": model, **keys}, path))
+    nominal, _ = load_path(make_job(tmp_path, {"model": model, **stated}, path))
     force = nominal.wrench[len(nominal) // 2, :3]
     known = [k for k, value in enumerate(expected) if value is not None]
     assert force[known] == pytest.approx([expected[k] for k in known], rel=0.02, abs=0.1)
@@ -208,19 +208,21 @@ def test_both_readings_of_the_regression_are_said_and_lie_inside_its_spread() ->
     assert found is not None
     read, other = (float(number) for number in found.groups())
     assert nominal.wrench[:, 2].max() == pytest.approx(read, rel=0.03)
-    assert read < other < read * (1 + 1.96 * UNCERTAINTY)
+    assert read < other < read * (1 + 1.96 * IsfRegressionProcess.uncertainty)
 
 
 @pytest.mark.parametrize("angle", [30.0, 45.0, 60.0])
 @pytest.mark.parametrize("levels", [False, True])
 def test_wall_angle_and_step_down_are_found_from_the_path(angle, levels) -> None:
-    cone = generate_cone(0.08, 0.012, np.radians(angle), 1e-3, Pace(feed=0.02, step=5e-4), levels=levels)
+    keys = {"diameter_mm": 80, "depth_mm": 12, "wall_angle_deg": angle, "pitch_mm": 1, "feed_mm_s": 20, "step_mm": 0.5}
+    cone = ConeTable(path="z_level" if levels else "helical", **keys).generate()
     assert find_step_down(cone) == pytest.approx(1e-3, rel=0.05)
     assert np.degrees(np.median(find_wall_angle(cone, 1e-3))) == pytest.approx(angle, abs=1.0)
 
 
 def test_forming_builds_up_and_then_stays() -> None:
-    cone = generate_cone(0.08, 0.02, np.radians(45), 1e-3, Pace(feed=0.02, step=5e-4))
+    keys = {"diameter_mm": 80, "depth_mm": 20, "wall_angle_deg": 45, "pitch_mm": 1, "feed_mm_s": 20, "step_mm": 0.5}
+    cone = ConeTable(**keys).generate()
     process = IsfRegressionProcess(model="isf_regression", thickness_mm=1.0, tool_diameter_mm=10.0, tensile_N_mm2=300.0)
     axial = process.wrench_along(cone)[:, 2]
     deep = np.arange(len(cone)) > 0.6 * len(cone)

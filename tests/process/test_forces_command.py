@@ -14,8 +14,7 @@ from commandline import run_command
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.job.loading import load_path
-from compplan.process.fit import fit_forces
-from compplan.process.log import read_force_log
+from compplan.process.fit import fit_forces, read_force_log
 from compplan.toolpath.contact import cutting_progress
 
 POCKET = Path(__file__).parents[2] / "examples" / "forces" / "pocket.toml"

@@ -6,10 +6,10 @@ import pytest
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
 from compplan.process.engagement_search import find_engagement
-from compplan.process.force_models.drill import DRILLED, HANDBOOK, DrillProcess, ask_handbook
+from compplan.process.force_models.drill import DRILLED, DrillProcess
 from compplan.process.force_models.milling import MillingProcess, milling_wrench
 from compplan.process.materials import MATERIALS, Coefficients
-from compplan.process.milling import Spindle, ripple_force, shape_milling
+from compplan.process.milling import shape_milling
 from compplan.process.stock import build_block
 
 FLAT = Cutter(5e-3, 0.03)
@@ -106,18 +106,20 @@ def test_thrust_and_torque_rise_with_feed_and_diameter(material: str) -> None:
         assert (wrench[:, [2, 5]] > 0.0).all() and (np.diff(wrench[:, [2, 5]], axis=0) > 0.0).all()
 
 
-def test_the_handbooks_relation_is_its_worked_tables_and_is_said_as_a_second_opinion() -> None:
-    """Tables 7 to 9 of the handbook at 11 mm, 0.3 mm a turn: f^0.8 = .382, D^0.8 = 6.81, D^1.8 = 74.9."""
-    thrust, torque = ask_handbook("c45", 11.0, 0.3)
-    assert thrust == pytest.approx(0.05 * 24000 * 0.382 * 6.81 * 1.100 + 0.007 * 24000 * 121 * 0.001, rel=2e-3)
-    assert torque == pytest.approx(0.000025 * 24000 * 0.382 * 74.9 * 1.000, rel=2e-3)
-    process = DrillProcess(model="drill", diameter_mm=10.0, spindle_rpm=1000.0, material="c45")
-    (said,) = process.ask_another(0.15)
-    own = drill(0.3)
-    assert f"{own[2]:.2g}"[:2] in said and f"{own[5]:.3g} N m" in said and "second opinion" in said
-    ratio = np.array([np.divide(drill(feed, 8.0, name)[[2, 5]], ask_handbook(name, 8.0, feed))
-                      for name in HANDBOOK for feed in (0.1, 0.3)])  # fmt: skip
-    assert ratio.min() > 0.6 and ratio.max() < 1.7
+def test_thrust_and_torque_are_within_the_spread_of_a_second_relation() -> None:
+    """Shaw and Oxford as Machinery's Handbook prints it (31st edition, p. 1152), a thinned web.
+
+    K_d is from general knowledge of its table 6 (assumed).
+    """
+    constants = {"al6061_t6": 7000.0, "al6082_t6": 7000.0, "al7075_t6": 7000.0, "aluminium_cast": 7000.0, "c45": 24e3,
+                 "low_carbon_steel": 24e3, "low_alloy_steel_300hb": 31e3, "cast_iron_pearlitic": 14e3}  # fmt: skip
+    ratio = []
+    for name, constant in constants.items():
+        for feed in (0.1, 0.3):
+            thrust = 0.05 * constant * (feed * 8.0) ** 0.8 * 1.100 + 0.007 * constant * 8.0**2 * 0.001
+            torque = 2.5e-5 * constant * feed**0.8 * 8.0**1.8 * 1.000
+            ratio.append(drill(feed, 8.0, name)[[2, 5]] / [thrust, torque])
+    assert np.min(ratio) > 0.6 and np.max(ratio) < 1.7
 
 
 def test_pecks_push_only_where_the_hole_is_not_yet() -> None:
@@ -163,23 +165,28 @@ def test_a_drill_that_moves_sideways_is_said_to_have_no_force() -> None:
     assert not process.shape(found).wrench(process.resistance, np.full(len(found), 1e-4)).any()
 
 
-def test_straight_teeth_in_a_half_slot_range_from_nothing_to_a_full_tooth() -> None:
-    found = engage(FLAT, (-60, 50, -2), (0, 50, -2))  # up milling: the chip grows from nothing to the feed
-    turn = ripple_force(found, np.array([60]), PLAIN, Spindle(2, 100.0), np.array([5e-5]))
-    full = 800 * 0.05 * 2
-    assert turn[0, :, 1].max() - turn[0, :, 1].min() > 0.0
-    assert np.linalg.norm(turn[0], axis=1).max() == pytest.approx(full * np.hypot(1, 0.4), rel=0.01)
-    assert np.linalg.norm(turn[0], axis=1).min() == 0.0
-
-
-def test_the_mean_of_a_turn_is_the_mean_wrench() -> None:
-    ball = Cutter(3e-3, 0.02, 3e-3)
-    for cutter, end in ((FLAT, (0, 2, -3)), (ball, (0, 2, -1))):
-        found = engage(cutter, (-60, 2, end[2]), end)
-        material, spindle = MATERIALS["al7075_t6"], Spindle(3, 100.0, np.radians(30.0))
-        turn = ripple_force(found, np.array([60]), material, spindle, np.array([5e-5]))
-        wrench = mean(found, material, 5e-5, teeth=3)
-        assert turn[0].mean(axis=0) == pytest.approx(wrench[:3], abs=0.02 * np.linalg.norm(wrench[:3]))
+@pytest.mark.parametrize(("corner", "depth"), [(0.0, 3.0), (3.0, 1.0)])
+def test_the_mean_wrench_of_a_slot_is_an_integral_over_the_teeth(corner: float, depth: float) -> None:
+    """Of a flat or a ball end mill of 3 mm radius; a tooth of a ball cuts what the sphere a feed back left. [mm, N]"""
+    feed, teeth, material, count = 0.05, 3, MATERIALS["al7075_t6"], 600
+    u, total = (np.arange(count) + 0.5) / count * 2 * np.pi - np.pi, np.zeros(3)  # from the travel to the left
+    cos, sin, zero = np.cos(u), np.sin(u), np.zeros(count)
+    top = np.arccos(1.0 - depth / 3.0)
+    turns = (np.arange(count) + 0.5) / count * top if corner else np.array([np.pi / 2])
+    for turn in turns:
+        out, up = np.sin(turn), np.cos(turn)
+        way = feed * out * cos
+        chip = way + 3.0 - np.sqrt(9.0 - feed**2 + way**2) if corner else way
+        directions = np.array(
+            [[-sin, cos, zero], [-out * cos, -out * sin, up + zero], [-up * cos, -up * sin, zero - out]]
+        )
+        area = (3.0 * top if corner else depth) / len(turns) * 2 * np.pi / count
+        for c in range(3):
+            force = material.cutting[c] * np.maximum(chip, 0.0) ** (1.0 - material.exponent[c]) + material.edge[c]
+            total += teeth / (2 * np.pi) * area * (directions[c] * force * (chip > 0.0)).sum(axis=1)
+    found = engage(Cutter(3e-3, 0.02, 1e-3 * corner), (-60, 0, -depth), (0, 0, -depth))
+    wrench = mean(found, material, 1e-3 * feed, teeth=teeth)
+    assert wrench[:3] == pytest.approx(total, abs=0.01 * np.linalg.norm(total))
 
 
 def test_every_material_says_where_it_comes_from_and_which_are_assumed() -> None:

@@ -8,19 +8,24 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
+from compplan.process.force_law import ForceLaw
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.force_models.constant import ConstantProcess
 from compplan.process.force_models.file import FileProcess
 from compplan.process.force_models.isf import IsfProcess
 from compplan.process.force_models.milling import MillingProcess, milling_wrench
-from compplan.process.wrench import predict_wrench
+from compplan.robot.pose import build_pose
 from compplan.toolpath.contact import path_axes
-from compplan.toolpath.generators import Pace, generate_circle, generate_cone
+from compplan.toolpath.generators import CircleTable, ConeTable
 from compplan.toolpath.toolpath import Toolpath, place_toolpath
 
 
+def predict_wrench(process, nominal: Toolpath, turn: np.ndarray = np.eye(3), folder: Path = Path()) -> np.ndarray:  # noqa: B008
+    return ForceLaw(process, build_pose(np.zeros(3), turn), folder=folder).predict(nominal)
+
+
 def circle(approach: float = 0.0) -> Toolpath:
-    return generate_circle(0.1, Pace(feed=0.05, waypoints=400), approach=approach)
+    return CircleTable(radius_mm=100, feed_mm_s=50, waypoints=400, approach_mm=1e3 * approach).generate()
 
 
 def milling(**changes: object) -> MillingProcess:
@@ -40,7 +45,7 @@ def test_a_constant_wrench_is_turned_from_each_frame_into_the_base() -> None:
     nominal = circle()
     for frame, expected in {"base": [1, 2, 3], "part": [-2, 1, 3], "tool": [1, -2, -3]}.items():
         process = ConstantProcess(model="constant", force_N=(1.0, 2.0, 3.0), frame=frame)
-        wrench = predict_wrench(process, nominal, R_base_part=turn)
+        wrench = predict_wrench(process, nominal, turn=turn)
         assert wrench[5, :3] == pytest.approx(expected), frame
 
 
@@ -82,7 +87,8 @@ def test_a_dead_weight_also_hangs_on_the_tool_in_rapid_moves() -> None:
 
 
 def test_the_formed_sheet_pushes_the_tool_up_and_towards_the_axis_of_the_cone() -> None:
-    cone = generate_cone(0.04, 0.015, np.radians(45), 0.001, Pace(feed=0.02, step=0.0005), approach=0.01)
+    keys = {"diameter_mm": 40, "depth_mm": 15, "wall_angle_deg": 45, "pitch_mm": 1, "feed_mm_s": 20, "step_mm": 0.5}
+    cone = ConeTable(approach_mm=10, **keys).generate()
     process = IsfProcess(model="isf", axial_N=1200.0, lateral_N=400.0, start_share=0.4, ramp_mm=5.0)
     wrench = predict_wrench(process, cone)
     outward = cone.position[:, :2] / np.linalg.norm(cone.position[:, :2], axis=1, keepdims=True)
@@ -150,7 +156,7 @@ def test_a_wrench_file_is_read_in_its_units_and_turned_from_each_frame_into_the_
     nominal = Toolpath(position, np.tile([0.0, 0, 1], (3, 1)), np.ones(3), np.zeros(3, bool))
     process = FileProcess.model_validate({"model": "file", "file": "log.csv", "frame": frame})
     turn = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
-    wrench = predict_wrench(process, nominal, R_base_part=turn, folder=tmp_path)
+    wrench = predict_wrench(process, nominal, turn=turn, folder=tmp_path)
     assert wrench[1] == pytest.approx([*force, *moment])
 
 
@@ -166,7 +172,7 @@ def test_turning_the_path_turns_its_wrench(process) -> None:
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec([0.3, -1.0, 0.7]).as_matrix()
     still = predict_wrench(process, circle(approach=0.01))
-    turned = predict_wrench(process, place_toolpath(circle(approach=0.01), pose), R_base_part=pose[:3, :3])
+    turned = predict_wrench(process, place_toolpath(circle(approach=0.01), pose), turn=pose[:3, :3])
     assert turned[:, :3] == pytest.approx(still[:, :3] @ pose[:3, :3].T, abs=1e-9)
     assert turned[:, 3:] == pytest.approx(still[:, 3:] @ pose[:3, :3].T, abs=1e-9)
 

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnosis.results.intervals import state_change
-from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
-from compplan.diagnosis.results.small_errors import Group, SmallErrors
+from compplan.diagnosis.results.posterior import state_change
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares, SmallErrors
 from compplan.diagnosis.results.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
@@ -60,8 +59,7 @@ def diagnosed() -> tuple[Any, Split]:
     diagnosis = SimpleNamespace(
         robot=robot, residual_before=before, residual_after=noise, registration=None, outliers=np.zeros(0, int),
         fit=SimpleNamespace(problem=SimpleNamespace(campaign=replace(campaign, position=point), register=())),
-        deliveries=[SimpleNamespace(kind="causes")], noise="the log",
-        points=point, gap=SimpleNamespace(generic=2e-4, wrong=3e-4),
+        delivery=SimpleNamespace(kind="calibrated"), noise="the log", points=point,
         verdict=SimpleNamespace(structure=SimpleNamespace(left=False), findings=[]),
     )  # fmt: skip
     return diagnosis, Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)), {})
@@ -73,7 +71,7 @@ def make_shares(soft: float) -> Shares:
     carriers = (Carrier("joint_3", "joint_stiffness", carried, 0.97),) if soft else ()
     return Shares(
         {"joint_3": Share(soft, 0.0, soft), CALIBRATION: Share(0.04, 0.01, 0.06), UNEXPLAINED: nothing},
-        {"load": carried, UNEXPLAINED: nothing}, carriers, {"joint_3": {"joint_stiffness": soft}}, 0.96 - soft,
+        {"load": carried, UNEXPLAINED: nothing}, carriers, 0.96 - soft,
     )  # fmt: skip
 
 
@@ -109,14 +107,13 @@ def test_a_gap_of_noise_has_no_place(diagnosed: tuple[Any, Split]) -> None:
     assert "no joint, frame, sensor or load is named that carries a part of it" in said
 
 
-def test_kinds_of_small_errors_that_both_halves_show_stand_beside_the_names(diagnosed: tuple[Any, Split]) -> None:
-    named = Group("joint_3", "load", Share(0.6, 0.0, 1.0), 0.9)
-    groups = (named, Group("joint_5", "geometry", Share(0.34, 0.3, 0.4), 0.96))
+def test_kinds_of_small_errors_stand_beside_the_names(diagnosed: tuple[Any, Split]) -> None:
+    groups = (("joint_3", "load", Share(0.6, 0.0, 1.0)), ("joint_5", "geometry", Share(0.34, 0.3, 0.4)))
     split = replace(diagnosed[1], small_errors=SmallErrors({}, {}, groups))
     said = describe_where(TABLE["verdict"], split)
     largest = open_diagnosis({"status": "partly_explained", "effects": [SPRING]}, GAP, "causes", "", 0.78)
     assert "Most of the gap is small errors, as of a robot that was not calibrated. A part" in largest.verdict
-    assert "(95 %: 1\u00a0% to 6\u00a0%; both halves of the poses show geometry of joint_5 34\u00a0%)" in said
+    assert "(95 %: 1\u00a0% to 6\u00a0%; geometry of joint_5 34\u00a0% in the updated robot)" in said
 
 
 def test_rivals_and_unexplained_structure_are_said(diagnosed: tuple[Any, Split]) -> None:

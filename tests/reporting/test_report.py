@@ -244,7 +244,7 @@ def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> 
 
 def test_a_real_comparison_gets_its_page(tmp_path: Path) -> None:
     from compplan.job.job import load_job
-    from compplan.studies.comparison import compare_job
+    from compplan.studies.job_study import compare_job
 
     (tmp_path / "job.toml").write_text(JOB)
     comparison = compare_job(load_job(tmp_path / "job.toml"))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.reproduce.correction_loop import LITERAL, largest_pole
+from compplan.reproduce.correction_loop import LITERAL, WITHOUT_DERIVATIVE, fitted_loop, largest_pole, simulate_loops
 from compplan.reproduce.johra2022 import (
     FIG_7_DEG,
     FIG_7_FORCE,
@@ -16,7 +16,6 @@ from compplan.reproduce.johra2022 import (
     load_shares,
     without_side_spring,
 )
-from compplan.reproduce.johra_loop import WITHOUT_DERIVATIVE, fitted_loop, simulate_loops
 from compplan.robot import load_robot
 
 ROBOT = load_robot("staubli_tx200")

@@ -11,8 +11,7 @@ from click.testing import CliRunner
 from compplan.cli.commands.reproduce import command
 from compplan.errors import UnknownNameError
 from compplan.reproduce import PAPERS, reproduce_paper
-from compplan.reproduce.page import write_reproduction
-from compplan.reproduce.paper import Reproduction, compare, count_verdicts, recompute, unavailable
+from compplan.reproduce.paper import Reproduction, compare, count_verdicts, recompute, unavailable, write_reproduction
 from compplan.robot import Robot, load_robot
 
 WORDS = ("matches", "close", "order of magnitude", "trend only", "fitted", "arithmetic", "not seen",

@@ -11,7 +11,7 @@ from compplan.robot import load_robot, robot_folders
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.statics.chain import build_chain
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 
 TOOL = {
     "position_mm": [150.0, 20.0, -300.0], "rotation_deg": [0.0, 120.0, 30.0], "mass_kg": 18.0,

@@ -14,7 +14,7 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.cli.commands.predict import command
 from compplan.effects import EFFECTS, Effect, fold_effects, robot_effects
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import Registration, read_registration, write_registration
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder, write_robot_folder

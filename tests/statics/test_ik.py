@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.controllers.writers.joint_convention import load_controller, name_words
 from compplan.errors import InputError, ShapeError
-from compplan.planning.posture.configuration import Preference, choose_posture
+from compplan.planning.posture.configuration import choose_posture
 from compplan.robot import load_robot
 from compplan.statics import ik
 from compplan.statics.chain import locate_frames
@@ -121,7 +121,7 @@ def line_of_poses(n=30, half=0.4):
 
 def test_one_configuration_is_kept_along_the_path():
     robot = load_robot("staubli_tx200")
-    posture = choose_posture(robot, *line_of_poses(), Preference(elbow="up", wrist="flip"))
+    posture = choose_posture(robot, *line_of_poses(), words={"elbow": "up", "wrist": "flip"})
     arm = ik.build_arm(robot)
     assert not posture.missed.any()
     assert posture.configuration == {"shoulder": "front", "elbow": "up", "wrist": "flip"}
@@ -134,7 +134,7 @@ def test_a_start_chooses_among_full_turns_of_a_joint():
     position, rotation = line_of_poses(half=0.02)
     first = choose_posture(robot, position, rotation).q[0]
     away = first + np.array([0, 0, 0, 0, 0, -2 * np.pi if first[5] > 0 else 2 * np.pi])
-    again = choose_posture(robot, position, rotation, Preference(start=away)).q
+    again = choose_posture(robot, position, rotation, start=away).q
     assert np.allclose(again[0], away)
     assert ((again >= robot.lower) & (again <= robot.upper)).all()
 
@@ -142,4 +142,4 @@ def test_a_start_chooses_among_full_turns_of_a_joint():
 def test_a_configuration_that_reaches_nothing_is_named():
     robot = load_robot("staubli_tx200")
     with pytest.raises(InputError, match="configuration back reaches no waypoint, other configurations do"):
-        choose_posture(robot, *line_of_poses(), Preference(shoulder="back"))
+        choose_posture(robot, *line_of_poses(), words={"shoulder": "back"})

@@ -11,7 +11,7 @@ from compplan.robot import load_robot
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import build_chain
 from compplan.statics.kinematics import locate_symbolic
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 
 
 def random_poses(robot, n, seed):

@@ -16,9 +16,8 @@ import pytest
 from montecarlo_cases import small_study
 
 from compplan.errors import InputError
-from compplan.studies.cluster import ask_scheduler, compute_on_cluster
 from compplan.studies.runner import Settings, run_study
-from compplan.studies.workers import Workers
+from compplan.studies.workers import Workers, ask_scheduler, compute_on_cluster
 
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
 
@@ -99,9 +98,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_numbers(
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    from compplan.studies import cluster
-
-    monkeypatch.setattr(cluster, "PATIENCE", 1)
+    monkeypatch.setattr("compplan.studies.workers.PATIENCE", 1)
     with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         run_study(small_study(), Settings(samples=16, seed=1), workforce=Workers(scheduler="tcp://127.0.0.1:9"))
 
@@ -120,6 +117,6 @@ def test_a_worker_with_other_versions_is_named_before_anything_is_computed(monke
         def close(self) -> None:
             pass
 
-    monkeypatch.setattr("compplan.studies.cluster._connect", lambda scheduler: OldWorker())
+    monkeypatch.setattr("compplan.studies.workers._connect", lambda scheduler: OldWorker())
     with pytest.raises(InputError, match=r"worker tcp://10.0.0.7:4000 has numpy 1.0 \(here .*same environment"):
         next(compute_on_cluster(small_study(), [0], lambda number: np.zeros((1, 1)), "tcp://127.0.0.1:1"))

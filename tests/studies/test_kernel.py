@@ -12,11 +12,9 @@ from compplan.robot import load_robot
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
-from compplan.studies.evaluation import run_strategy
-from compplan.studies.factors import draw_points
 from compplan.studies.kernel import build_kernel, settle_tips
-from compplan.studies.sampling import sample_robots
-from compplan.studies.study import prepare_study
+from compplan.studies.sampling import draw_points, sample_robots
+from compplan.studies.study import prepare_study, run_strategy
 
 RNG = np.random.default_rng(11)
 

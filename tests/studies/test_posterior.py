@@ -16,16 +16,14 @@ from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable
 from compplan.planning.plan import build_task, prepare_job
 from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
-from compplan.studies import evaluation as judging
-from compplan.studies.evaluation import run_strategy
+from compplan.studies import study as judging
 from compplan.studies.posterior import count_coordinates
 from compplan.studies.sampling import sample_robots
-from compplan.studies.study import Study, prepare_study
+from compplan.studies.study import Study, prepare_study, run_strategy
 from compplan.studies.summary import _describe_draws
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import draw_paths, linearise_path
-from compplan.uncertainty.perturbation import vary_model
-from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model
+from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model, vary_model
 
 JOB = {
     "schema": 1,

@@ -6,9 +6,9 @@ from scipy.stats import binomtest
 
 from compplan.job.noise import NoiseTable, describe_noise
 from compplan.robot import load_robot
-from compplan.studies.factors import Factors, draw_points, list_factors
+from compplan.studies.sampling import Factors, draw_points, list_factors
 from compplan.studies.sensitivity import design_points, estimate_totals
-from compplan.studies.statistics import estimate_mean, estimate_quantile, estimate_share, trace_convergence
+from compplan.studies.summary import estimate_mean, estimate_quantile, estimate_share, trace_convergence
 
 
 def test_stated_intervals_hold_as_often_as_they_say() -> None:

@@ -14,11 +14,10 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.job.names import ONLINE, STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.statics.sensitivity import attain_pose
-from compplan.studies.comparison import DRAWS, SEED
-from compplan.studies.runner import Settings, run_study
+from compplan.statics.stiffness import attain_pose
+from compplan.studies.job_study import DRAWS, SEED
+from compplan.studies.runner import Settings, discard_chunks, run_study
 from compplan.studies.sensitivity import measure_sensitivity
-from compplan.studies.storage import discard_chunks
 from compplan.studies.study import prepare_study
 from compplan.studies.summary import summarise_run
 from compplan.studies.workers import Workers

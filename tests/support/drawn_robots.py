@@ -17,8 +17,14 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, split_unknowns
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import ErrorBand
-from compplan.uncertainty.perturbation import sample_alternatives, vary_model, vary_robot
-from compplan.uncertainty.sensitivities import pick_rows, select_model_rows, turn_wrench
+from compplan.uncertainty.sensitivities import (
+    pick_rows,
+    sample_alternatives,
+    select_model_rows,
+    turn_wrench,
+    vary_model,
+    vary_robot,
+)
 
 #: Waves that a drawn field is made of.
 WAVES = 64

@@ -20,7 +20,7 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 from compplan.diagnosis import Diagnosis, diagnose_campaign
 from compplan.diagnosis.data.conventions import typical_gap
 from compplan.diagnosis.data.plausibility import check_plausibility
-from compplan.diagnosis.results.accuracy import Assessment, assess_diagnosis
+from compplan.diagnosis.results.assessment import Assessment, assess_diagnosis
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.where import Split, split_diagnosis
 from compplan.effects import Effect

@@ -2,19 +2,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from compplan.errors import InputError
-from compplan.toolpath.generators import (
-    GENERATORS,
-    Pace,
-    generate_circle,
-    generate_cone,
-    generate_spiral,
-)
+from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
+
+CONE = {"diameter_mm": 40, "depth_mm": 15, "wall_angle_deg": 45, "pitch_mm": 0.5}
+PACE = {"feed_mm_s": 20, "step_mm": 0.5}
 
 
 def test_a_circle_lies_on_its_circle_and_has_its_length() -> None:
-    circle = generate_circle(0.5, Pace(feed=0.1, waypoints=2000))
+    circle = CircleTable(radius_mm=500, feed_mm_s=100, waypoints=2000).generate()
     assert np.hypot(circle.position[:, 0], circle.position[:, 1]) == pytest.approx(0.5)
     assert circle.position[:, 2] == pytest.approx(0)
     assert circle.cutting_length == pytest.approx(np.pi, rel=1e-5)
@@ -22,7 +20,7 @@ def test_a_circle_lies_on_its_circle_and_has_its_length() -> None:
 
 
 def test_a_spiral_has_the_length_that_is_asked_for() -> None:
-    spiral = generate_spiral(0.25, Pace(feed=0.05, step=0.001), length=2.7)
+    spiral = SpiralTable(outer_radius_mm=250, length_mm=2700, feed_mm_s=50, step_mm=1).generate()
     assert spiral.cutting_length == pytest.approx(2.7, rel=1e-4)
     radius = np.hypot(*spiral.position[:, :2].T)
     assert radius[-1] == pytest.approx(0.25)
@@ -30,7 +28,7 @@ def test_a_spiral_has_the_length_that_is_asked_for() -> None:
 
 
 def test_the_helical_cone_stays_on_its_wall() -> None:
-    cone = generate_cone(0.04, 0.015, np.radians(45), 0.0005, Pace(feed=0.02, step=0.0005))
+    cone = ConeTable(**CONE, **PACE).generate()
     radius, depth = np.hypot(*cone.position[:, :2].T), -cone.position[:, 2]
     assert radius + depth == pytest.approx(0.02, abs=1e-12)
     assert (depth[0], depth[-1]) == pytest.approx((0, 0.015))
@@ -38,7 +36,8 @@ def test_the_helical_cone_stays_on_its_wall() -> None:
 
 
 def test_the_z_level_cone_runs_full_circles_at_constant_depth() -> None:
-    cone = generate_cone(0.04, 0.015, np.radians(60), 0.005, Pace(feed=0.02, step=0.0002), levels=True)
+    keys = {**CONE, "wall_angle_deg": 60, "pitch_mm": 5, "feed_mm_s": 20, "step_mm": 0.2}
+    cone = ConeTable(path="z_level", **keys).generate()
     radius, depth = np.hypot(*cone.position[:, :2].T), -cone.position[:, 2]
     assert radius + depth / np.tan(np.radians(60)) == pytest.approx(0.02, abs=1e-6)
     levels, counts = np.unique(depth.round(6), return_counts=True)
@@ -70,14 +69,13 @@ def test_tables_of_a_job_are_in_millimetres_degrees_and_millimetres_a_second() -
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda: Pace(feed=1.0, step=1.0, waypoints=9), "2 of step and waypoints are given"),
-        (lambda: Pace(feed=1.0, step=-1.0), "must be greater than 0"),
-        (lambda: Pace(feed=-1.0, step=1.0), "feed is -1000 mm/s"),
-        (lambda: generate_spiral(0.25, Pace(feed=1, step=1)), "both or none of turns and length"),
-        (lambda: generate_spiral(0.25, Pace(feed=1, step=1), length=0.2), "must exceed the difference of its radii"),
-        (lambda: generate_cone(0.04, 0.03, np.radians(45), 0.001, Pace(feed=1, step=1)), "must stay below 20 mm"),
+        (lambda: CircleTable(radius_mm=1, waypoints=9, **PACE), "exactly one of step_mm and waypoints"),
+        (lambda: CircleTable(radius_mm=1, feed_mm_s=-1.0, step_mm=1.0), "greater than 0"),
+        (lambda: SpiralTable(outer_radius_mm=250, **PACE).generate(), "both or none of turns and length"),
+        (lambda: SpiralTable(outer_radius_mm=250, length_mm=200, **PACE).generate(), "difference of its radii"),
+        (lambda: ConeTable(**{**CONE, "depth_mm": 30}, **PACE).generate(), "must stay below 20 mm"),
     ],
 )
 def test_contradicting_parameters_are_refused(call, sentence: str) -> None:
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises((InputError, ValidationError), match=sentence):
         call()

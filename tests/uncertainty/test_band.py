@@ -17,7 +17,7 @@ from compplan.measurement.distance import band_radius, calibrate_band
 from compplan.planning.plan import PlanOptions, plan_compensation
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.toolpath.generators import Pace, generate_circle
+from compplan.toolpath.generators import CircleTable
 from compplan.toolpath.toolpath import place_toolpath
 from compplan.uncertainty.assumed import free_base
 from compplan.uncertainty.band import estimate_band, linearise_path
@@ -191,7 +191,7 @@ def test_a_folder_whose_uncertainty_is_broken_ends_in_one_line(tmp_path, monkeyp
 
 
 def test_a_band_far_wider_than_the_uncorrected_program_is_off_says_why() -> None:
-    path = generate_circle(0.05, Pace(feed=0.02, waypoints=30))
+    path = CircleTable(radius_mm=50, feed_mm_s=20, waypoints=30).generate()
     place = np.eye(4)
     place[:3, 3] = 1.6, 0.0, 0.9
     robot = load_robot("kuka_kr270")

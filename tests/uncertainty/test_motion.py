@@ -14,8 +14,7 @@ from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable
 from compplan.planning.deflection import find_inside
 from compplan.planning.plan import plan_job
-from compplan.simulation.response import MODES, ring
-from compplan.simulation.vibration import build_dynamics, find_modes
+from compplan.simulation.vibration import MODES, build_dynamics, find_modes, ring
 from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.uncertainty.motion import read_placement, shift_part
 

@@ -96,9 +96,7 @@ def measure_choice(job: Job, robot: Robot) -> float:
     """Return the rms of the exact band along the posture that a job's preset chooses."""
     nominal = load_nominal(job)
     settings = read_settings(job, robot, posture_errors(job, robot))
-    posture_choice = choose_posture_path(
-        PostureProblem(robot, nominal, job.tool_x_base, settings, job.T_base_part[:3, :3])
-    )
+    posture_choice = choose_posture_path(PostureProblem(robot, nominal, job.tool_x_base, settings))
     scene = build_path_model(robot, posture_choice.q, nominal.wrench)
     promise = estimate_band(robot, scene, ~nominal.rapid, read_force_spread(job))
     return float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2)))

@@ -19,8 +19,7 @@ from compplan.robot.folder import read_robot_folder, write_robot_folder
 from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown
 from compplan.robot.validity import FILE, ValidityPart, ValidityRegion
 from compplan.uncertainty.assumed import assume_uncertainty
-from compplan.uncertainty.perturbation import build_varied_model
-from compplan.uncertainty.sensitivities import measure_slopes, pick_rows
+from compplan.uncertainty.sensitivities import build_varied_model, measure_slopes, pick_rows
 from compplan.uncertainty.shrinkage import keep_share, shrink_alike, shrink_robot
 
 OFFSET = ValidityPart("joint_offset", "joint_2", None, ("offset_rad",), np.array([2e-3]))
@@ -174,7 +173,7 @@ def test_a_diagnosis_says_which_parts_of_its_folder_are_in_doubt(nominal: Robot)
     assert 0.0 < robot.visited.spread**2 < 0.8 * np.average(off**2, weights=weight)
     assert not {e.place for e in sure} & {(p.effect, p.joint, p.axis) for p in robot.visited.parts}
     # what stays without them are the names, as the folder holds them
-    held = [e for e in found.deliveries[0].state.effects if e.place in {one.place for one in sure}]
+    held = [e for e in found.delivery.state.effects if e.place in {one.place for one in sure}]
     bare, q = keep_share(robot, robot.visited, 0.0), campaign.q[:4]
     assert np.abs(tip(bare, q) - tip(fold_effects(nominal, held), q)).max() < 2e-6
 

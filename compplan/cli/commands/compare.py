@@ -28,7 +28,7 @@ def command(job: Path, folder: Path, robot_name: str | None, as_json: bool) -> N
     from compplan.job.operations import load_one_job
     from compplan.planning.compare import summarise_comparison
     from compplan.reporting.compare import write_comparison
-    from compplan.studies.comparison import compare_job
+    from compplan.studies.job_study import compare_job
 
     checked = load_one_job(job, robot_name)
     with show_progress() as announce:

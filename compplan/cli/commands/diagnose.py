@@ -36,11 +36,9 @@ def command(
 ) -> None:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
-    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html;
-    where named causes alone and all that a calibration finds are both worth a folder, DIR/robot is the one that
-    predicts better, and DIR/robot_causes or DIR/robot_calibrated the other.
+    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html.
 
-    Example: compplan diagnose docs/notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
+    Example: compplan diagnose notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
     """
     parse_parts(register)
     for name in without:
@@ -53,14 +51,13 @@ def command(
         asked = settle_questions(robot, campaign, parts, assume_ok, events=True)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
         table, opening = deliver_diagnosis(diagnosis, folder, progress)
-    folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
     what, headline = diagnosis.summary()[0]
     following = opening.next.replace("listed below", "listed in the report")
     lines = [
         *(f"assumed to be meant: {question}" for question in asked),
         f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),
         *format_figures(diagnosis.list_figures()), *list_notes(diagnosis.fit.problem.campaign.notes),
-        f"wrote diagnosis.json, report.html, {folders} to {folder}",
+        f"wrote diagnosis.json, report.html, robot/ to {folder}",
         f"next: {following.replace('OUT/robot', str(folder / 'robot'))}",
     ]  # fmt: skip
     show(table, as_json, lines)

@@ -60,9 +60,8 @@ def _describe(summary: Mapping[str, Any]) -> Iterator[str]:
            f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
     if "engagement" in summary:
         cut = summary["engagement"]
-        deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
-        shakes = f"ripple up to {ripple:.3g} N" if ripple > 0.0 else "no ripple: the edges balance"
-        yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, {shakes}"
+        deep, wide = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"]
+        yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm"
     if "log" in summary:
         fit = summary["log"]
         yield (f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "

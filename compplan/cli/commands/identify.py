@@ -18,7 +18,7 @@ from compplan.identification.parameters import LINK_TERMS
 from compplan.identification.problem import IdentifyOptions
 from compplan.job.names import EFFECTS
 from compplan.measurement.checks import list_notes
-from compplan.measurement.fit.robust import LOSSES
+from compplan.measurement.fit.least_squares import LOSSES
 from compplan.measurement.registration import parse_parts
 from compplan.reporting.identify import describe_identification, write_identification
 

@@ -34,7 +34,7 @@ from compplan.job.commented_job import (
     write_job_text,
 )
 from compplan.job.profile import write_profile_text
-from compplan.measurement.template import write_log_text
+from compplan.measurement.reading import write_log_text
 from compplan.robot import Robot, load_robot, read_robot_folder
 from compplan.robot.brands import CONTROLLERS
 from compplan.robot.folder_template import TURNS, Skeleton, build_skeleton
@@ -207,8 +207,8 @@ def place_part(text: str, file: Path) -> tuple[str, str]:
         return text, f"the part has the default place, its path was not tried ({error})"
     if found is None:
         return text, "no place was found from which this robot reaches the whole path; choose a larger one, or turn it"
-    position = [round(1e3 * float(value), 1) + 0.0 for value in found.position]
-    why = "amid the places from which the arm reaches the path" if found.tried else "before the arm, not tried"
+    position = [round(1e3 * float(value), 1) + 0.0 for value in found[0]]
+    why = "amid the places from which the arm reaches the path" if found[1] else "before the arm, not tried"
     return set_place(text, position, f"assumed: {why}; put yours"), f"the part stands at {position} mm (assumed: {why})"
 
 

@@ -52,7 +52,7 @@ def command(
     from compplan.job.operations import load_one_job
     from compplan.learning.measured_path import reach_of
     from compplan.learning.part import learn_from_part
-    from compplan.learning.surface import read_surface
+    from compplan.learning.scan import read_surface
     from compplan.measurement.instrument import read_instrument
     from compplan.reporting.learn import write_learning
 

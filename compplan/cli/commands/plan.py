@@ -59,8 +59,9 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
         InfeasibleError: If a plan is not what was asked for; it is written all the same.
     """
     from compplan.job.operations import split_job
+    from compplan.planning.checks import state_notes
     from compplan.planning.plan import plan_job
-    from compplan.planning.result import replace_said, summarise_plan
+    from compplan.planning.result import summarise_plan
     from compplan.reporting.plan_text import format_plan
     from compplan.reporting.writers.plan import deliver_plan, note_programs
 
@@ -69,7 +70,7 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     with show_progress(STAGES) as announce:
         for one in jobs:
             plan = note_programs(plan_job(one, progress=announce))
-            plans.append(replace_said(plan, (note, *plan.notes)) if note and not plans else plan)
+            plans.append(plan.add_checks(state_notes([note]), first=True) if note and not plans else plan)
             announce("95 % band: where the true tip is")
             _ = plans[-1].promise, plans[-1].mismatch
         if len(jobs) == 1:

@@ -9,7 +9,7 @@ import click
 from compplan.cli.options import json_summary, out_folder
 from compplan.cli.terminal import show, show_progress
 from compplan.reproduce import PAPERS, reproduce_paper
-from compplan.reproduce.page import summarise_reproduction, write_reproduction
+from compplan.reproduce.paper import summarise_reproduction, write_reproduction
 
 
 @click.command()

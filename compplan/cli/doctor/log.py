@@ -14,8 +14,7 @@ from compplan.errors import InputError
 from compplan.io.tables import Table, read_table, read_text
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.checks import list_notes
-from compplan.measurement.exports import guess_name, rename_title
-from compplan.measurement.reading import log_columns, read_campaign
+from compplan.measurement.reading import guess_name, log_columns, read_campaign, rename_title
 from compplan.robot import Robot
 
 #: Poses below which a calibration of six joints has hardly more equations than unknowns (theory: about 30 parameters,

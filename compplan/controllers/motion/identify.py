@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from compplan.controllers.motion.drives import hold_direction, lag_command
-from compplan.controllers.motion.model import (
+from compplan.controllers.motion.run import hold_direction, lag_command
+from compplan.controllers.motion.windows import (
     CYCLE,
+    Window,
     WindowRun,
     drop_along,
     find_residual,
@@ -17,7 +18,6 @@ from compplan.controllers.motion.model import (
     read_run,
     run_window,
 )
-from compplan.controllers.motion.windows import Window
 from compplan.controllers.writers.motion_table import LONGEST_LAG, ServoMotion
 from compplan.robot import Array
 from compplan.statics.ik import Arm
@@ -37,6 +37,9 @@ SHARES, FINEST, SEARCHED = (0.3, 0.7, 1.1), 0.1, 4
 SPEED_WEIGHT = 0.01
 #: What a joint is expected to differ by, a standard deviation: lag [s], acceleration lag [s^2], lost motion [rad].
 SPREAD = {"lag": 0.02, "acceleration": 5e-4, "lost": 5e-4}
+#: Acceleration of the tip [m/s^2] and smoothing [s] that are usual, and spreads of the logarithm of the one and of the
+#: other.
+USUAL, SPEED_SPREAD = (3.0, 0.04), (1.0, 0.2)
 #: A richer model has to leave less than this share of a plainer one, on rows left out.
 WORTH = 0.98
 #: A model is no worse than the programmed path up to this distance. [m]
@@ -165,7 +168,7 @@ def fit_motion(
     A joint's parameters change its own column alone, so that one run gives the slopes of all joints. `free` names what
     may change: speed, common or lag, acceleration, lost.
     """
-    now, damping = _evaluate(windows, motion, free, arm), 1e-3
+    now, damping, directions = _evaluate(windows, motion, free, arm), 1e-3, _list_directions(free, len(motion.lag))
     for _ in range(steps):
         matrix, gap, slopes = now
         scale = np.sqrt(np.diag(matrix)) + 1e-12
@@ -173,7 +176,7 @@ def fit_motion(
         for _ in range(4):
             damped = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
             change = np.linalg.solve(damped, gap / scale) / scale
-            trial = _apply(motion, free, change)
+            trial = _apply(motion, directions @ change)
             then = _evaluate(windows, trial, free, arm, slopes=False)
             if then[2] < slopes * (1 - 1e-4):
                 motion, moved, damping = trial, True, damping * 0.2
@@ -185,43 +188,36 @@ def fit_motion(
     return motion
 
 
-def _names(free: tuple[str, ...], nq: int) -> list[tuple[str, int]]:
-    names: list[tuple[str, int]] = []
-    for name in free:
-        if name == "speed":
-            names += [("pace", 0), ("smoothing", 0)]
-        else:
-            names += [(name, 0)] if name == "common" else [(name, j) for j in range(nq)]
-    return names
+def _list_directions(free: tuple[str, ...], nq: int) -> Array:
+    """Return what each free number adds to the numbers of a model; shape (2 + 3 nq, k).
+
+    Those are the logarithm of the acceleration, the smoothing, and lag, acceleration lag and lost motion by joint.
+    """
+    each = np.eye(2 + 3 * nq)
+    ways = {"speed": each[:, :2], "common": each[:, 2 : 2 + nq].sum(axis=1, keepdims=True)}
+    ways |= {kind: each[:, 2 + k * nq : 2 + (k + 1) * nq] for k, kind in enumerate(SPREAD)}
+    return np.concatenate([ways[name] for name in free], axis=1)
 
 
-def _apply(motion: ServoMotion, free: tuple[str, ...], change: Array) -> ServoMotion:
-    lag, acceleration, lost = motion.lag.copy(), motion.acceleration_lag.copy(), motion.lost_motion.copy()
-    pace, smoothing = motion.acceleration, motion.smoothing
-    for (name, j), value in zip(_names(free, len(lag)), change, strict=True):
-        if name == "pace":
-            pace = float(np.clip(pace * np.exp(np.clip(value, -0.7, 0.7)), 0.05, 200.0))
-        elif name == "smoothing":
-            smoothing = float(np.clip(smoothing + np.clip(value, -0.03, 0.03), 0.0, 0.4))
-        elif name == "common":
-            lag = lag + value
-        elif name == "lag":
-            lag[j] += value
-        elif name == "acceleration":
-            acceleration[j] += value
-        else:
-            lost[j] = np.clip(lost[j] + value, 0.0, 0.01)
-    return replace(motion, acceleration=pace, smoothing=smoothing, lag=np.clip(lag, 0.0, LONGEST_LAG / 2),
-                   acceleration_lag=np.clip(acceleration, -0.02, 0.02), lost_motion=lost)  # fmt: skip
+def _apply(motion: ServoMotion, change: Array) -> ServoMotion:
+    lag, acceleration, lost = change[2:].reshape(3, -1)
+    return replace(
+        motion,
+        acceleration=float(np.clip(motion.acceleration * np.exp(np.clip(change[0], -0.7, 0.7)), 0.05, 200.0)),
+        smoothing=float(np.clip(motion.smoothing + np.clip(change[1], -0.03, 0.03), 0.0, 0.4)),
+        lag=np.clip(motion.lag + lag, 0.0, LONGEST_LAG / 2),
+        acceleration_lag=np.clip(motion.acceleration_lag + acceleration, -0.02, 0.02),
+        lost_motion=np.clip(motion.lost_motion + lost, 0.0, 0.01),
+    )
 
 
 def _evaluate(
     windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, slopes: bool = True
 ) -> tuple[Array, Array, float]:
     """Return the normal matrix, its right side and the robust cost, all windows together."""
-    nq = len(motion.lag)
-    names = _names(free, nq)
-    matrix, side, cost = np.zeros((len(names),) * 2), np.zeros(len(names)), 0.0
+    directions = _list_directions(free, len(motion.lag))
+    prior, wanted = _expect(motion)
+    matrix, side, cost = np.diag(prior), prior * wanted, float((prior * wanted**2).sum())
     for window in windows:
         run = run_window(window, motion, arm)
         gap = _stack_gap(window, run)
@@ -231,12 +227,9 @@ def _evaluate(
         if slopes:
             columns = _find_columns(window, run, gap, motion, free, arm)
             weighed = columns * weight[:, None]
-            matrix += columns.T @ weighed / size**2
-            side += weighed.T @ gap / size**2
-    prior, wanted = _expect(motion, names)
-    matrix += np.diag(prior)
-    side += prior * wanted
-    return matrix, side, cost + float((prior * wanted**2).sum())
+            matrix = matrix + columns.T @ weighed / size**2
+            side = side + weighed.T @ gap / size**2
+    return directions.T @ matrix @ directions, directions.T @ side, cost
 
 
 def _stack_gap(window: Window, run: WindowRun) -> Array:
@@ -252,28 +245,26 @@ def _stack_gap(window: Window, run: WindowRun) -> Array:
 def _find_columns(
     window: Window, run: WindowRun, gap: Array, motion: ServoMotion, free: tuple[str, ...], arm: Arm
 ) -> Array:
-    """Return the slopes of what a run explains, one column a free number. Shape (n (nq + 1), k)."""
+    """Return the slopes of what a run explains in the numbers of a model; 0 of kinds that are not free.
+
+    Shape (n (nq + 1), 2 + 3 nq).
+    """
     nq = window.q.shape[1]
-    columns: list[Array] = []
+    columns, each = np.zeros((len(gap), 2 + 3 * nq)), np.eye(2 + 3 * nq)
+    for k, step in enumerate((0.05, 0.004)):
+        moved = _stack_gap(window, run_window(window, _apply(motion, step * each[k]), arm))
+        columns[:, k] = (gap - moved) / step
     _, tangent = run.here
-    tangent = tangent * window.leverage
-    for name, j in _names(free, nq):
-        if name in ("pace", "smoothing"):
-            value = 0.05 if name == "pace" else 0.004
-            unit = np.array([value, 0.0] if name == "pace" else [0.0, value])
-            moved = _stack_gap(window, run_window(window, _apply(motion, ("speed",), unit), arm))
-            columns.append((gap - moved) / value)
+    for kind, name in enumerate(SPREAD):
+        if name not in free and not (name == "lag" and "common" in free):
             continue
-        if j == 0:
-            slope = _joint_slopes(run, motion, name)
-            here, _ = read_run(slope, run.at)
-            rates = _speed_slopes(slope, run, window)
-        part = here * window.leverage
-        if name != "common":
-            part = part * (np.arange(nq) == j)
-        speed = SPEED_WEIGHT * (rates.sum(axis=1) if name == "common" else rates[:, j])
-        columns.append(np.concatenate([drop_along(part, tangent).ravel(), speed]))
-    return np.stack(columns, axis=1)
+        slope = _joint_slopes(run, motion, name)
+        here, _ = read_run(slope, run.at)
+        rates = SPEED_WEIGHT * _speed_slopes(slope, run, window)
+        for j in range(nq):
+            part = drop_along(here * window.leverage * (np.arange(nq) == j), tangent * window.leverage)
+            columns[:, 2 + kind * nq + j] = np.concatenate([part.ravel(), rates[:, j]])
+    return columns
 
 
 def _speed_slopes(slope: Array, run: WindowRun, window: Window) -> Array:
@@ -290,22 +281,15 @@ def _joint_slopes(run: WindowRun, motion: ServoMotion, name: str) -> Array:
     if name == "lost":
         return np.asarray(-0.5 * hold_direction(run.command, CYCLE))
     base = lag_command(run.command, motion.lag, motion.acceleration_lag, CYCLE)
-    step = 1e-3 if name in ("common", "lag") else 1e-5
+    step = 1e-3 if name == "lag" else 1e-5
     lag, acceleration = motion.lag, motion.acceleration_lag
-    moved = (lag + step, acceleration) if name in ("common", "lag") else (lag, acceleration + step)
+    moved = (lag + step, acceleration) if name == "lag" else (lag, acceleration + step)
     return (lag_command(run.command, *moved, CYCLE) - base) / step
 
 
-def _expect(motion: ServoMotion, names: list[tuple[str, int]]) -> tuple[Array, Array]:
+def _expect(motion: ServoMotion) -> tuple[Array, Array]:
     """Return how firmly numbers are expected near what they usually are, and how far they are from it."""
-    prior, wanted = np.zeros(len(names)), np.zeros(len(names))
-    for k, (name, j) in enumerate(names):
-        if name in SPREAD:
-            values = {"lag": motion.lag, "acceleration": motion.acceleration_lag, "lost": motion.lost_motion}[name]
-            centre = float(values.mean()) if name == "lag" else 0.0
-            prior[k], wanted[k] = SPREAD[name] ** -2, centre - float(values[j])
-        elif name == "smoothing":
-            prior[k], wanted[k] = 0.2**-2, 0.04 - motion.smoothing
-        elif name == "pace":
-            prior[k], wanted[k] = 1.0, float(np.log(3.0 / motion.acceleration))
-    return prior, wanted
+    nq = len(motion.lag)
+    off = (motion.lag.mean() - motion.lag, -motion.acceleration_lag, -motion.lost_motion)
+    wanted = np.r_[np.log(USUAL[0] / motion.acceleration), USUAL[1] - motion.smoothing, np.concatenate(off)]
+    return np.r_[SPEED_SPREAD, np.repeat([*SPREAD.values()], nq)] ** -2.0, wanted

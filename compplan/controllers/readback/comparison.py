@@ -15,15 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.readback.declared import compare_declared
 from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
 from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, find_rows, follow_moves
 from compplan.controllers.readback.frames import read_frame, read_part
-from compplan.controllers.readback.joint_table import Commanded, check_joint_table, check_posture_choice, to_degrees
+from compplan.controllers.readback.joint_table import (
+    Commanded,
+    JointTable,
+    check_joint_table,
+    check_posture_choice,
+    read_joints,
+    to_degrees,
+)
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
-from compplan.controllers.readback.poses import Move
+from compplan.controllers.readback.poses import Move, Pose, fanuc_pose
 from compplan.controllers.readback.reported import ReportedProgram, read_words
-from compplan.controllers.readback.robot import JointTable, read_joints
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.speeds import LEAST_FEED
 from compplan.controllers.writers.joint_convention import (
@@ -50,8 +55,11 @@ FORMS: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Move]] | None]] = 
     "kawasaki_as": (("{}.as", "{}_l.as"), read_kawasaki),
     "csv": (("{}_joints.csv",), None),
 }
-#: Rounding that programs leave: of a joint [deg or mm], of the tip [mm], of its turn [deg].
-JOINT, PLACE, TURN = 2e-3, 5e-3, 2e-2
+#: Rounding that programs leave: of a joint [deg or mm], of the tip [mm], of its turn [deg], of a turn's matrix.
+JOINT, PLACE, TURN, MATRIX = 2e-3, 5e-3, 2e-2, 1e-4
+#: A line that names what stands on the next lines, and a number with its decimals there.
+NAMED = re.compile(r"\b(UFRAME|UTOOL|USER FRAME|TOOL)\W*\d+\W+has to be")
+DECIMAL = re.compile(r"(?<![\w.])-?\d+\.\d+")
 
 
 @dataclass(frozen=True)
@@ -289,7 +297,7 @@ class _Rows:
             return ""
         off = float(np.linalg.norm(move.tool[:3, 3] - self.tool[:3, 3]))
         turned = 0.0 if move.flange_turn else float(np.abs(move.tool[:3, :3] - self.tool[:3, :3]).max())
-        if off <= PLACE and turned <= 1e-4:
+        if off <= PLACE and turned <= MATRIX:
             return ""
         place, wanted = (", ".join(f"{value:.4g}" for value in tool[:3, 3]) for tool in (move.tool, self.tool))
         return f"the tool is at ({place}) mm from the pendant's flange, the job's at ({wanted})"
@@ -345,3 +353,27 @@ def _pose(rotation: Array, position: Array) -> Array:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
+
+
+def compare_declared(path: Path, part: Pose, tool: Pose) -> list[str]:
+    """Say which frame that a FANUC or INFORM program asks of the cell is not the planned one.
+
+    The part frame is seen from the robot's world, the tool from the pendant's flange. Shape (4, 4). [mm]
+    """
+    found = []
+    for name, said in read_declared(path).items():
+        off = said - (tool if name == "tool" else part)
+        if np.linalg.norm(off[:3, 3]) > PLACE or np.abs(off[:3, :3]).max() > MATRIX:
+            found.append(f"the {name} that it expects of the cell is not the planned one")
+    return found
+
+
+def read_declared(path: Path) -> dict[str, Pose]:
+    """Read "part frame" and "tool" that a program states for the cell, X Y Z W P R. [mm]."""
+    found = {}
+    lines = [re.sub(r"^ *\d+: *", "", line) for line in path.read_text().splitlines()]
+    for k, line in enumerate(lines):
+        if match := NAMED.search(line):
+            numbers = [float(number) for later in lines[k + 1 : k + 4] for number in DECIMAL.findall(later)]
+            found["part frame" if "FRAME" in match[1] else "tool"] = fanuc_pose(*numbers[:6])
+    return found

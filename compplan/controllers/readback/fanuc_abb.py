@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.controllers.readback.actions import mark_actions, read_action
 from compplan.controllers.readback.poses import (
     NUMBER,
     Move,
     Pose,
     abb_pose,
     fanuc_pose,
+    mark_actions,
+    read_action,
     read_numbers,
 )
 

@@ -1,6 +1,6 @@
 """Do the moves of a program stand for all rows that were planned? Each is followed along them.
 
-A move is found by where it ends, its line, arc or cubic is worked out anew from what was read.
+A move is found by where it ends, its line or arc is worked out anew from what was read.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.controllers.readback.poses import Move
-from compplan.controllers.shapes import find_arc, follow_arc, follow_curve, follow_line
+from compplan.controllers.shapes import find_arc, follow_arc, follow_line
 from compplan.controllers.speeds import HELD, LEAST_FEED, RATIO, SHORT, send_speeds
 from compplan.robot import Array
 from compplan.toolpath.corners import STRAYS, measure_beside
@@ -178,11 +178,7 @@ def check_corners(position: Array, corner: Array, beside: Array) -> list[str]:
 def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
     """Say how far the rows of a move lie beside it where that is too far."""
     x = rows.position[a : b + 1]
-    if move.kind == "curve":
-        assert move.bend is not None
-        found = follow_curve(x, np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(x, axis=0), axis=1))],
-                             move.bend @ base[:3, :3].T)  # fmt: skip
-    elif move.kind == "arc":
+    if move.kind == "arc":
         assert move.via is not None
         arc = follow_arc(x, (base @ move.via)[:3, 3])
         if arc is None:
@@ -205,8 +201,7 @@ def _time(rows: PlannedRows, a: int, b: int, move: Move, base: Array, step: Arra
     """Say where the feed of a move takes another time than is to be sent, or less than a cycle."""
     leg, start, end = slice(a + 1, b + 1), rows.position[a], rows.position[b]
     arc = None if move.via is None else find_arc(start, (base @ move.via)[:3, 3], end)
-    length = float(step[leg].sum() if move.kind == "curve" else np.linalg.norm(end - start))
-    length = length if arc is None else arc.length
+    length = float(np.linalg.norm(end - start)) if arc is None else arc.length
     if move.feed is None or rows.free[b] or length < 1e-6:
         return ""
     time, speed = float(lasts[leg].sum()), step[leg] / np.maximum(lasts[leg], 1e-9)

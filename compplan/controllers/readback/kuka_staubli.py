@@ -16,13 +16,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from compplan.controllers.readback.actions import mark_actions, read_action
 from compplan.controllers.readback.poses import (
     NUMBER,
     CodeBlock,
     Move,
     kuka_pose,
+    mark_actions,
     nest_lines,
+    read_action,
     read_numbers,
     staubli_poses,
 )
@@ -44,13 +45,13 @@ def _krl_name(name: str) -> tuple[str, str | None]:
 @lru_cache(maxsize=4096)
 def _krl_move(line: str) -> tuple[str, str, str | None] | None:
     """Return motion, target and blend of a line that moves."""
-    match = re.fullmatch(r"(PTP|S?LIN|S?CIRC) (\S+|\{.*?\}|\{.*?\},\{.*?\})(?: (C_\w+))?", line)
+    match = re.fullmatch(r"(PTP|LIN|CIRC) (\S+|\{.*?\}|\{.*?\},\{.*?\})(?: (C_\w+))?", line)
     return None if match is None else (match[1], match[2], match[3])
 
 
 @dataclass
 class _Krl:
-    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP, (S)LIN and (S)CIRC."""
+    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP, LIN and CIRC."""
 
     folder: Path
     values: dict[str, Any] = field(default_factory=lambda: {"$NULLFRAME": dict.fromkeys("XYZABC", 0.0)})
@@ -143,7 +144,7 @@ class _Krl:
         configuration = tuple(int(point[key]) for key in "ST" if key in point)
         external = tuple(point.get(f"E{number}", 0.0) for number in range(1, 7))
         feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word != "PTP" else (None, self.percent())
-        kind = {"PTP": "joint", "LIN": "line", "CIRC": "arc"}[word if word == "PTP" else word.removeprefix("S")]
+        kind = {"PTP": "joint", "LIN": "line", "CIRC": "arc"}[word]
         middle = None if via is None else kuka_pose(*(via[key] for key in "XYZABC"))
         load = tuple(self.values.get("$LOAD") or ())
         self.moves.append(Move(

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from compplan.controllers.readback.actions import mark_actions, read_action
 from compplan.controllers.readback.poses import (
     NUMBER,
     Move,
     Pose,
     fanuc_pose,
     kawasaki_pose,
+    mark_actions,
+    read_action,
     read_numbers,
     shift,
     turn,
@@ -73,14 +74,13 @@ def _run_script(path: Path) -> list[Move]:
 
 
 _WORD = re.compile(rf"([XYZ]) ?({NUMBER})")
-_POLY = re.compile(rf" PO\[([XYZ])\]=\(({NUMBER}),({NUMBER}),({NUMBER})\)")
 #: Words that set what the reader takes for granted.
 KNOWN = {"G17", "G90", "G94", "G710", "G500", "D1", "TRAORI", "ORIWKS", "ORIRPY", "G642", "TRAFOOF", "M30"}
 
 
 @dataclass
 class _Sinumerik:
-    """A SINUMERIK interpreter for TRANS, AROT, tool lengths, G0, G1, CIP, POLY, PTP, CP and calls."""
+    """A SINUMERIK interpreter for TRANS, AROT, tool lengths, G0, G1, CIP, PTP, CP and calls."""
 
     folder: Path
     frame: Pose | None = field(default_factory=lambda: np.eye(4))
@@ -117,8 +117,6 @@ class _Sinumerik:
                 self.frame = np.eye(4)
             elif line in ("PTP", "CP"):
                 self.travel = line
-            elif line.startswith("POLY "):
-                self.bend(line)
             elif line.startswith(("G0 ", "G1 ", "CIP ")):
                 between = re.findall(rf"([IJK]1)=AC\(({NUMBER})\)", line)
                 via = shift(*(float(dict(between)[key]) for key in ("I1", "J1", "K1"))) if between else None
@@ -136,37 +134,20 @@ class _Sinumerik:
                 assert said <= KNOWN | own | {"T"}, f"unknown line: {line}"
                 self.modal |= said
 
-    def bend(self, line: str) -> None:
-        """Read f(p) = a0 + a1 p + a2 p^2 + a3 p^3 over 0 to PL; a0 is the place before, a1 follows."""
-        terms = {name: tuple(map(float, rest)) for name, *rest in _POLY.findall(line)}
-        code, _, rest = _POLY.sub("", line).partition(" ")
-        interval = float(re.search(rf" PL=({NUMBER})", line)[1])  # type: ignore[index]
-        words = {word or letter: number for word, letter, number in
-                 re.findall(rf"(?:([ABC]2|E1)=|(F))({NUMBER})", rest)}  # fmt: skip
-        start = self.moves[-1].pose
-        assert start is not None and self.moves[-1].flange_turn and set(terms) == set("XYZ")
-        ends = []
-        for a0, (end, a2, a3) in zip(start[:3, 3], (terms[name] for name in "XYZ"), strict=True):
-            a1 = (end - a0) / interval - a2 * interval - a3 * interval**2
-            ends.append([a1 * interval, (a1 + 2.0 * a2 * interval + 3.0 * a3 * interval**2) * interval])
-        words |= {name: str(terms[name][0]) for name in "XYZ"}
-        self.move(words, code, line.endswith(" G9"), None, np.array(ends).T)
-
-    def move(self, words: dict[str, str], code: str, stops: bool, via: Pose | None, bend: Pose | None = None) -> None:
+    def move(self, words: dict[str, str], code: str, stops: bool, via: Pose | None) -> None:
         assert (code == "CIP") == (via is not None)
         assert {"TRAORI", "ORIRPY", "G94", "G17", "T"} <= self.modal
         value = {key: float(number) for key, number in words.items()}
         self.feed = value.get("F", self.feed)
         mounted = shift(self.lengths["5"], self.lengths["4"], self.lengths["3"]) if self.lengths else None
         pose = fanuc_pose(*(value[key] for key in ("X", "Y", "Z", "A2", "B2", "C2")))
-        kind = {("G0", "PTP"): "joint", ("G1", "CP"): "line", ("CIP", "CP"): "arc",
-                ("POLY", "CP"): "curve"}[code, self.travel]  # fmt: skip
+        kind = {("G0", "PTP"): "joint", ("G1", "CP"): "line", ("CIP", "CP"): "arc"}[code, self.travel]
         external = tuple(value[key] for key in value if key.startswith("E"))
         configuration = tuple(int(value[key]) for key in ("STAT", "TU") if key in value)
         feed = None if kind == "joint" else self.feed / 60
         self.moves.append(
             Move(kind, stops, None, external, pose, feed, None, configuration, mounted, self.frame, flange_turn=True,
-                 via=via, bend=bend)
+                 via=via)
         )  # fmt: skip
 
 

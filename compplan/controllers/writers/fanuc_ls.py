@@ -8,25 +8,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import MainForm
-from compplan.controllers.writers.machine import Phrases, phrase_events
-from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, describe_feeds, head_lines, joint_percent, name_parts
-from compplan.controllers.writers.text import clean_text, legal_name, wrap_text
-from compplan.controllers.writers.zones import ZONES, find_zones
+from compplan.controllers.writers.language import MainForm, Part, ProgramForm, WrittenMove, describe_feeds
+from compplan.controllers.writers.machine import Phrases
+from compplan.controllers.writers.post import CellWords, check_cell, render_post
+from compplan.controllers.writers.program import Program, head_lines
+from compplan.controllers.writers.text import clean_text, wrap_text
 from compplan.errors import InputError
-from compplan.io.tables import Array, write_text
+from compplan.io.tables import Array
 
 name = "fanuc_ls"
 BRAND = "FANUC"
-#: Positions in a program where the job says nothing.
-MOST = 1000
-#: A teach pendant program takes 36 letters (R-30iB; older ones 8), a remark 32.
-LONGEST_NAME = 26
+#: A remark has 32 letters.
 LONGEST_REMARK = 32
 #: Greatest and least linear speed in mm/sec; slower ones are in cm/min, at least SLOWEST of these.
 FASTEST, SLOW, SLOWEST = 2000.0, 1.0, 1.0
@@ -48,6 +42,13 @@ PHRASES = Phrases(
 )
 
 
+#: A teach pendant program takes 36 letters (R-30iB; older ones 8).
+FORM = ProgramForm(
+    "fanuc_ls", "FANUC", PHRASES, lambda poses: place_table(poses, "xyz"), longest=26, most=1000, letters=str.upper,
+    single=True, numbered=False, percents=(RAPID, 1.0),
+)  # fmt: skip
+
+
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.LS with joint positions and NAME_L.LS with Cartesian ones; long ones call NAME_1.LS and so on.
 
@@ -64,40 +65,25 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         raise InputError(f"FANUC programs take six rotating and three sliding joints, not {list(program.joint_names)}")
     if program.feed.max(initial=0.0) > FASTEST:
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
-    name = legal_name(name_main(program), LONGEST_NAME).upper()
-    cell = check_cell(program.post, CELL, "FANUC")
-    base, tool = int(cell.base or 1), int(cell.tool or 1)
-    can = program.tcp is not None and len(turning) == 6
-    can, files = can and (program.moves_part or configurations(program) is not None), []
-    if program.writes_joints(linear=can):
-        joint = [_joint_entries(program, row, 0) for row in range(len(program))]
-        files += _write_kind(program, folder, name, joint, 0, most)
-    if can and program.form != "joint":
-        program = fit_moves(program, arcs=not program.moves_part).program
-        configuration = configurations(program) or []
-        alone = program.alone(linear=True) | program.moves_part
-        linear = []
-        for row, place in enumerate(_places(program, program.positions)):
-            if alone[row]:
-                linear.append(_joint_entries(program, row, base))
-                continue
-            linear.append([f"\tUF : {base}, UT : {tool},\t\tCONFIG : '{configuration[row]}'", *place])
-        files += _write_kind(program, folder, f"{name}{name_kind(program, '_L')}", linear, base, most)
-    return files
+    check_cell(program.post, CELL, "FANUC")
+    can = (
+        program.tcp is not None
+        and len(turning) == 6
+        and (program.moves_part or state_configurations(program) is not None)
+    )
+    form = replace(FORM, arcs=not program.moves_part)
+    return form.write(program, folder, most, _format_part, _format_calls, can=can)
 
 
 def describe(program: Program) -> list[str]:
     """Return what must be said of feeds, and where there is no program with positions."""
-    moves = fit_moves(program).program if program.pieces else program
-    slow = np.maximum(np.round(6.0 * moves.feed, 1), SLOWEST) / 6.0
-    written = np.where(moves.feed >= SLOW, np.round(moves.feed, 1), slow)
-    notes = describe_feeds(moves, written, "0.1 mm/s, below 1 mm/s of 0.1 cm/min")
-    if configurations(program) is None and not program.moves_part:
+    notes = describe_feeds(program, "0.1 mm/s, below 1 mm/s of 0.1 cm/min", _round_feeds)
+    if state_configurations(program) is None and not program.moves_part:
         notes.append("no program with positions: controller.toml has no native words N F, U D, T B")
     return notes
 
 
-def configurations(program: Program) -> list[str] | None:
+def state_configurations(program: Program) -> list[str] | None:
     """Return CONFIG of each position, such as "N U T, 0, 0, 0", or None where the words are not known.
 
     The numbers count the turns of J1, J4 and J6 (assumed): 0 from -180 up to 180 deg.
@@ -110,103 +96,66 @@ def configurations(program: Program) -> list[str] | None:
     return [f"{' '.join(word)}, {', '.join(map(str, turn))}" for word, turn in zip(letters, turns, strict=True)]
 
 
-def _write_kind(
-    program: Program,
-    folder: Path,
-    name: str,
-    entries: list[list[str]],
-    frame: int,
-    most: int | None,
-) -> list[Path]:
-    parts = name_parts(name, len(program), most or MOST, single=True)
-    alone, stops = program.alone(linear=bool(frame)), program.stops(linear=bool(frame))
-    events = {
-        row: [f"  {line.replace('@', str(label))} ;" for line in lines]
-        for label, (row, lines) in enumerate(
-            phrase_events(program.events, program.wiring, PHRASES, "FANUC").items(), start=1
-        )
-    }
-    share = _share_zones(program) if frame else np.full(len(program), 100)
-    percent = np.where(program.rapid, RAPID, np.maximum(joint_percent(program).round(), 1.0)).astype(int)
-    files, via = [], _places(program, program.via_positions) if frame and program.arcs.any() else []
-    for part, rows in parts.items():
-        numbers = range(1, rows.stop - rows.start + 1)
-        indices = range(rows.start, rows.stop)
-        moves = list(events.get(-1, [])) if rows.start == 0 else []
-        arcs = [row for row in indices if frame and program.arcs[row]]
-        extra = {row: rows.stop - rows.start + k for k, row in enumerate(arcs, start=1)}
-        for row, number in zip(indices, numbers, strict=True):
-            moves += ["  !the configuration changes ;"] if frame and program.swings[row] else []
-            speed = int(percent[row]) if alone[row] else None
-            move = _move(program, row, number, speed, 0 if stops[row] else int(share[row]), extra.get(row))
-            moves += [move, *events.get(row, [])]
-        positions = [_position(entries[row], number, _second_group(program, row))
-                     for row, number in zip(indices, numbers, strict=True)]  # fmt: skip
-        positions += [_position([entries[row][0], *via[row]], number) for row, number in extra.items()]
-        files.append(folder / f"{part}.LS")
-        write_text(files[-1], format_program(part, program, frame, moves, positions, len(parts) == 1), newline="\r\n")
-    if len(parts) > 1:
-        files.append(folder / f"{name}.LS")
-        write_text(files[-1], format_program(name, program, frame, [], [], True, [*parts]), newline="\r\n")
-    return files
+def _round_feeds(feed: Array) -> Array:
+    slow = np.maximum(np.round(6.0 * feed, 1), SLOWEST) / 6.0
+    return np.where(feed >= SLOW, np.round(feed, 1), slow)
 
 
-def _share_zones(program: Program) -> NDArray[np.int_]:
-    """Return how much of CNT100 each corner may have: a share of its size (assumed). Shape (n,). [%]"""
-    _, stated, whole = find_zones(program, ZONES["fanuc_ls"])
-    return np.clip(100.0 * np.minimum(stated, 1e9) / np.maximum(whole, 1e-9), 1.0, 100.0).astype(int)
+def _format_part(part: Part) -> dict[str, str]:
+    program, frame = part.program, _user_frame(part)
+    configuration = (state_configurations(program) or []) if part.linear and not program.moves_part else []
+    arcs = {move.row: number for number, move in enumerate((m for m in part.moves if m.via), len(part.moves) + 1)}
+    lines, positions, vias = [], [], []
+    for number, move in enumerate(part.moves, start=1):
+        words = configuration[move.row] if configuration else ""
+        note = ["  !the configuration changes ;"] if move.swings else []
+        lines.append([*note, _format_move(program, move, number, arcs.get(move.row), part.linear)])
+        positions.append(_format_position(program, move, number, frame, words))
+        if move.via:
+            vias.append(_format_position(program, move._replace(place=move.via), arcs[move.row], frame, words))
+    events = {row: [f"  {line} ;" for line in own] for row, own in part.events.items()}
+    body = replace(part, events=events).weave(lines)
+    main = len(part.parts) == 1
+    return {f"{part.name}.LS": format_program(part.name, program, frame, body, [*positions, *vias], main)}
 
 
-def _move(program: Program, row: int, number: int, percent: int | None, share: int, via: int | None) -> str:
-    if percent is not None:
-        return f"J P[{number}] {percent}% FINE ;"
-    manner = f"{f'CNT{share}' if share else 'FINE'}{' COORD' if program.moves_part else ''}"
-    end = f"P[{number}] {_speed(program.feed[row])} {manner} ;"
+def _format_calls(part: Part) -> dict[str, str]:
+    text = format_program(part.name, part.program, _user_frame(part), [], [], True, [*part.parts])
+    return {f"{part.name}.LS": text}
+
+
+def _user_frame(part: Part) -> int:
+    return int(check_cell(part.program.post, CELL, "FANUC").base or 1) if part.linear else 0
+
+
+def _format_move(program: Program, move: WrittenMove, number: int, via: int | None, linear: bool) -> str:
+    if move.kind == "joint" and (linear or program.rapid[move.row]):
+        return f"J P[{number}] {int(max(round(move.percent), 1))}% FINE ;"
+    # how much of CNT100 a corner may have: a share of its size (assumed)
+    share = 100.0 * min(move.zone, 1e9) / max(move.own_zone, 1e-9) if linear else 100.0
+    ending = "FINE" if move.stops else f"CNT{int(min(max(share, 1.0), 100.0))}"
+    feed = f"{move.feed:.1f}mm/sec" if move.feed >= SLOW else f"{max(6.0 * move.feed, SLOWEST):.1f}cm/min"
+    end = f"P[{number}] {feed} {ending}{' COORD' if program.moves_part else ''} ;"
     return f"L {end}" if via is None else f"C P[{via}]\n    :  {end}"
 
 
-def _speed(feed: float) -> str:
-    return f"{feed:.1f}mm/sec" if feed >= SLOW else f"{max(6.0 * feed, SLOWEST):.1f}cm/min"
-
-
-def _external(program: Program, row: int) -> list[str]:
-    values = program.joints[row, program.outer].tolist()
-    return [f"E{index}= {value:12.6f}  mm" for index, value in enumerate(values, start=1)]
-
-
-def _joint_entries(program: Program, row: int, frame: int) -> list[str]:
-    values = program.joints[row, ~program.outer].tolist()
-    entries = [f"J{index}= {value:12.6f} deg" for index, value in enumerate(values, start=1)]
-    tool = check_cell(program.post, CELL, "FANUC").tool
-    return [f"\tUF : {frame}, UT : {tool}", *entries, *([] if program.moves_part else _external(program, row))]
-
-
-def _second_group(program: Program, row: int) -> str:
-    """Return the motion group that carries the part, in a position."""
-    if not program.moves_part:
-        return ""
-    group = check_cell(program.post, CELL, "FANUC").positioner
-    values = program.joints[row, program.outer].tolist()
-    entries = ",\t".join(f"J{index}= {value:12.6f} deg" for index, value in enumerate(values, start=1))
-    return f"\n   GP{group}:\n\tUF : 0, UT : 1,\n\t{entries}"
-
-
-def _places(program: Program, poses: Array) -> list[list[str]]:
-    names = ("X = {:12.5f}  mm", "Y = {:12.5f}  mm", "Z = {:12.5f}  mm", "W = {:12.6f} deg", "P = {:12.6f} deg",
-             "R = {:12.6f} deg")  # fmt: skip
-    known = np.isfinite(poses[:, 0, 0])
-    table = np.full((len(poses), 6), np.nan)
-    table[known] = place_table(poses[known], "xyz")
-    return [
-        [*(name.format(value) for name, value in zip(names, values, strict=True)), *_external(program, row)]
-        for row, values in enumerate(table.tolist())
-    ]
-
-
-def _position(entries: list[str], number: int, second: str = "") -> str:
-    head, *values = entries
-    groups = [",\t".join(values[start : start + 3]) for start in range(0, len(values), 3)]
-    return f"P[{number}]{{\n   GP1:\n{head},\n\t" + ",\n\t".join(groups) + f"{second}\n}};"
+def _format_position(program: Program, move: WrittenMove, number: int, frame: int, words: str) -> str:
+    """Return a position: joints, or a place in a user frame where the move is no joint move; external axes behind."""
+    cell = check_cell(program.post, CELL, "FANUC")
+    head, second = f"UF : {frame}, UT : {cell.tool}", ""
+    if words and move.kind != "joint":
+        head += f",\t\tCONFIG : '{words}'"
+        values = [f"{name} = {value:12.5f}  mm" for name, value in zip("XYZ", move.place, strict=False)]
+        values += [f"{name} = {value:12.6f} deg" for name, value in zip("WPR", move.place[3:], strict=True)]
+    else:
+        values = [f"J{axis}= {value:12.6f} deg" for axis, value in enumerate(move.arm, start=1)]
+    if program.moves_part:
+        others = ",\t".join(f"J{axis}= {value:12.6f} deg" for axis, value in enumerate(move.outer, start=1))
+        second = f"\n   GP{cell.positioner}:\n\tUF : 0, UT : 1,\n\t{others}"
+    else:
+        values += [f"E{axis}= {value:12.6f}  mm" for axis, value in enumerate(move.outer, start=1)]
+    groups = ",\n\t".join(",\t".join(values[start : start + 3]) for start in range(0, len(values), 3))
+    return f"P[{number}]{{\n   GP1:\n\t{head},\n\t{groups}{second}\n}};"
 
 
 def format_program(

@@ -1,11 +1,11 @@
-"""As few moves as the path needs: lines, arcs and cubics through rows of a program, within a tolerance of all its rows.
+"""As few moves as the path needs: lines and arcs through rows of a program, within a tolerance of all its rows.
 
-A fitted move begins and ends at rows of the program; an arc goes by the rows between as near as it can, a cubic leaves
-its ends as the path does. Every row that is left out lies within the tolerance of the move that stands for it, and what
-is bent within it of the chord between two rows. Arcs of the CAM file are tried first, as a whole. The tool turns evenly
-along a move. Where the plan's speed changes by more than `RATIO`, another move begins, so that each takes the time that
-the plan takes for it; starts from rest and stops are left to the controller. A move that it would not have the time for
-is joined to a neighbour, or else driven slower.
+A fitted move begins and ends at rows of the program; an arc goes by the rows between as near as it can. Every row that
+is left out lies within the tolerance of the move that stands for it, and what is bent within it of the chord between
+two rows. Arcs of the CAM file are tried first, as a whole. The tool turns evenly along a move. Where the plan's speed
+changes by more than `RATIO`, another move begins, so that each takes the time that the plan takes for it; starts from
+rest and stops are left to the controller. A move that it would not have the time for is joined to a neighbour, or else
+driven slower.
 """
 
 from __future__ import annotations
@@ -19,12 +19,9 @@ from numpy.typing import NDArray
 from compplan.controllers.shapes import (
     ARC_LENGTH,
     ARC_ROWS,
-    CURVE_ROWS,
     find_arc,
-    find_tangents,
     find_via,
     follow_arc,
-    follow_curve,
     follow_line,
     is_flat,
 )
@@ -33,8 +30,8 @@ from compplan.controllers.writers.frames import quaternions
 from compplan.controllers.writers.program import Program
 from compplan.io.tables import Array
 
-#: Kinds of moves beside arcs, which are called by a row that they go by.
-LINE, CURVE = -1, -2
+#: Kind of a line; arcs are called by a row that they go by.
+LINE = -1
 #: Greatest turn of the tool beside an even one. [rad]
 TURN = float(np.radians(0.01))
 #: Rows that lie no farther apart and are turned no more are one place where positions are rounded. [mm], [rad]
@@ -49,21 +46,20 @@ BLOCK, GROW = 2048, 1.6
 class Fitted:
     """Hold a fitted program."""
 
-    program: Program  #: The program at the ends of its moves, with `via` of its arcs and `bend` of its cubics.
+    program: Program  #: The program at the ends of its moves, with `via` of its arcs.
     rows: NDArray[np.int_]  #: The row of each in the whole program. Shape (m,).
-    kinds: NDArray[np.int_]  #: LINE, CURVE, or the row that an arc goes by. Shape (m,).
+    kinds: NDArray[np.int_]  #: LINE, or the row that an arc goes by. Shape (m,).
     slowed: int = 0  #: How many moves are driven slower than planned, so that the controller has the time for them.
 
 
-def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> Fitted:
-    """Fit lines, arcs and cubics to the linear moves of a program; one without a tolerance stays as it is.
+def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
+    """Fit lines and arcs to the linear moves of a program; one without a tolerance stays as it is.
 
     A rounded corner becomes one row, the corner itself, that a zone of the language leads around.
 
     Args:
         program: The program, with poses; `tolerance` and `cycle` of it say how closely, and the least time of a move.
         arcs: Whether the language has arcs.
-        curves: Whether it has cubics.
     """
     n = len(program)
     if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
@@ -77,9 +73,9 @@ def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> F
         tcp[:, :3, 3] += program.corner_shift
         program = replace(program, tcp=tcp)
     alone, stops = program.alone(linear=True), program.stops(linear=True)
-    track = _Track(program, 1e3 * program.tolerance, stops, arcs, curves)
-    if (arcs, curves) in whole.pieces:
-        ends, kind = whole.pieces[arcs, curves]
+    track = _Track(program, 1e3 * program.tolerance, stops, arcs)
+    if arcs in whole.pieces:
+        ends, kind = whole.pieces[arcs]
         ends, kind = np.searchsorted(rows, ends), np.where(kind < 0, kind, np.searchsorted(rows, np.maximum(kind, 0)))
     else:
         kept = np.flatnonzero(alone | stops | program.corners | _mark_ends(program))
@@ -116,30 +112,27 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
     for k in range(1, len(feed)):  # one feed as long as it holds
         if cut[k] and cut[k - 1] and abs(feed[k] - feed[k - 1]) <= HELD * feed[k - 1]:
             feed[k] = feed[k - 1]
-    via, bend = np.full((len(ends), 4, 4), np.nan), np.full((len(ends), 2, 3), np.nan)
+    via = np.full((len(ends), 4, 4), np.nan)
     via[kind >= 0] = program.tcp[kind[kind >= 0]]
     for k in np.flatnonzero(kind >= 0).tolist():
         beside = 1e-3 * find_via(track.x[ends[k - 1] : ends[k] + 1], int(kind[k] - ends[k - 1]))
         via[k, :3, 3] = program.part[:3, :3] @ beside + program.part[:3, 3]
-    for k in np.flatnonzero(kind == CURVE).tolist():
-        bend[k] = 1e-3 * track.bend(ends[k - 1], ends[k])
-    fewer = replace(program.take(ends), feed=feed, via=via, bend=bend, tolerance=0.0)
+    fewer = replace(program.take(ends), feed=feed, via=via, tolerance=0.0)
     return fewer, int(np.count_nonzero(short))
 
 
 class _Track:
-    """The tip along a program's rows: what a line, an arc or a cubic between two of them leaves."""
+    """The tip along a program's rows: what a line or an arc between two of them leaves."""
 
-    def __init__(self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool, curves: bool) -> None:
+    def __init__(self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool) -> None:
         assert program.time is not None
         poses = program.positions
         self.x, self.turn = 1e3 * poses[:, :3, 3], quaternions(poses)
-        self.tolerance, self.arcs, self.curves = np.full(len(program), tolerance), arcs, curves
+        self.tolerance, self.arcs = np.full(len(program), tolerance), arcs
         self.cycle = program.cycle
         self.tolerance *= 1.0 if program.coarser is None else program.coarser
         self.step = np.linalg.norm(np.diff(self.x, axis=0, prepend=self.x[:1]), axis=1)
         self.along = np.cumsum(self.step)
-        self.tangent = np.zeros_like(self.x)
         lasts = np.diff(program.time, prepend=program.time[0])
         self.speed = send_speeds(self.step, lasts, stops, program.corners, program.asked)
         moves = (self.step > 0.0) & ~program.alone(linear=True)
@@ -159,8 +152,6 @@ class _Track:
         """Return end and kind of each move from one row to another."""
         pieces: list[tuple[int, int]] = []
         at = first
-        if self.curves:
-            self.tangent[first : last + 1] = find_tangents(self.x[first : last + 1], self.along[first : last + 1])
         while at < last:
             most = self._bound_speed(at, last)
             after = np.searchsorted(self.begins, at, side="right")
@@ -194,11 +185,6 @@ class _Track:
             far = self._search(at, most, begin, lambda b: self.fits(at, b, self._find_middle(at, b), True))
             if far > end and far - at >= ARC_ROWS and self.fits(at, far, middle := self._find_middle(at, far)):
                 end, kind = far, middle
-        if self.curves and end < most:
-            begin = max(end + 1, min(at + max(self.guess, CURVE_ROWS), most))
-            far = self._search(at, most, begin, lambda b: self.fits(at, b, CURVE))
-            if far > end and far - at >= CURVE_ROWS:
-                end, kind = far, CURVE
         self.guess = max(end - at, 2)
         return end, kind
 
@@ -241,7 +227,7 @@ class _Track:
                     break
                 if self.time[end] - self.time[start] > SHORT * self.cycle and self._bound_speed(start, end) < end:
                     break
-                kinds = (LINE, self._find_middle(start, end), CURVE)[: 3 if self.curves else 2 if self.arcs else 1]
+                kinds = (LINE, self._find_middle(start, end))[: 1 + self.arcs]
                 trials = [trial for trial in kinds if self.fits(start, end, trial)]
                 if not trials:
                     break
@@ -255,7 +241,7 @@ class _Track:
         return int(np.clip(np.searchsorted(self.along, 0.5 * (self.along[a] + self.along[b])), a + 1, b - 1))
 
     def fits(self, a: int, b: int, kind: int, flat: bool = False) -> bool:
-        """Tell whether all rows between two lie near enough to a line, an arc by a middle row, or a cubic.
+        """Tell whether all rows between two lie near enough to a line, or an arc by a middle row.
 
         `flat` takes arcs that are too flat or too short for controllers, on the way to farther rows.
         """
@@ -274,19 +260,13 @@ class _Track:
 
     def _follow(self, a: int, b: int, kind: int, flat: bool) -> tuple[Array, Array] | None:
         """Return how far rows lie from a move, and at which share of it; None where there is no such move."""
-        x, along = self.x[a : b + 1], self.along[a : b + 1]
+        x = self.x[a : b + 1]
         if kind == LINE:
             return follow_line(x)
-        if b - a < (CURVE_ROWS if kind == CURVE else ARC_ROWS) or (not flat and along[-1] - along[0] < ARC_LENGTH):
+        if b - a < ARC_ROWS or (not flat and self.along[b] - self.along[a] < ARC_LENGTH):
             return None
-        if kind == CURVE:
-            return follow_curve(x, along, self.bend(a, b))
         via = find_via(x, kind - a)
         return None if not flat and is_flat(x[0], via, x[-1]) else follow_arc(x, via)
-
-    def bend(self, a: int, b: int) -> Array:
-        """Return the derivatives of the cubic between two rows by its share. Shape (2, 3). [mm]"""
-        return np.asarray((self.along[b] - self.along[a]) * self.tangent[[a, b]])
 
     def _measure_turn(self, a: int, b: int, share: Array) -> float:
         """Return how far the tool turns beside an even turn along a move. [rad]"""
@@ -295,8 +275,6 @@ class _Track:
 
     def measure(self, a: int, b: int, kind: int) -> float:
         """Return the length of a move. [mm]"""
-        if kind == CURVE:
-            return float(self.along[b] - self.along[a])
         arc = None if kind == LINE else find_arc(self.x[a], find_via(self.x[a : b + 1], kind - a), self.x[b])
         return float(np.linalg.norm(self.x[b] - self.x[a])) if arc is None else arc.length
 

@@ -7,28 +7,29 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import MainForm, need_six_axes
-from compplan.controllers.writers.machine import Phrases, phrase_events
-from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, describe_feeds, head_lines, joint_percent, name_parts
-from compplan.controllers.writers.text import clean_text, legal_name, wrap_text
+from compplan.controllers.writers.language import (
+    MainForm,
+    Part,
+    ProgramForm,
+    WrittenMove,
+    describe_feeds,
+    need_six_axes,
+)
+from compplan.controllers.writers.machine import Phrases
+from compplan.controllers.writers.post import CellWords, check_cell, render_post
+from compplan.controllers.writers.program import Program, head_lines
+from compplan.controllers.writers.text import clean_text, wrap_text
 from compplan.controllers.writers.zones import stop_at_corners
-from compplan.io.tables import Array, write_text
 
 name = "inform"
 BRAND = "Yaskawa"
-#: Positions in a job where the program's job says nothing.
-MOST = 2000
-#: A job's name has 32 letters (older controllers 8), its remarks 32.
-LONGEST_NAME, LONGEST_REMARK = 24, 32
+#: A remark has 32 letters.
+LONGEST_REMARK = 32
 #: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
 CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1})
 TOOL_VARIABLE, FRAME_VARIABLE, MOVES_PART = 98, 99, True
-RAPID_PERCENT, SLOWEST_PERCENT = 20.0, 0.01
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1
 
@@ -44,6 +45,13 @@ PHRASES = Phrases(
 )
 
 
+#: A job's name has 32 letters (older controllers 8).
+FORM = ProgramForm(
+    "inform", "INFORM", PHRASES, lambda poses: place_table(poses, "xyz"), longest=24, most=2000, letters=str.upper,
+    single=True, numbered=False, arcs=False, percents=(20.0, 0.01),
+)  # fmt: skip
+
+
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.JBI with joint angles and, where poses and configuration words are known, NAME_L.JBI with positions.
 
@@ -55,90 +63,64 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """
     if not program.moves_part or program.prismatic.any() or len(program.joint_names) - program.outer.sum() != 6:
         need_six_axes(program, "INFORM", sliding=0)
-    name = legal_name(name_main(program), LONGEST_NAME).upper()
     can = program.tcp is not None and (program.moves_part or {"shoulder", "elbow", "wrist"} <= set(program.words))
-    files: list[Path] = []
-    if program.writes_joints(linear=can):
-        files += _write_kind(program, folder, name, most, linear=False)
-    if can and program.form != "joint":
-        name += name_kind(program, "_L")
-        fitted = stop_at_corners(fit_moves(program, arcs=False).program, "inform")
-        files += _write_kind(fitted, folder, name, most, linear=True)
-    return files
+    return FORM.write(
+        program, folder, most, _format_part, _format_calls, can=can,
+        adjust=lambda fitted: stop_at_corners(fitted, "inform"),
+    )  # fmt: skip
 
 
 def describe(program: Program) -> list[str]:
     """Return what must be said of joint angles, and where there is no job with positions."""
-    moves = fit_moves(program).program if program.pieces else program
-    written = np.maximum(np.round(moves.feed, 1), 0.1)
-    notes = ["joint angles need a controller that takes POSTYPE ANGLE", *describe_feeds(moves, written, "0.1 mm/s")]
+    feeds = describe_feeds(program, "0.1 mm/s", lambda feed: np.maximum(np.round(feed, 1), 0.1))
+    notes = ["joint angles need a controller that takes POSTYPE ANGLE", *feeds]
     if not program.moves_part and not {"shoulder", "elbow", "wrist"} <= set(program.words):
         notes.append("no job with positions: controller.toml has no configuration words")
     return notes
 
 
-def configurations(program: Program) -> NDArray[np.int64]:
-    """Return the first six numbers of RCONF: no flip, lower arm, rear, turns of axes R, T and S. Shape (n, 6)."""
-    first = {"wrist": "noflip", "elbow": "down", "shoulder": "back"}
-    words = [(program.words[key] == value).astype(np.int64) for key, value in first.items()]
-    turned = (program.joints[:, [3, 5, 0]] >= 180.0).astype(np.int64)
-    return np.column_stack([*words, turned])
+def _format_part(part: Part) -> dict[str, str]:
+    moves, main = part.weave([_format_move(part, move) for move in part.moves]), len(part.parts) == 1
+    return {f"{part.name}.JBI": format_job(part.program, part.name, _list_points(part), moves, main=main)}
 
 
-def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, linear: bool) -> list[Path]:
-    parts = name_parts(name, len(program), most or MOST, single=True)
-    files = []
-    for part, rows in parts.items():
-        points, moves = _points(program, rows, linear), _moves(program, rows, linear)
-        files.append(folder / f"{part}.JBI")
-        write_text(files[-1], format_job(program, part, points, moves, main=len(parts) == 1), newline="\r\n")
-    if len(parts) > 1:
-        files.append(folder / f"{name}.JBI")
-        write_text(files[-1], format_job(program, name, [], [], main=True, parts=[*parts]), newline="\r\n")
-    return files
+def _format_calls(part: Part) -> dict[str, str]:
+    return {f"{part.name}.JBI": format_job(part.program, part.name, [], [], main=True, parts=[*part.parts])}
 
 
-def _points(program: Program, rows: slice, linear: bool) -> list[str]:
+def _format_move(part: Part, move: WrittenMove) -> list[str]:
+    place, level = f"C{move.row - part.rows.start:05d}", f"PL={0 if move.stops else BLEND}"
+    station = f" +MOVJ E{place}" if part.program.moves_part else ""
+    if move.kind != "joint":
+        return [f"{'SMOVL' if station else 'MOVL'} {place} V={max(move.feed, 0.1):.1f} {level}{station}"]
+    turned = f"{station} VJ={move.percent:.2f}" if station else ""
+    note = ["'the configuration changes"] if move.swings else []
+    return [*note, f"MOVJ {place} VJ={move.percent:.2f} {level}{turned}"]
+
+
+def _list_points(part: Part) -> list[str]:
     """Return the C positions of a job in order, each number once: joint angles, or Cartesian ones in a user frame."""
-    by_joints = np.ones(rows.stop - rows.start, dtype=bool)
-    alone = program.alone(linear=linear)[rows] if linear and not program.moves_part else by_joints
-    joints, lines = program.joints[rows], list[str]()
-    table, configuration = np.zeros((len(alone), 6)), np.zeros((len(alone), 6), np.int64)
-    if not alone.all():
-        table, configuration = place_table(program.positions[rows], "xyz"), configurations(program)[rows]
-    user = ["///POSTYPE USER", "///RECTAN"]
-    last = "none yet"
-    for row, by_angle in enumerate(alone.tolist()):
-        words = "" if by_angle else ",".join(map(str, [*configuration[row].tolist(), *[0] * 18]))
-        if by_angle and words != last:
+    program, lines, last = part.program, list[str](), "none yet"
+    for number, move in enumerate(part.moves):
+        by_angle = program.moves_part or move.kind == "joint"
+        words = "" if by_angle else ",".join(map(str, [*find_configuration(program, move), *[0] * 18]))
+        if words != last and by_angle:
             lines += ["///POSTYPE ANGLE", "///ANGLE"]
         elif words != last:
-            lines += [*(user if last in ("", "none yet") else []), f"///RCONF {words}"]
+            lines += [*(["///POSTYPE USER", "///RECTAN"] if last in ("", "none yet") else []), f"///RCONF {words}"]
         last = words
-        arm = joints[row, ~program.outer]
-        place = f"{_values(table[row, :3], 3)},{_values(table[row, 3:], 4)}"
-        lines.append(f"C{row:05d}={_values(arm, 6) if by_angle else place}")
+        place = _values(move.arm, 6) if by_angle else f"{_values(move.place[:3], 3)},{_values(move.place[3:], 4)}"
+        lines.append(f"C{number:05d}={place}")
     if program.moves_part:
-        lines += [f"EC{row:05d}={_values(station, 6)}" for row, station in enumerate(joints[:, program.outer])]
+        lines += [f"EC{number:05d}={_values(move.outer, 6)}" for number, move in enumerate(part.moves)]
     return lines
 
 
-def _moves(program: Program, rows: slice, linear: bool) -> list[str]:
-    alone, stops = program.alone(linear=linear), program.stops(linear=linear)
-    events = phrase_events(program.events, program.wiring, PHRASES, "INFORM")
-    percent = joint_percent(program, RAPID_PERCENT, SLOWEST_PERCENT)
-    lines = events.get(-1, []) if rows.start == 0 else []
-    for row in range(rows.start, rows.stop):
-        place, level = f"C{row - rows.start:05d}", f"PL={0 if stops[row] else BLEND}"
-        station = f" +MOVJ E{place}" if program.moves_part else ""
-        if linear and not alone[row]:
-            word = "SMOVL" if station else "MOVL"
-            lines += [f"{word} {place} V={max(program.feed[row], 0.1):.1f} {level}{station}", *events.get(row, [])]
-            continue
-        lines += ["'the configuration changes"] if linear and program.swings[row] else []
-        turned = f"{station} VJ={percent[row]:.2f}" if station else ""
-        lines += [f"MOVJ {place} VJ={percent[row]:.2f} {level}{turned}", *events.get(row, [])]
-    return lines
+def find_configuration(program: Program, move: WrittenMove) -> list[int]:
+    """Return the first six numbers of RCONF: no flip, lower arm, rear, turns of axes R, T and S."""
+    first = {"wrist": "noflip", "elbow": "down", "shoulder": "back"}
+    words = [int(program.words[key][move.row] == value) for key, value in first.items()]
+    return [*words, *(int(move.arm[axis] >= 180.0) for axis in (3, 5, 0))]
 
 
 def format_job(
@@ -151,16 +133,16 @@ def format_job(
         "station": program.moves_part,
         "cell": check_cell(program.post, CELL, "INFORM"), "tool_variable": TOOL_VARIABLE,
         "user": "///POSTYPE USER" in points,
-        "frame_variable": FRAME_VARIABLE, "tool": _values(np.array(place_numbers(tool, "xyz")), 7),
-        "base": _values(np.array(place_numbers(program.base_frame, "xyz")), 7), "moves": moves, "parts": parts,
+        "frame_variable": FRAME_VARIABLE, "tool": _values(place_numbers(tool, "xyz"), 7),
+        "base": _values(place_numbers(program.base_frame, "xyz"), 7), "moves": moves, "parts": parts,
         "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
         "mass": "" if program.mass is None else f"{program.mass:.2f}",
     }  # fmt: skip
     return render_post(program, "inform", words)
 
 
-def _values(values: Array, digits: int) -> str:
-    return ",".join(f"{value:.{digits}f}" for value in values + 0.0)
+def _values(values: Sequence[float], digits: int) -> str:
+    return ",".join(f"{value + 0.0:.{digits}f}" for value in values)
 
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:

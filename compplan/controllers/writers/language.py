@@ -1,34 +1,22 @@
-"""What the file of a language offers, and which robots it is written for."""
+"""What the file of a language offers, and what all of them share: kinds of programs, parts, moves row by row."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from compplan.controllers.writers.program import Program
+import numpy as np
+
+from compplan.controllers.writers.fit import fit_moves
+from compplan.controllers.writers.machine import Phrases, phrase_events
+from compplan.controllers.writers.post import name_kind, name_main
+from compplan.controllers.writers.program import Program, count_digits, joint_percent, name_parts
+from compplan.controllers.writers.text import legal_name
+from compplan.controllers.writers.zones import OTHER, ZONES, find_zones
 from compplan.errors import InputError
-
-
-def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
-    """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes."""
-    slides = int(program.outer.sum())
-    if program.moves_part or len(program.joint_names) - slides != 6 or slides > sliding:
-        rail = f" and up to {sliding} sliding" if sliding else ""
-        own = list(program.joint_names)
-        raise InputError(f"{language} programs are written for six rotating{rail} joints, this robot has {own}")
-
-
-@dataclass(frozen=True)
-class MainForm:
-    """How a language writes a program that calls others, for jobs of several tools."""
-
-    suffix: str  #: Ending of its files.
-    longest: int  #: Letters of its name.
-    #: The text, from the name, the program of the first tool (for the head), and the programs to call.
-    format: Callable[[str, Program, Sequence[str]], str]
-    newline: str = "\r\n"  #: What ends its lines.
+from compplan.io.tables import Array, write_text
 
 
 class Language(Protocol):
@@ -42,3 +30,192 @@ class Language(Protocol):
         Raises:
             InputError: If the robot's joints, or what is known of them, do not fit the language.
         """
+
+
+@dataclass(frozen=True)
+class MainForm:
+    """How a language writes a program that calls others, for jobs of several tools."""
+
+    suffix: str  #: Ending of its files.
+    longest: int  #: Letters of its name.
+    #: The text, from the name, the program of the first tool (for the head), and the programs to call.
+    format: Callable[[str, Program, Sequence[str]], str]
+    newline: str = "\r\n"  #: What ends its lines.
+
+
+class WrittenMove(NamedTuple):
+    """A move of a program, in the numbers of a language."""
+
+    row: int  #: Row of the program that it ends at.
+    kind: str  #: "joint", "line" or "arc".
+    stops: bool  #: Whether the robot stops at its end.
+    swings: bool  #: Whether it is a joint move among lines because the configuration changes.
+    feed: float  #: [mm/s]
+    percent: float  #: Share of the joint rates. [%]
+    arm: list[float]  #: Joints of the arm. [deg]
+    outer: list[float]  #: Joints that slide or carry the part. [mm or deg]
+    place: list[float]  #: Pose of its end in the part frame; empty in programs of joint moves.
+    via: list[float]  #: Pose that an arc goes through; empty elsewhere.
+    zone: float  #: Zone that the program has to state, infinite where the language's own will do. [m]
+    own_zone: float  #: The language's own. [m]
+
+
+@dataclass(frozen=True)
+class Part:
+    """The moves of one file."""
+
+    program: Program  #: The whole program; where the tool is moved, at the ends of its moves.
+    whole: str  #: Name of the program.
+    name: str  #: Name of this part.
+    parts: Mapping[str, slice]  #: Rows of all parts, by their names.
+    rows: slice  #: Rows of the program.
+    linear: bool  #: Whether the tool is moved; else the joints.
+    every: list[WrittenMove]  #: The moves of the program.
+    events: Mapping[int, list[str]]  #: Lines of what happens beside motion, by the row after which they stand.
+
+    @property
+    def moves(self) -> list[WrittenMove]:
+        """The moves of this file."""
+        return self.every[self.rows]
+
+    @property
+    def before(self) -> list[str]:
+        """Lines of what happens before the first move."""
+        return self.events.get(-1, []) if self.rows.start == 0 else []
+
+    def weave(self, lines: Sequence[Sequence[str]], indent: str = "") -> list[str]:
+        """Return the lines of each move with those of what happens behind it."""
+        woven = list(self.before)
+        for move, own in zip(self.moves, lines, strict=True):
+            woven += [*own, *self.events.get(move.row, [])]
+        return [indent + line for line in woven]
+
+    def loops(self) -> Iterator[tuple[int, int, list[str]]]:
+        """Yield stretches of moves that nothing happens within: first and last move, and the lines behind them."""
+        first, start, stop = 0, self.rows.start, self.rows.stop
+        for row in [*sorted(row for row in self.events if start <= row < stop - 1), stop - 1]:
+            yield first, row - start, self.events.get(row, [])
+            first = row - start + 1
+
+
+@dataclass(frozen=True)
+class ProgramForm:
+    """How a language names and divides its programs, and in which numbers it states a pose."""
+
+    language: str  #: Name of its file.
+    title: str  #: What messages call it.
+    phrases: Phrases  #: How it says what happens beside motion.
+    #: Poses as the language states them. Shape (n, 4, 4) [m] -> (n, k).
+    numbers: Callable[[Array], Array]
+    longest: int  #: Letters of a name, its ending and the number of a part aside.
+    most: int  #: Points in a file where the job says nothing.
+    reserved: frozenset[str] = frozenset()  #: Words that are no names.
+    letters: Callable[[str], str] = str  #: How it spells names.
+    endings: tuple[str, str] = ("", "_L")  #: What names of joint and linear programs end in.
+    between: str = "_"  #: What stands before the number of a part.
+    single: bool = False  #: Whether a program of one part is that part itself.
+    numbered: bool = True  #: Whether a name leaves room for the number of a part.
+    arcs: bool = True  #: Whether it has arcs.
+    by_main: bool = True  #: Whether the name that a job gives its main program is that of the files.
+    newline: str = "\r\n"  #: What ends its lines.
+    percents: tuple[float, float] = (100.0, 1.0)  #: Share of the joint rates in rapid moves, and least one. [%]
+
+    def write(
+        self, program: Program, folder: Path, most: int | None, format_part: Callable[[Part], dict[str, str]],
+        format_main: Callable[[Part], dict[str, str]] | None, *, can: bool,
+        adjust: Callable[[Program], Program] = lambda program: program,
+    ) -> list[Path]:  # fmt: skip
+        """Write the joint program and, where the language `can`, the linear one; return the files.
+
+        `format_part` makes the text of a part by the name of its file, `format_main` that of what calls the parts,
+        from a part without rows; `adjust` changes the fitted program.
+        """
+        points = most or self.most
+        name = self.name_program(program, points)
+        texts: dict[str, str] = {}
+        if program.writes_joints(linear=can):
+            texts |= self.format_kind(program, name, points, format_part, format_main, linear=False)
+        if can and program.form != "joint":
+            fitted = adjust(fit_moves(program, arcs=self.arcs).program)
+            texts |= self.format_kind(fitted, name, points, format_part, format_main, linear=True)
+        return write_texts(folder, texts, self.newline)
+
+    def name_program(self, program: Program, most: int) -> str:
+        """Return the name of a program, its ending aside."""
+        room = count_digits(program, most) if self.numbered else 0
+        own = name_main(program) if self.by_main else program.name
+        return self.letters(legal_name(own, self.longest - room, reserved=self.reserved))
+
+    def format_kind(
+        self, program: Program, name: str, most: int, format_part: Callable[[Part], dict[str, str]],
+        format_main: Callable[[Part], dict[str, str]] | None, *, linear: bool,
+    ) -> dict[str, str]:  # fmt: skip
+        """Return the files of a program of joint moves, or of lines, by their names."""
+        ending = self.endings[linear]
+        whole = f"{name}{name_kind(program, ending) if self.by_main else ending}"
+        parts = name_parts(whole, len(program), most, between=self.between, single=self.single)
+        moves = list_moves(program, self, linear=linear)
+        events = phrase_events(program.events, program.wiring, self.phrases, self.title)
+        texts: dict[str, str] = {}
+        for part, rows in parts.items():
+            texts |= format_part(Part(program, whole, part, parts, rows, linear, moves, events))
+        if format_main and (len(parts) > 1 or not self.single):
+            texts |= format_main(Part(program, whole, whole, parts, slice(0, 0), linear, moves, {}))
+        return texts
+
+
+def write_texts(folder: Path, texts: Mapping[str, str], newline: str = "\n") -> list[Path]:
+    """Write texts by the names of their files; return the files."""
+    for name, text in texts.items():
+        write_text(folder / name, text, newline=newline)
+    return [folder / name for name in texts]
+
+
+def list_moves(program: Program, form: ProgramForm, *, linear: bool) -> list[WrittenMove]:
+    """Return the moves of a program, fitted where the tool is moved, in the numbers of a language."""
+    n = len(program)
+    alone, stops = program.alone(linear=linear), program.stops(linear=linear)
+    arcs = program.arcs & ~alone if linear else np.zeros(n, bool)
+    kind = np.where(alone | (not linear), "joint", np.where(arcs, "arc", "line"))
+    places = form.numbers(program.positions).tolist() if linear else [[]] * n
+    through = form.numbers(program.via_positions[arcs]).tolist() if arcs.any() else []
+    vias = dict(zip(np.flatnonzero(arcs).tolist(), through, strict=True))
+    zones = own = np.full(n, np.inf)
+    if linear:
+        _, zones, own = find_zones(program, ZONES.get(form.language, OTHER))
+    columns = (
+        kind, stops, program.swings & linear, program.feed, joint_percent(program, *form.percents),
+        program.joints[:, ~program.outer], program.joints[:, program.outer],
+    )  # fmt: skip
+    values = zip(*(column.tolist() for column in columns), places, strict=True)
+    return [
+        WrittenMove._make([row, *value, vias.get(row, []), zone, whole])
+        for row, (value, zone, whole) in enumerate(zip(values, zones.tolist(), own.tolist(), strict=True))
+    ]
+
+
+def change(stands: dict[str, str], key: str, word: str) -> list[str]:
+    """Return a word that stands until another one is written, where another one stands."""
+    if not word or stands.get(key) == word:
+        return []
+    stands[key] = word
+    return [word]
+
+
+def describe_feeds(program: Program, steps: str, state: Callable[[Array], Array]) -> list[str]:
+    """Return what must be said where a language states feeds in steps and some [mm/s] are off by more than 1 %."""
+    moves = fit_moves(program).program if program.pieces else program
+    wrong = ~moves.rapid & (np.abs(state(moves.feed) - moves.feed) > 0.01 * moves.feed)
+    if not wrong.any():
+        return []
+    count, slowest = int(np.count_nonzero(wrong)), moves.feed[wrong].min()
+    return [f"feeds are written in steps of {steps}: {count} are off by more than 1 %, the slowest is {slowest:g} mm/s"]
+
+
+def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
+    """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes."""
+    slides = int(program.outer.sum())
+    if program.moves_part or len(program.joint_names) - slides != 6 or slides > sliding:
+        rail = f" and up to {sliding} sliding" if sliding else ""
+        own = list(program.joint_names)
+        raise InputError(f"{language} programs are written for six rotating{rail} joints, this robot has {own}")

@@ -52,6 +52,8 @@ class Phrases:
 def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, language: str) -> dict[int, list[str]]:
     """Return the lines of a program's events by the row after which they stand; -1: before the first move.
 
+    "@" in a phrase is the number of the place, from 1, for labels.
+
     Raises:
         InputError: If a signal is a name where the language takes numbers only.
     """
@@ -69,7 +71,10 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
             written += [*found.remark, *found.code]
             asked += [found.task] if found.task else []
         written += phrases.pause(", then ".join(asked)) if asked else []
-    return lines
+    return {
+        place: [line.replace("@", str(label)) for line in written]
+        for label, (place, written) in enumerate(lines.items(), start=1)
+    }
 
 
 @dataclass(frozen=True)

@@ -106,6 +106,11 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
     return made
 
 
+def render_own(name: str, words: Mapping[str, Any]) -> str:
+    """Return the text that a template of the package, which no user replaces, makes of some words."""
+    return _environment().from_string(read_post(name)).render(to_plain(words))
+
+
 def read_post(language: str) -> str:
     """Return the package's template of a language."""
     file = files(__package__) / "posts" / f"{language}.jinja"

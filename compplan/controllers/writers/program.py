@@ -31,14 +31,13 @@ from compplan.toolpath.events import Event, find_halts
 
 #: Joint positions that are written as zero, without a sign. [deg or mm]
 ZERO = 5e-7
-#: Ends and kinds of fitted moves, by whether they have arcs, and cubics.
-Pieces = dict[tuple[bool, bool], tuple[NDArray[np.int_], NDArray[np.int_]]]
+#: Ends and kinds of fitted moves, by whether they have arcs.
+Pieces = dict[bool, tuple[NDArray[np.int_], NDArray[np.int_]]]
 
 #: What a program holds row by row, joints and words aside: shape of a row of each.
 BY_ROW: dict[str, tuple[int, ...]] = {
     "feed": (), "rapid": (), "exact": (), "time": (), "tcp": (4, 4), "status": (), "bent": (), "free": (),
     "coarser": (), "arc_of": (), "line_of": (), "corner": (), "corner_shift": (3,), "asked": (), "via": (4, 4),
-    "bend": (2, 3),
 }  # fmt: skip
 
 
@@ -106,10 +105,6 @@ class Program:
     form: str = "both"  #: "linear": moves of the tool alone where a language can write them; "joint", "both".
     #: Pose that an arc to each waypoint goes through, nan where a line leads there, or None. Shape (n, 4, 4). [m]
     via: Array | None = None
-    #: Derivatives by the share of a move, at start and end of a cubic to each waypoint, nan elsewhere; or None. Part
-    #: axes. Shape (n, 2, 3). [m]
-    bend: Array | None = None
-    splines: bool = False  #: Whether cubics and spline blocks are asked for where the language has them.
     #: Number of the arc of the CAM file that each move is a chord of, 0 for none; or None. Shape (n,).
     arc_of: NDArray[np.int_] | None = None
     #: Line of the CAM file that each move stands on, 0 where that is not known; or None. Shape (n,).
@@ -124,7 +119,7 @@ class Program:
     asked: Array | None = None  #: Feed that the CAM file asks for, or None. Shape (n,). [mm/s]
     blend_share: float = 1.0  #: Length of the controller's blends over their zones.
     smoothing: float = 0.04  #: Time over which the controller averages the speed. [s]
-    #: Ends and kinds of moves that were fitted to these very rows, by whether they have arcs, and cubics.
+    #: Ends and kinds of moves that were fitted to these very rows, by whether they have arcs.
     pieces: Pieces = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -192,11 +187,6 @@ class Program:
         """Poses that arcs go through, seen from the part frame; nan elsewhere. Shape (n, 4, 4) [m]."""
         via = np.full((len(self), 4, 4), np.nan) if self.via is None else self.via
         return np.asarray(np.linalg.inv(self.part) @ via)
-
-    @property
-    def curves(self) -> NDArray[np.bool_]:
-        """Tell the moves that are cubics. Shape (n,)."""
-        return np.zeros(len(self), bool) if self.bend is None else np.isfinite(self.bend[:, 0, 0])
 
     def write_comment_line(self, row: int, sign: str) -> str:
         """Return the line of the CAM file that a move stands on as a comment behind it, by a language's sign."""
@@ -368,12 +358,3 @@ def joint_percent(program: Program, rapid: float = 100.0, least: float = 1.0) ->
     """Return each move's share of the joint rates, `rapid` for rapid moves, 10 where unknown. Shape (n,). [%]"""
     shares = joint_shares(program)
     return np.clip(np.where(program.rapid, rapid, np.where(np.isfinite(shares), 100.0 * shares, 10.0)), least, 100.0)
-
-
-def describe_feeds(program: Program, written: Array, steps: str) -> list[str]:
-    """Return what must be said where a language writes feeds in steps and some [mm/s] are off by more than 1 %."""
-    wrong = ~program.rapid & (np.abs(written - program.feed) > 0.01 * program.feed)
-    if not wrong.any():
-        return []
-    count, slowest = int(np.count_nonzero(wrong)), program.feed[wrong].min()
-    return [f"feeds are written in steps of {steps}: {count} are off by more than 1 %, the slowest is {slowest:g} mm/s"]

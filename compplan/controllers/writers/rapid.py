@@ -5,24 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import quaternions
-from compplan.controllers.writers.machine import Phrases, Signal, name_signal, phrase_events
+from compplan.controllers.writers.language import Part, ProgramForm, WrittenMove
+from compplan.controllers.writers.machine import Phrases, Signal, name_signal
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
-from compplan.controllers.writers.program import Program, count_digits, head_lines, name_parts
-from compplan.controllers.writers.text import legal_name
-from compplan.controllers.writers.zones import ZONES, find_zones
+from compplan.controllers.writers.program import Program, head_lines
 from compplan.errors import InputError
-from compplan.io.tables import Array, write_text
+from compplan.io.tables import Array
 
 name = "rapid"
 BRAND = "ABB"
-#: Points in a module where the job says nothing.
-MOST = 5000
-#: RAPID takes 32 letters; "run_", "_L_" and the number of a part take the rest.
-LONGEST_NAME = 25
 RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
 #: Mechanical unit that carries the part, where a job names none (assumed).
@@ -54,6 +47,17 @@ PHRASES = Phrases(
 )
 
 
+def _state_poses(poses: Array) -> Array:
+    """Return poses as RAPID states them: place [mm] and quaternion. Shape (n, 4, 4) -> (n, 7)."""
+    return np.column_stack([poses[:, :3, 3] * 1e3, quaternions(poses)])
+
+
+#: Names have 32 letters, of which "run_", "_L_" and the number of a part take some.
+FORM = ProgramForm(
+    "rapid", "RAPID", PHRASES, _state_poses, longest=25, most=5000, reserved=RESERVED, by_main=False, newline="\n"
+)
+
+
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.mod with joint moves and, where poses are known, NAME_L.mod with linear ones; each calls its parts.
 
@@ -65,110 +69,74 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 6:
         raise InputError(f"RAPID targets take six rotating and six external axes, not {list(program.joint_names)}")
-    name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST), reserved=RESERVED)
-    can, files = program.tcp is not None and len(turning) == 6, []
-    if program.writes_joints(linear=can):
-        files += _write_kind(program, folder, name, _joint_moves(program, name), most)
-    if can and program.form != "joint":
-        fitted = fit_moves(program).program
-        files += _write_kind(fitted, folder, f"{name}_L", _linear_moves(fitted, f"{name}_L"), most)
-    return files
+    can = program.tcp is not None and len(turning) == 6
+    return FORM.write(program, folder, most, _format_part, _format_calls, can=can)
 
 
-def _write_kind(program: Program, folder: Path, name: str, moves: list[str], most: int | None) -> list[Path]:
-    parts = name_parts(name, len(program), most or MOST)
-    for row, lines in phrase_events(program.events, program.wiring, PHRASES, "RAPID").items():
-        text = "\n".join(f"    {line}" for line in lines)
-        moves[max(row, 0)] = f"{text}\n{moves[0]}" if row < 0 else f"{moves[row]}\n{text}"
-    files = []
-    for part, rows in parts.items():
-        files.append(folder / f"{part}.mod")
-        body = [f"MODULE {part}", f"  PROC run_{part}()", *moves[rows], "  ENDPROC", "ENDMODULE", ""]
-        write_text(files[-1], "\n".join(body))
+def _format_part(part: Part) -> dict[str, str]:
+    program, told, lines = part.program, "", []
+    seen = program.post.tool or f"t_{part.whole}"
+    if part.linear:
+        seen = f"{seen}\\WObj:={program.post.base or f'w_{part.whole}'}"
+    for move in part.moves:
+        rapid = move.kind == "joint" and program.rapid[move.row]
+        speed = 500.0 if rapid else max(move.feed, 0.01)
+        manner = f"[{speed:.3f},500,5000,1000],{'fine' if move.stops else _state_zone(move.zone)}"
+        notes = ["! the configuration changes: a joint move"] if move.swings else []
+        if move.kind != "joint":
+            line = program.write_comment_line(move.row, "!").strip()
+            notes, told = [line] if line and line != told else [], line
+        lines.append([*notes, f"{_state_target(program, move)},{manner},{seen};"])
+    body = [
+        f"MODULE {part.name}",
+        f"  PROC run_{part.name}()",
+        *part.weave(lines, "    "),
+        "  ENDPROC",
+        "ENDMODULE",
+        "",
+    ]
+    return {f"{part.name}.mod": "\n".join(body)}
+
+
+def _format_calls(part: Part) -> dict[str, str]:
+    program, name = part.program, part.name
     cell = check_cell(program.post, CELL, "RAPID")
     words = {
-        "name": name, "entry": program.post.main or f"run_{name}", "parts": [f"run_{part}" for part in parts],
+        "name": name, "entry": program.post.main or f"run_{name}", "parts": [f"run_{part}" for part in part.parts],
         "comments": head_lines(program), "cell": cell, "massless": program.mass is None, "tool": _tool(program),
         "tool_name": cell.tool or f"t_{name}", "base_name": cell.base or f"w_{name}",
         "base": f'[FALSE,TRUE,"",{_frame(program.base_frame)},{_frame(np.eye(4))}]' if not program.moves_part else
                 f'[FALSE,FALSE,"{cell.positioner}",{_frame(np.eye(4))},{_frame(program.part)}]',
         "unit": cell.positioner if program.moves_part else None,
     }  # fmt: skip
-    files.append(folder / f"{name}.mod")
-    write_text(files[-1], render_post(program, "rapid", words))
-    return files
+    return {f"{name}.mod": render_post(program, "rapid", words)}
 
 
-def _joint_moves(program: Program, name: str) -> list[str]:
-    tool = program.post.tool or f"t_{name}"
-    stops = program.stops(linear=False)
-    return [
-        f"    MoveAbsJ {_joint_target(program, row)},{_manner(program, row, rapid, stop)},{tool};"
-        for row, (rapid, stop) in enumerate(zip(program.rapid.tolist(), stops.tolist(), strict=True))
-    ]
+def _state_target(program: Program, move: WrittenMove) -> str:
+    external = ",".join([f"{value:.5f}" for value in move.outer] + [UNUSED] * (6 - len(move.outer)))
+    if move.kind == "joint":
+        axes = [f"{value:.6f}" for value in move.arm] + ["0"] * (6 - len(move.arm))
+        return f"MoveAbsJ [[{','.join(axes)}],[{external}]]"
+    rest = f"[{','.join(map(str, find_configuration(program, move)))}],[{external}]]"
+    targets = [
+        f"[[{','.join(f'{v:.5f}' for v in pose[:3])}],[{','.join(f'{v:.10f}' for v in pose[3:])}],{rest}"
+        for pose in (move.via, move.place) if pose
+    ]  # fmt: skip
+    return f"{'MoveC' if move.via else 'MoveL'} {','.join(targets)}"
 
 
-def _joint_target(program: Program, row: int) -> str:
-    axes = [f"{value:.6f}" for value in program.joints[row, ~program.outer]]
-    return f"[[{','.join([*axes, *['0'] * (6 - len(axes))])}],[{_external(program, row)}]]"
+def find_configuration(program: Program, move: WrittenMove) -> list[int]:
+    """Return confdata: quadrants of axes 1, 4 and 6, and cfx (0 where the words are not known)."""
+    cfx = sum(shares.get(str(program.words[key][move.row]), 0) for key, shares in CFX.items() if key in program.words)
+    return [*(int(np.floor(move.arm[axis] / 90.0)) for axis in (0, 3, 5)), cfx]
 
 
-def _linear_moves(program: Program, name: str) -> list[str]:
-    positions, turns = program.positions, quaternions(program.positions)
-    alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
-    arcs, via, moves, said = program.arcs.tolist(), program.via_positions, list[str](), ""
-    zones = [_zone(zone) for zone in find_zones(program, ZONES["rapid"])[1].tolist()]
-    seen = f"{program.post.tool or f't_{name}'}\\WObj:={program.post.base or f'w_{name}'}"
-    for row, (place, turn, configuration) in enumerate(
-        zip((positions[:, :3, 3] * 1e3).tolist(), turns.tolist(), configurations(program).tolist(), strict=True)
-    ):
-        rest = f"[{','.join(map(str, configuration))}],[{_external(program, row)}]]"
-        if alone[row]:
-            target = f"MoveAbsJ {_joint_target(program, row)}"
-        else:
-            target = f"MoveL {_robot_target(place, turn, rest)}"
-            if arcs[row]:
-                middle = _robot_target((via[row, :3, 3] * 1e3).tolist(), quaternions(via[row][None])[0].tolist(), rest)
-                target = f"MoveC {middle},{_robot_target(place, turn, rest)}"
-        manner = _manner(program, row, alone[row], stops[row], zones[row])
-        note = "    ! the configuration changes: a joint move\n" if program.swings[row] else ""
-        if not alone[row] and (cam := program.write_comment_line(row, "!")) != said:
-            note, said = f"{note}   {cam}\n" if cam else note, cam
-        moves.append(f"{note}    {target},{manner},{seen};")
-    return moves
-
-
-def _robot_target(place: list[float], turn: list[float], rest: str) -> str:
-    return f"[[{','.join(f'{v:.5f}' for v in place)}],[{','.join(f'{v:.10f}' for v in turn)}],{rest}"
-
-
-def configurations(program: Program) -> NDArray[np.int64]:
-    """Return confdata: quadrants of axes 1, 4 and 6, and cfx (0 where the words are not known). Shape (n, 4)."""
-    arm = program.joints[:, ~program.outer]
-    quadrants = np.floor(arm[:, [0, 3, 5]] / 90.0).astype(np.int64)
-    sums = np.zeros(len(program), dtype=np.int64)
-    for key, shares in CFX.items():
-        if key in program.words:
-            sums += np.array([shares.get(value, 0) for value in program.words[key].tolist()], dtype=np.int64)
-    return np.column_stack([quadrants, sums])
-
-
-def _manner(program: Program, row: int, alone: bool, stop: bool, zone: str = "z0") -> str:
-    speed = 500.0 if alone and program.rapid[row] else max(program.feed[row], 0.01)
-    return f"[{speed:.3f},500,5000,1000],{'fine' if stop else zone}"
-
-
-def _zone(zone: float) -> str:
+def _state_zone(zone: float) -> str:
     """Return zonedata: a zone of one's own [m] where it is finite; z0's ratios of tip, turn and external axes."""
     if zone == np.inf:
         return "z0"
     size, turn = f"{1e3 * zone:.3f}", f"{1e2 * zone:.4f}"
     return f"[FALSE,{size},{size},{size},{turn},{size},{turn}]"
-
-
-def _external(program: Program, row: int) -> str:
-    values = [f"{value:.5f}" for value in program.joints[row, program.outer]]
-    return ",".join(values + [UNUSED] * (6 - len(values)))
 
 
 def _frame(pose: Array) -> str:

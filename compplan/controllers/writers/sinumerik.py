@@ -3,31 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from compplan.controllers.shapes import find_coefficients
 from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.krl import turn_bits
-from compplan.controllers.writers.language import MainForm, need_six_axes
-from compplan.controllers.writers.machine import Phrases, phrase_events
-from compplan.controllers.writers.post import CellWords, check_cell, name_main, render_post
-from compplan.controllers.writers.program import Program, count_digits, head_lines, name_parts
-from compplan.controllers.writers.text import legal_name
-from compplan.controllers.writers.zones import ZONES, find_zones
+from compplan.controllers.writers.language import (
+    MainForm,
+    Part,
+    ProgramForm,
+    WrittenMove,
+    change,
+    need_six_axes,
+    write_texts,
+)
+from compplan.controllers.writers.machine import Phrases
+from compplan.controllers.writers.post import CellWords, check_cell, render_post
+from compplan.controllers.writers.program import Program, head_lines
 from compplan.errors import InputError
-from compplan.io.tables import Array, write_text
+from compplan.io.tables import Array
 from compplan.toolpath.events import Event
 
 name = "sinumerik"
 #: The control drives arms of many brands.
 BRAND = ""
-#: Waypoints in a part program where the job says nothing.
-MOST = 20000
-#: A program's name has 24 letters; "_" and the number of a part take the rest.
-LONGEST_NAME = 23
 #: T1 where a job names no tool; base: a settable frame such as G54.
 CELL = CellWords(int, str, {"tool": 1})
 RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
@@ -55,90 +58,89 @@ PHRASES = Phrases(
 )
 
 
+#: A program's name has 24 letters.
+FORM = ProgramForm(
+    "sinumerik", "SINUMERIK", PHRASES, lambda poses: place_table(poses, "xyz"), longest=21, most=20000,
+    reserved=RESERVED, single=True, endings=("", ""), newline="\n",
+)  # fmt: skip
+
+
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.MPF, or NAME_1.SPF and so on with a NAME.MPF that calls them.
 
     Positions count from the part frame, set by TRANS and AROT on top of G500; X Y Z are the tool tip, A2 B2 C2 (ORIRPY)
     turn the flange about x, the fixed y and the fixed z. The tool's offset is correction D1 of a tool of the cell
     (lengths in Z, Y and X for G17), which the program fills where the job asks for that; its turn is part of the
-    programmed orientation. Cutting moves are G1 in CP travel with their feed (G94, mm/min), arcs are CIP, cubics POLY
-    over the interval from 0 to 1 (A2 B2 C2, which have no PO of their own, turn evenly over it: assumed), rapid moves
+    programmed orientation. Cutting moves are G1 in CP travel with their feed (G94, mm/min), arcs are CIP, rapid moves
     and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below 0). A sliding joint is the axis
     E1. Names of axes and the transformation are the machine's: check them.
     """
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.tcp is None or program.status is None:
         raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
-    program = fit_moves(program, curves=program.splines).program
-    longest = LONGEST_NAME - 2 - count_digits(program, most or MOST)
-    name = legal_name(name_main(program), longest, reserved=RESERVED).upper()
+    fitted, points = fit_moves(program).program, most or FORM.most
+    tool = np.eye(4) if program.tool is None else program.tool
+
+    def state_poses(poses: Array) -> Array:
+        turned = poses.copy()
+        turned[:, :3, :3] = turned[:, :3, :3] @ tool[:3, :3].T
+        return place_table(turned, "xyz")
+
+    name = FORM.name_program(fitted, points).upper()
     name = name if name[1:2].isalpha() or name[1:2] == "_" else f"P_{name}"
-    parts = name_parts(name, len(program), most or MOST)
-    blocks = _blocks(program)
-    for row, lines in phrase_events(program.events, program.wiring, PHRASES, "SINUMERIK").items():
-        text = "\n".join(lines)
-        blocks[max(row, 0)] = f"{text}\n{blocks[0]}" if row < 0 else f"{blocks[row]}\n{text}"
-    files = []
-    bodies = blocks
-    if len(parts) > 1:
-        bodies = [*parts]
-        for part, rows in parts.items():
-            files.append(folder / f"{part}.SPF")
-            write_text(files[-1], "\n".join([*blocks[rows], "M17", ""]))
-    files.append(folder / f"{name}.MPF")
+    format_part = partial(_format_part, {"zone": "G642"}, 1e3 * fitted.via_positions[:, :3, 3] + 0.0)
+    form = replace(FORM, numbers=state_poses)
+    return write_texts(folder, form.format_kind(fitted, name, points, format_part, _format_calls, linear=True))
+
+
+def _format_part(stands: dict[str, str], middles: Array, part: Part) -> dict[str, str]:
+    """Return a part; `stands` are the travel and the zone behind the one before, `middles` what arcs go through."""
+    lines = []
+    for move in part.moves:
+        zone = "G642" if move.zone == np.inf else f"G641 ADIS={1e3 * move.zone:.3f}"
+        lines.append([
+            *(["; the configuration changes: PTP travel"] if move.swings else []),
+            *change(stands, "travel", "PTP" if move.kind == "joint" else "CP"),
+            *change(stands, "zone", "" if move.stops else zone),
+            _format_move(part, move, middles[move.row].tolist()),
+        ])  # fmt: skip
+    blocks = part.weave(lines)
+    if len(part.parts) == 1:
+        return {f"{part.name}.MPF": _format_program(part.program, part.name, blocks)}
+    return {f"{part.name}.SPF": "\n".join([*blocks, "M17", ""])}
+
+
+def _format_calls(part: Part) -> dict[str, str]:
+    return {f"{part.name}.MPF": _format_program(part.program, part.name, [*part.parts])}
+
+
+def _format_program(program: Program, name: str, blocks: Sequence[str]) -> str:
     tool = np.eye(4) if program.tool is None else program.tool
     words = {
         "name": name, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "SINUMERIK"),
         "mass": "not known" if program.mass is None else f"{program.mass:.3f} kg",
         "rail": bool(program.prismatic.any()),
         "tool": (np.round(tool[:3, 3] * 1e3, 5) + 0.0).tolist(), "base": place_numbers(program.base_frame, "ZYX"),
-        "blocks": bodies,
+        "blocks": blocks,
     }  # fmt: skip
-    write_text(files[-1], render_post(program, "sinumerik", words))
-    return files
+    return render_post(program, "sinumerik", words)
 
 
-def _blocks(program: Program) -> list[str]:
-    tool = np.eye(4) if program.tool is None else program.tool
-    turned = program.positions.copy()
-    turned[:, :3, :3] = turned[:, :3, :3] @ tool[:3, :3].T
-    table, external = place_table(turned, "xyz"), program.joints[:, program.prismatic]
-    turns = turn_bits(program.joints[:, ~program.prismatic])
-    alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
-    arcs, via = program.arcs.tolist(), 1e3 * program.via_positions[:, :3, 3] + 0.0
-    curves, bend = program.curves.tolist(), np.zeros((len(program), 2, 3)) if program.bend is None else program.bend
-    travelled = np.diff(table[:, :3], axis=0, prepend=table[:1, :3])
-    second, third = find_coefficients(travelled, 1e3 * bend.transpose(1, 0, 2))
-    blocks, travel, zone = [], "", "G642"
-    zones = find_zones(program, ZONES["sinumerik"])[1].tolist()
-    for row, values in enumerate(table.tolist()):
-        place = _words(np.array([*values, *external[row]]))
-        exact, number = " G9" if stops[row] else "", f"N{10 * (row + 1)} "
-        kind, cam = "PTP" if alone[row] else "CP", program.write_comment_line(row, ";")
-        change, travel = ("" if kind == travel else f"{kind}\n"), kind
-        space = zone if stops[row] else "G642" if zones[row] == np.inf else f"G641 ADIS={1e3 * zones[row]:.3f}"
-        change, zone = change if space == zone else f"{change}{space}\n", space
-        note = "; the configuration changes: PTP travel\n" if program.swings[row] else ""
-        if alone[row]:
-            status = 0 if program.status is None else int(program.status[row])
-            blocks.append(f"{note}{change}{number}G0 {place} STAT={status} TU={turns[row]}{exact}")
-        else:
-            code, through = "G1", ""
-            if arcs[row]:
-                x, y, z = via[row].tolist()
-                code, through = "CIP", f" I1=AC({x:.5f}) J1=AC({y:.5f}) K1=AC({z:.5f})"
-            if curves[row]:
-                terms = zip("XYZ", values, second[row].tolist(), third[row].tolist(), strict=False)
-                poly = " ".join(f"PO[{name}]=({end:.5f},{two:.6f},{three:.6f})" for name, end, two, three in terms)
-                code, place, through = "POLY", f"{poly} {place.split(' ', 3)[3]}", " PL=1"
-            blocks.append(f"{change}{number}{code} {place}{through} F{program.feed[row] * 60.0:.3f}{exact}{cam}")
-    return blocks
-
-
-def _words(values: Array) -> str:
-    digits = (5, 5, 5, 6, 6, 6, 5)
-    names = ("X", "Y", "Z", "A2=", "B2=", "C2=", "E1=")[: len(values)]
-    return " ".join(f"{name}{value:.{digit}f}" for name, value, digit in zip(names, values + 0.0, digits, strict=False))
+def _format_move(part: Part, move: WrittenMove, middle: list[float]) -> str:
+    program, exact, number = part.program, " G9" if move.stops else "", f"N{10 * (move.row + 1)} "
+    names, digits = ("X", "Y", "Z", "A2=", "B2=", "C2=", "E1="), (5, 5, 5, 6, 6, 6, 5)
+    words = [
+        f"{name}{value + 0.0:.{digit}f}"
+        for name, value, digit in zip(names, [*move.place, *move.outer], digits, strict=False)
+    ]
+    if move.kind == "joint":
+        status = 0 if program.status is None else int(program.status[move.row])
+        return f"{number}G0 {' '.join(words)} STAT={status} TU={turn_bits(move.arm)}{exact}"
+    code, through = "G1", ""
+    if move.kind == "arc":
+        code, through = "CIP", " I1=AC({:.5f}) J1=AC({:.5f}) K1=AC({:.5f})".format(*middle)
+    cam = program.write_comment_line(move.row, ";")
+    return f"{number}{code} {' '.join(words)}{through} F{move.feed * 60.0:.3f}{exact}{cam}"
 
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:

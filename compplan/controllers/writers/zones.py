@@ -101,10 +101,6 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
         arc = find_arc(position[k - 1], via[k], position[k])
         if arc is not None:
             leaves[k], comes[k] = arc.directions()
-    for k in np.flatnonzero(program.curves[kept]).tolist():
-        assert program.bend is not None
-        slopes = program.bend[kept][k]
-        leaves[k], comes[k] = slopes / np.maximum(np.linalg.norm(slopes, axis=1), 1e-12)[:, None]
     turn = np.linalg.norm(np.r_[leaves[1:], comes[-1:]] - comes, axis=1)
     corners, beside = program.corners[kept], program.corner[kept]
     if program.corner_shift is not None:

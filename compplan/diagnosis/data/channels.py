@@ -40,8 +40,7 @@ class Channel:
         residual: Measured minus expected, base axes. Shape (r, c). [m or rad]
         group: Stay or path block of each row, ascending. Shape (r,).
         noise: Its noise.
-        direction: Direction in which a row tells one number, NaN where it tells all; None: all rows tell all. Shape
-            (r, 3).
+        direction: Direction (r, 3) in which a row tells one number, NaN where it tells all; None: all rows tell all.
     """
 
     name: str
@@ -106,14 +105,7 @@ def position_residual(campaign: Campaign, scene: ForwardModel, attained: Attaine
 def build_channels(
     scene: ForwardModel, attained: Attained, use: NDArray[np.bool_], noises: dict[str, Noise]
 ) -> tuple[Channel, ...]:
-    """Compare a campaign with what a scene comes to.
-
-    Args:
-        scene: The scene; its campaign holds what was measured.
-        attained: What the scene comes to.
-        use: Rows to use. Shape (n,).
-        noises: Noise of each channel by name.
-    """
+    """Compare the measurements of a scene's campaign with what the scene comes to, in the rows to use, shape (n,)."""
     campaign, block = scene.campaign, block_index(scene.campaign)
     use = use & campaign.usable
     rows = np.flatnonzero(use)
@@ -152,11 +144,8 @@ def estimate_noises(
 ) -> dict[str, Noise]:
     """Estimate the noise of every channel from all that the campaign and the robot folder tell.
 
-    Args:
-        campaign: The campaign.
-        attained: What a model expects; it only removes what moves between neighbouring samples and between visits.
-        repeatability: What the robot folder states, per axis, or None. [m]
-        frames: Frames of the campaign, or None.
+    `attained` only removes what moves between neighbouring samples and between visits; `repeatability` is what the
+    robot folder states, per axis [m].
     """
     use = campaign.usable
     noises = {}

@@ -14,7 +14,7 @@ from compplan.controllers.writers.joint_convention import load_controller
 from compplan.diagnosis.data.shared import ROUNDING, SAMPLE, STEPS
 from compplan.effects import Effect, apply_effects, build_model, solve_model_poses
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import stated_registration
 from compplan.robot import Array, Robot, load_robot
 
@@ -32,13 +32,7 @@ BRANDS = ("fanuc_m10ia", "kuka_kr240", "kuka_kr270")
 
 
 def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]) -> tuple[Effect, ...]:
-    """Find joint conventions (signs, zeros, couplings) without which the log is far off the model.
-
-    Args:
-        robot: The nominal robot.
-        campaign: The measured poses.
-        register: Frames that are fitted with each candidate convention.
-    """
+    """Find joint conventions (signs, zeros, couplings) without which the log is far off the model, frames fitted."""
     rows = np.flatnonzero(campaign.usable & campaign.measured)
     if not len(rows):
         return ()
@@ -87,15 +81,7 @@ def expect_targets(robot: Robot, campaign: Campaign, register: tuple[str, ...], 
 def size_convention(
     robot: Robot, campaign: Campaign, register: tuple[str, ...], found: list[Effect], effect: Effect
 ) -> tuple[float, Effect]:  # fmt: skip
-    """Find the ratio or zero of a convention by damped Gauss-Newton steps. Returns the typical gap [m] and the effect.
-
-    Args:
-        robot: The nominal robot.
-        campaign: The rows that are compared.
-        register: Frames that are fitted to each hypothesis.
-        found: Conventions that were found before.
-        effect: The convention; its ratio or zero is the unknown.
-    """
+    """Find the ratio or zero of a convention by damped Gauss-Newton steps; return typical gap [m] and effect."""
     key = "ratio" if "ratio" in effect.parameters else "zero_rad"
     best, size = (np.inf, effect), 0.0
     for _ in range(STEPS):
@@ -143,8 +129,8 @@ def hypotheses(robot: Robot) -> Iterator[Effect]:
 def list_countings(robot: Robot) -> list[tuple[str, tuple[Effect, ...]]]:
     """List controllers that count otherwise than a URDF does, and the conventions that undo each.
 
-    The robot folder's own controller, and those of shipped robots of as many joints. With c the controller's joints and
-    q the URDF's, c = M q + z: q = M^-1 c - M^-1 z.
+    They are the robot folder's own and those of shipped robots of as many joints. With c the controller's joints and q
+    the URDF's, c = M q + z: q = M^-1 c - M^-1 z.
     """
     own = [robot] if robot.folder is not None and (robot.folder / "controller.toml").is_file() else []
     shipped = [load_robot(name) for name in BRANDS]

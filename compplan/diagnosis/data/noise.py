@@ -1,11 +1,8 @@
 """Noise: what a perfect model of the robot would leave, from everything that a campaign and its robot folder tell.
 
 A row of a stay differs from its neighbours by the instrument; a stay differs from the next one at the same pose by what
-the robot does not repeat. With instrument variance v and repeatability variance r, per axis,
-
-    rows of one stay          scatter by v              (same visit, row after row)
-    means of n rows of stays  scatter by r + v / n      (the same pose met again anywhere in the campaign)
-    a campaign of single rows scatters by v + r
+the robot does not repeat. With instrument variance v and repeatability variance r, per axis, rows of one stay scatter
+by v, means of n rows of stays at one pose by r + v / n, and a campaign of single rows by v + r.
 
 Each variance rests on degrees of freedom, those of a sum on Welch and Satterthwaite's formula
 (v + r)^2 / (v^2 / a + r^2 / b) [Satterthwaite1946]. The evidence holds the noise to its estimate by the chi-square
@@ -68,8 +65,8 @@ class Noise:
         sigma: Standard deviation of a row about what its stay has in common, mean square over the rows. [m or rad]
         witnesses: Degrees of freedom that it rests on.
         source: What told it.
-        stay: Standard deviation of what a stay has in common: the robot's repeatability. Zero where stays are single
-            rows, whose `sigma` holds it. [m or rad]
+        stay: Standard deviation of what a stay has in common, the repeatability; 0 where `sigma` of single rows holds
+            it.
         spread: Standard deviation of each row over `sigma`; empty where all rows are alike. Shape (n,) or (0,).
     """
 
@@ -183,11 +180,7 @@ def _repeatability(
 ) -> tuple[float, float, str]:  # fmt: skip
     """Return the variance of the robot's repeatability, its degrees of freedom, and who told it ("" for nobody).
 
-    Args:
-        excess: Variance between stays at one pose beyond the instrument's. [m^2]
-        count: Degrees of freedom of it; 0 where no pose was met again.
-        stated: What the robot folder states, or None. [m]
-        instrument: Variance of the instrument. [m^2]
+    `excess` is the variance between stays at one pose beyond the instrument's [m^2], `count` its degrees of freedom.
     """
     told = []
     if stated is not None and stated > 0:
@@ -266,12 +259,7 @@ def _path_roughness(campaign: Campaign, gap: Array) -> tuple[float, float]:
 
 
 def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
-    """Find rows whose gap stands far out of all others, before any effect is known.
-
-    Args:
-        campaign: The campaign.
-        gap: Measured minus expected positions. Shape (n, 3). [m]
-    """
+    """Find rows whose gap (n, 3) stands far out of all others, before any effect is known."""
     length = np.linalg.norm(np.where(campaign.usable[:, None], gap, 0.0), axis=1)
     usable = length[campaign.usable]
     if len(usable) < ENOUGH_ROWS:
@@ -281,16 +269,10 @@ def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
 
 
 def find_outliers(campaign: Campaign, residual: Array, sigma: float, considered: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Find rows that stand out of the scatter that a fitted model leaves.
+    """Find rows among those considered, shape (n,), that stand out of the scatter `sigma` that a model leaves. [m]
 
     Where more rows stand out than gross errors can be, they are structure, and only those beyond all others are
     outliers.
-
-    Args:
-        campaign: The campaign.
-        residual: Measured minus fitted positions. Shape (n, 3). [m]
-        sigma: Standard deviation of the scatter per axis. [m]
-        considered: Rows that may be outliers. Shape (n,).
     """
     length = np.where(considered & campaign.usable, np.linalg.norm(np.nan_to_num(residual), axis=1), 0.0)
     count = int(np.ceil(MOST * (length > 0).sum()))

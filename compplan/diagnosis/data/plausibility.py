@@ -13,18 +13,21 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 from scipy.special import chdtri
 
 from compplan.diagnosis.data.conventions import CONVINCING, find_conventions, typical_gap
+from compplan.diagnosis.data.noise import ASSUMED_SIGMA
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SAMPLE, rank_number
-from compplan.diagnosis.data.signs import fit_positive, shape_elastics
 from compplan.effects import apply_effects, build_model, robot_effects, solve_model_poses
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.measurement.registration import campaign_gap, fitted_parts
-from compplan.robot import Array, Robot
+from compplan.robot import Array, Robot, Spring
 from compplan.statics.chain import build_chain, jacobian, locate_frames
+from compplan.statics.elastic import spring_torque
+from compplan.statics.elements import ELASTIC_AXES
 
 #: A gap above this is no effect of the vocabulary: centimetres are frames, tools, units or conventions (assumed). [m]
 NO_EFFECT = 20e-3
@@ -59,14 +62,7 @@ CHECKS = CheckSettings()
 
 
 class QuestionRows(NamedTuple):
-    """Rows that the questions are asked of, in order; n of them.
-
-    Attributes:
-        campaign: The rows.
-        position: TCP that the nominal robot predicts, base frame. Shape (n, 3). [m]
-        rotation: Its orientation. Shape (n, 3, 3).
-
-    """
+    """Rows that the questions are asked of, and the TCP that the nominal robot predicts. Shapes (n, 3), (n, 3, 3)."""
 
     campaign: Campaign
     position: Array
@@ -80,13 +76,9 @@ class QuestionRows(NamedTuple):
 
 @dataclass(frozen=True)
 class Question:
-    """Something to ask before anything is fitted.
+    """Something to ask before anything is fitted: what it is about, and a sentence with the figure that shows it.
 
-    Attributes:
-        about: What it is about, in a word or two.
-        sentence: What is odd, with the figure that shows it, and what may be meant.
-        event: Whether an event of the campaign explains it, which a diagnosis can model: nothing has to be answered.
-
+    `event` tells whether an event of the campaign explains it, which a diagnosis can model: nothing has to be answered.
     """
 
     about: str
@@ -95,16 +87,7 @@ class Question:
 
 
 def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str] = ()) -> list[Question]:
-    """Look for mistakes that have to be settled before a gap is explained.
-
-    Args:
-        robot: The nominal robot.
-        campaign: What was measured.
-        register: Frames that nobody knows, of "base" and "tool".
-
-    Returns:
-        Questions, the most basic first; none where nothing is odd.
-    """
+    """Return questions that have to be settled before a gap is explained, the most basic first."""
     sighted = ask_sights(robot, campaign, register)
     if sighted:
         return [sighted]
@@ -276,9 +259,9 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
 
     Residuals against the rigid robot are fitted by geometry, zeros and frames (with priors), and by a compliance
     c_j >= 0 of every joint: r = ... + sum_j c_j J_j (t_weight + t_load)_j. Reversed deviations fit with both loads
-    reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot are not
-    seen: they look like another compliance. Without loads springs are a small part of what is there: those of the wrong
-    sign have to be as sure beside none as beside right ones.
+    reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot look
+    like another compliance. Without loads, springs of the wrong sign have to be as sure beside none as beside right
+    ones.
     """
     shapes = shape_elastics(robot, rows.campaign, register)
     if not (np.abs(shapes.weight).any() or np.abs(shapes.load).any()):
@@ -330,9 +313,9 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
 def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask about runs whose poses lie on the nominal robot while those of others, under the same load, lie far off it.
 
-    Frames are fitted to each run by itself, so that no shift between runs counts. Controllers with an accurate model of
-    the arm correct poses of programs; poses that were jogged by hand are not. A frame or a tool that moves inside a
-    run is an event, which the diagnosis models.
+    Controllers with an accurate model of the arm correct poses of programs; poses that were jogged by hand are not.
+    Frames are fitted to each run by itself. A frame or a tool that moves inside a run is an event, which the diagnosis
+    models.
     """
     campaign, parts = rows.campaign, tuple(dict.fromkeys(("base", *register)))
     found: list[tuple[float, float, str, NDArray[np.int_], Array]] = []
@@ -375,15 +358,9 @@ def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
 def find_event(rows: QuestionRows, run: NDArray[np.int_], gap: Array, most: float) -> str:
     """Return the event in a run that explains its gap: a frame or a tool that moved, at once or steadily; else empty.
 
-    The gap is fitted by a motion of the base frame (6 values) and a shift of the target on the flange (3) that hold in
-    the whole run, and, where that leaves too much, by one of these from a row on or growing from row to row. A
-    second event is looked for where one leaves too much.
-
-    Args:
-        rows: The rows.
-        run: Rows of the run. Shape (k,).
-        gap: Measured minus expected positions, the run's frame fitted. Shape (k, 3). [m]
-        most: Root mean square that the event may leave. [m]
+    The gap (k, 3) of the run's rows is fitted by a motion of the base frame (6 values) and a shift of the target on the
+    flange (3) that hold in the whole run, and, where that leaves more than `most` (rms, m), by one or two of these from
+    a row on or growing from row to row.
     """
     campaign = rows.campaign
     poses = 3 * len(np.unique(campaign.pose[run]))
@@ -418,13 +395,7 @@ def find_event(rows: QuestionRows, run: NDArray[np.int_], gap: Array, most: floa
 
 
 def _robust_rms(design: Array, gap: Array, values: int) -> float:
-    """Return what a linear model leaves of a gap, as root mean square of a pose whatever gross errors add. [m]
-
-    Args:
-        design: Motion by each parameter. Shape (k, 3, p).
-        gap: The gap. Shape (k, 3). [m]
-        values: Independent values that the gap holds.
-    """
+    """Return what a linear model (k, 3, p) leaves of a gap (k, 3) of so many values, whatever gross errors add. [m]"""
     weight = np.ones(len(gap))
     for _ in range(CHECKS.robust_rounds):
         columns = (weight[:, None, None] * design).reshape(-1, design.shape[2])
@@ -473,3 +444,60 @@ def _too_large(gap: float) -> str:
 
 def _mm(length: float) -> str:
     return f"{length * 1e3:.3g} mm"
+
+
+#: Errors of geometry that the sign test allows: metres, and radians (assumed).
+GEOMETRY = 2e-3
+
+
+class ElasticShapes(NamedTuple):
+    """What the sign test fits, in units of the noise, what geometry can explain taken off; k equations.
+
+    `residual` is measured minus rigid (k,), `weight` and `load` the deflection per unit compliance of each joint (k,
+    nq).
+    """
+
+    residual: Array
+    weight: Array
+    load: Array
+
+
+def shape_elastics(robot: Robot, campaign: Campaign, register: Sequence[str]) -> ElasticShapes:
+    """State what springs of every joint would do to the rows of a campaign, its own springs left out, frames fitted."""
+    own = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
+    frames_of = tuple(Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in ELASTIC_AXES)
+    bare = replace(robot, springs=own + frames_of, link_elasticities=(), gravity=robot.real_gravity, effects=())
+    chain = build_chain(bare)
+    frames, n = locate_frames(chain, campaign.q), len(campaign.position)
+    at = chain.spring_elements
+    turn = jacobian(chain, frames)[:, :3, at]
+    weight = spring_torque(chain, frames, np.zeros((n, 6)))[:, at]
+    load = spring_torque(chain, frames, campaign.wrench)[:, at] - weight
+    joints = np.array(["." not in name for name in chain.spring_names])
+    position, measured = frames.tcp_position, campaign.position
+    if register:
+        fitted = fit_registration(campaign, position, frames.tcp_rotation, register)
+        position = fitted.locate_targets(campaign, position, frames.tcp_rotation)
+        measured, position = ((p - fitted.base[:3, 3]) @ fitted.base[:3, :3] for p in (measured, position))
+    sigma = ASSUMED_SIGMA["position"]
+    swing = np.swapaxes(np.cross(np.eye(3)[None], position[:, None, :]), 1, 2)
+    free = np.concatenate([turn, np.broadcast_to(np.eye(3), (n, 3, 3)), frames.tcp_rotation, swing], axis=2)
+    free = np.vstack([free.reshape(3 * n, -1) / sigma, np.eye(free.shape[2]) / GEOMETRY])
+    basis = np.linalg.qr(free)[0]
+
+    def project(columns: Array) -> Array:
+        padded = np.vstack([columns.reshape(3 * n, -1) / sigma, np.zeros((free.shape[1], columns[0].size // 3))])
+        return np.asarray(padded - basis @ (basis.T @ padded))
+
+    yields = (project((turn * part[:, None, :])[:, :, joints]) for part in (weight, load))
+    return ElasticShapes(project((measured - position)[:, :, None])[:, 0], *yields)
+
+
+def fit_positive(shapes: ElasticShapes, weight_sign: float, load_sign: float) -> float:
+    """Fit compliances >= 0 under weights and loads of these signs; return the sum of squares that is left."""
+    columns = weight_sign * shapes.weight + load_sign * shapes.load
+    size = np.linalg.norm(columns, axis=0)
+    seen = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
+    if not seen.any():
+        return float(shapes.residual @ shapes.residual)
+    return float(nnls(columns[:, seen] / size[seen], shapes.residual)[1] ** 2)

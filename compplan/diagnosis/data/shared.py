@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtri
 
+from compplan.robot import Array
+
 #: Every interval and every test against chance is at this level (theory: the usual 95 %).
 LEVEL = 0.95
 #: Standard deviations of a two-sided interval at that level (theory).
@@ -47,3 +49,8 @@ def beats_chance(tried: int) -> float:
     the best of n is beyond g = log(n / (1 - level)) in the share 1 - level of all cases.
     """
     return float(np.log(max(tried, 1) / (1.0 - LEVEL)))
+
+
+def rms_length(rows: Array) -> float:
+    """Return the root mean square length of vectors, shape (n, k); 0 of none."""
+    return float(np.sqrt(np.mean(np.sum(rows**2, axis=1)))) if len(rows) else 0.0

@@ -65,11 +65,8 @@ class Hyper:
 class ProductWeights:
     """How products K enter the evidence.
 
-    Attributes:
-        channel: Channel of each. Shape (K,).
-        size: Rows of the stays whose means they are of; 0 for all rows of a channel with longer stays. Shape (K,).
-        whole: 1 for products of all rows of a channel, 0 for means beside them. Shape (K,).
-        count: Number of values. Shape (K,).
+    `channel` is that of each, `size` the rows of the stays whose means they are of (0 for all rows of a channel with
+    longer stays), `whole` 1 for products of all rows of a channel and 0 for means beside them, `count` that of values.
     """
 
     channel: NDArray[np.int_]
@@ -94,14 +91,7 @@ class ProductWeights:
 
 @dataclass(frozen=True, eq=False)
 class ManyRows:
-    """Products of the active columns.
-
-    Attributes:
-        weights: How they enter.
-        gram: Columns with columns. Shape (K, a a).
-        against: Columns with observations. Shape (K, a).
-        square: Observations with themselves. Shape (K,).
-    """
+    """Products K of the active columns: gram (K, a a) and against (K, a), and square (K,) of the observations."""
 
     weights: ProductWeights
     gram: Array
@@ -129,15 +119,8 @@ class ManyRows:
 class SolvedColumns:
     """The solution at one noise and background.
 
-    Attributes:
-        rows: The products.
-        hyper: Noise and background.
-        value: Log likelihood, without constant.
-        weight: Weights of the products. Shape (K,).
-        lower: Lower factor of 1 + R G R, R the columns' standard deviations. Shape (a, a).
-        deviation: Those standard deviations. Shape (a,).
-        mean: Values of the columns. Shape (a,).
-        pull: a - G m. Shape (a,).
+    `weight` is that of the products (K,), `lower` the factor of 1 + R G R with the columns' deviations R (a,), `mean`
+    their values and `pull` a - G m (a,); `value` is the log likelihood, without constant.
     """
 
     rows: ManyRows
@@ -252,12 +235,12 @@ def mirror_lower(triangle: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class FewRows:
-    """The values of all channels, and the active columns.
+    """The N values of all channels, in units of the noise, turned, and the active columns.
 
     Attributes:
-        small: Columns of small errors, in units of the noise, turned. Shape (N, b).
+        small: Columns of small errors. Shape (N, b).
         large: Columns that are solved for by themselves. Shape (N, w).
-        observed: Values, in units of the noise, turned. Shape (N,).
+        observed: The values. Shape (N,).
         size: Rows of the stay whose mean a value is, 0 for none. Shape (N,).
         channel: Channel of each value. Shape (N,).
         wide: Which of the active columns are solved for by themselves. Shape (a,).
@@ -297,19 +280,9 @@ class FewRows:
 class SolvedRows:
     """The solution at one noise and background.
 
-    Attributes:
-        rows: The values.
-        hyper: Noise and background.
-        value: Log likelihood, without constant.
-        inverse: Inverse of the lower factor of V. Shape (N, N).
-        wide: Wide columns, whitened by it. Shape (N, w).
-        inner: Lower factor of 1 + R Phi_A^T V^-1 Phi_A R, R the wide columns' standard deviations. Shape (w, w).
-        deviation: Those standard deviations. Shape (w,).
-        variance: Prior variance of all columns. Shape (a,).
-        large: Values of the wide columns. Shape (w,).
-        pull: V^-1 (y - Phi_A a). Shape (N,).
-        noise: Variance v. Shape (N,).
-        shared: What the error that a stay shares adds to it. Shape (N,).
+    `inverse` is that of the lower factor of V (N, N), `wide` the wide columns whitened by it (N, w), `inner` the lower
+    factor of 1 + R Phi_A^T V^-1 Phi_A R with their deviations R (w,), `large` their values, `pull` V^-1 (y - Phi_A a)
+    (N,); `noise` is v (N,), `shared` what the error that a stay shares adds to it; `value` is the log likelihood.
     """
 
     rows: FewRows
@@ -352,8 +325,8 @@ class SolvedRows:
     def slopes(self) -> tuple[Array, Array, Array]:
         """Return the derivatives of the log likelihood by log noise, log shared error, and the columns' variances.
 
-        With P = (V + Phi_A D_A Phi_A^T)^-1 and its pull P y: 1/2 ((c^T P y)^2 - c^T P c) for every column c; zero for
-        wide columns, which are not asked for. Shapes (channels,), (channels,), (a,).
+        With P = (V + Phi_A D_A Phi_A^T)^-1: 1/2 ((c^T P y)^2 - c^T P c) for every column c; zero for wide columns,
+        which are not asked for. Shapes (channels,), (channels,), (a,).
         """
         rows, channels = self.rows, len(self.hyper.log_noise)
         by_value = 0.5 * (self.pull**2 - self._precision_squares(self.inverse))
@@ -378,10 +351,7 @@ def gather_rows(
 ) -> FewRows | None:
     """Gather the values of all channels; None where there are no fewer of them than of the active columns.
 
-    Args:
-        channels: The products.
-        active: Active columns.
-        wide: Which of these may be large. Shape (active,).
+    `wide` tells which of these may be large. Shape (active,).
     """
     if sum(channel.total.count for channel in channels) >= len(active):
         return None

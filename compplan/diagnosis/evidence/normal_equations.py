@@ -1,7 +1,7 @@
 """Normal equations: all that a campaign says about every signature, as inner products.
 
-Once the products of the columns with each other and with the observations are there, the evidence of any set of effects
-under any noise and background costs a small Cholesky factor, and no row of the campaign is touched again.
+Once they are there, the evidence of any set of effects under any noise and background costs a small Cholesky factor,
+and no row of the campaign is touched again.
 """
 
 from __future__ import annotations
@@ -61,12 +61,13 @@ class ChannelRows:
 
 @dataclass(frozen=True, eq=False)
 class ChannelProducts:
-    """Products of one channel: of all values, and of the mean of each group (times its size), by size of group.
+    """Products of one channel, in units of the noise.
 
     Attributes:
         name: Name of the channel.
-        total: Products of all values, in units of the noise.
-        means: Products of the group means by group size; `total` itself where every group is a single row.
+        total: Products of all values.
+        means: Products of the group means (times the root of its size) by group size; `total` itself where every group
+            is a single row.
         witnesses: Degrees of freedom that the noise rests on.
         rows: The values themselves, where they are fewer than the columns.
     """
@@ -134,13 +135,9 @@ class NormalEquations:
 def build_normal_equations(
     channels: Sequence[Channel], signatures: Sequence[Signature], values: dict[str, float]
 ) -> NormalEquations:
-    """Multiply everything with everything.
+    """Multiply everything with everything, observations referred to zero parameters.
 
-    Args:
-        channels: Observations minus what the current model expects.
-        signatures: Signatures at the current model.
-        values: Current values of parameters (SI) by column; the observations are referred to zero parameters by adding
-            them back.
+    `values` are the current values of parameters (SI) by column, which are added back.
     """
     index, names, scale, picked = _number_columns(signatures, [])
     designs = [_design(channel, signatures, picked) for channel in channels]
@@ -186,13 +183,7 @@ def extend_normal_equations(equations: NormalEquations, signatures: Sequence[Sig
 def select_rows(
     equations: NormalEquations, rows: NDArray[np.bool_], columns: NDArray[np.int_]
 ) -> tuple[ChannelProducts, ...]:
-    """Return the products over some rows and columns only.
-
-    Args:
-        equations: The normal equations.
-        rows: Rows of the campaign to use. Shape (n,).
-        columns: Columns to use.
-    """
+    """Return the products over some rows of the campaign, shape (n,), and some columns only."""
     result = []
     for channel, design, observed in zip(equations.source, equations.designs, equations.observed, strict=True):
         keep = rows[channel.rows]
@@ -319,13 +310,8 @@ def turn_rows(
 ) -> ChannelRows:
     """Turn values so that the first of every group is its mean times the root of its size [Helmert1876].
 
-    A reflection takes the vector of ones to the first axis: x - u (u^T x) 2 / (u^T u), u = 1 - sqrt(n) e_1.
-
-    Args:
-        group: Group of each row, in order. Shape (r,).
-        design: Columns. Shape (r, c, p).
-        observed: Values. Shape (r, c).
-        told: Which values were told; all if left out. Shape (r, c).
+    A reflection takes the vector of ones to the first axis: x - u (u^T x) 2 / (u^T u), u = 1 - sqrt(n) e_1. Shapes of
+    group, design, observed and told: (r,), (r, c, p), (r, c), (r, c).
     """
     both = np.concatenate([design, observed[..., None]], axis=-1)
     size = np.zeros(observed.shape)

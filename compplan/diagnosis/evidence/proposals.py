@@ -64,10 +64,7 @@ PROPOSALS = ProposalSettings()
 def propose_shifts(at: Linearization, channels: Sequence[Channel], left: Sequence[Array]) -> list[Signature]:
     """Propose shifts of frame and tool at the rows where a step explains most.
 
-    Args:
-        at: The linearization.
-        channels: Channels of observations.
-        left: What the model leaves in each channel, in units of the noise. Shape (r, c) each.
+    `left` is what the model leaves in each channel, in units of the noise. Shape (r, c) each.
     """
     starts = np.flatnonzero(np.r_[False, np.diff(at.campaign.stay) > 0])
     kinds = ((frame_shift, base_twists(at) * BASE_SCALE), (tool_shift, tool_twists(at) * TOOL_SCALE))
@@ -270,12 +267,8 @@ def _match_waves(
 def find_series(angle: Array, pull: Array, weight: Array, grid: Array, slides: bool) -> float:
     """Return the cycles of the wave with overtones that has the largest evidence, all as large as the largest sine.
 
-    Args:
-        angle: Angles of the joint. Shape (n,).
-        pull: What is left, projected on the joint's motion. Shape (n,).
-        weight: Square of that motion. Shape (n,).
-        grid: Cycles to look at. Shape (f,).
-        slides: Whether the joint is prismatic.
+    `pull` is what is left, projected on the joint's motion, `weight` the square of that motion, both over the joint's
+    `angle`, shape (n,); `grid` holds the cycles to look at.
     """
     _, rest = _take_out_line(angle, pull, weight)
     overtones = enumerate(OVERTONES)

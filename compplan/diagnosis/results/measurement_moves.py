@@ -18,7 +18,7 @@ from compplan.effects.forward_model import Attained
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.poses.pool import take_clear
+from compplan.measurement.pose_selection import take_clear
 from compplan.robot import Array, Robot
 
 #: Step of the finite differences of an exact model, in units of a parameter's scale (theory: its error, and that of a
@@ -102,13 +102,10 @@ class Pool:
 
 
 def list_moves(robot: Robot, campaign: Campaign, seed: int = SEED) -> tuple[Campaign, tuple[MeasuringMove, ...]]:
-    """Lay out candidate moves as the continuation of a campaign.
+    """Lay out candidate moves as the continuation of a campaign: its first rows, then theirs; and list the moves.
 
     Poses stay within the joint limits, no lower and no nearer to the base axis than the campaign went; loads stay
     within the largest load of the campaign. Whether cables and surroundings allow a pose is not known here.
-
-    Returns:
-        A campaign that begins with the first rows of the old one, and the moves among its rows.
     """
     random = np.random.default_rng(seed)
     poses = draw_poses(robot, campaign, MOVES.poses, random)

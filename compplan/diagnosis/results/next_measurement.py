@@ -21,19 +21,18 @@ from scipy.special import expit, logit, ndtri
 
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
 from compplan.diagnosis.evidence.candidates import offered_signatures
-from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves, probe_signature
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import Finding
 from compplan.diagnosis.search.search import SHIFTS, TRIED, Claim, Model
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import is_comparable
-from compplan.diagnosis.validation.calibrated_probability import TEMPER
+from compplan.diagnosis.validation.probability import TEMPER
+from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.effects.signature import Signature
-from compplan.measurement.poses.exchange import grow_choice, settle_choice
-from compplan.measurement.poses.information import odds_gains, weight_rows
+from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, weight_rows
 from compplan.robot import Array
 
 #: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most, too
@@ -48,15 +47,7 @@ NOTHING = "none"
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two explanations of one campaign.
-
-    Attributes:
-        first: Place of the claim.
-        second: Place of its rival, or None: the claim left out.
-        model: The model that holds the claim.
-        other: The same with the rival in its place.
-        log_odds: Log odds of the first against the second, tempered.
-    """
+    """Two explanations: places of claim and rival (None: no claim), their models, log odds of the first, tempered."""
 
     first: Place
     second: Place | None
@@ -81,15 +72,10 @@ class DifferenceShown(NamedTuple):
 
 @dataclass(frozen=True)
 class Proposal:
-    """A measurement that separates two explanations.
+    """A measurement that separates two explanations; the second is None where the question is whether there is any.
 
-    Attributes:
-        separates: The two places; the second is None where the question is whether there is an effect at all.
-        kind: One of `KINDS`.
-        moves: The moves, the most telling first.
-        probability: Probability that the better explanation has now.
-        gain: By how much the probability of the true one is expected to rise.
-        information: Expected log likelihood ratio between the two.
+    `moves` of one kind, the most telling first; `probability` of the better explanation now, `gain` by how much that of
+    the true one is expected to rise, `information` the expected log likelihood ratio.
     """
 
     separates: tuple[Place, Place | None]
@@ -104,9 +90,6 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Propose what to measure next, as `next_measurement` of diagnosis.json holds it, the most telling first.
 
     Nothing is proposed where no positions were measured: poses at a socket or a gauge are not free to choose.
-
-    Args:
-        diagnosis: The diagnosis.
     """
     fit, verdict = diagnosis.fit, diagnosis.verdict
     pairs = list(find_pairs(fit, (*verdict.findings, *verdict.doubtful)))
@@ -234,13 +217,7 @@ def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> 
 
 
 def predict_difference(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> DifferenceShown:
-    """Return what moves show of the difference of two models, as `compplan.measurement.poses.information` counts it.
-
-    Args:
-        pair: The two models.
-        design: Columns at further rows, channels side by side, in units of the noise of a row. Shape (n, c, p).
-        moves: The moves; a short one has rows that show nothing.
-    """
+    """Return what moves show of the difference of two models; `design`: columns at further rows. Shape (n, c, p)."""
     two = [model.posterior for model in (pair.model, pair.other)]
     columns = np.concatenate([design[:, :, posterior.columns] for posterior in two], axis=2)
     longest = max(len(move.rows) for move in moves)
@@ -257,8 +234,7 @@ def predict_difference(pair: Pair, design: Array, moves: Sequence[MeasuringMove]
 def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], float]:
     """Pick moves for what each adds to those before, as many as add to the expected gain, then exchange them.
 
-    Returns:
-        The numbers of the moves, and the expected log likelihood ratio of all of them together.
+    Returns their numbers, and the expected log likelihood ratio of all of them together.
     """
     worth = weight_rows(odds_gains, shown.covariance, shown.rows, 1.0, shown.mean)
 
@@ -284,12 +260,7 @@ def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> f
     """Return by how much the probability of the true one of two explanations is expected to rise.
 
     The log likelihood ratio of the new rows is normal, of mean +-information and variance 2 information (of the
-    untempered ratio) under either explanation.
-
-    Args:
-        log_odds: Log odds of the first explanation now.
-        information: Expected log likelihood ratio, divided by the temper.
-        temper: What log odds are divided by.
+    untempered ratio) under either explanation. `information` is divided by the temper already.
     """
     # the middles of parts of equal probability
     spread = np.sqrt(2.0 * information / temper) * ndtri((np.arange(SAMPLE) + 0.5) / SAMPLE)

@@ -9,32 +9,35 @@ noise variance. Claim and alternatives have weights 1 and exp(-d / 2), normalise
 (-a, b) where this holds the claim, by (0, b) where it does not, and adds w m m^T with m that difference.
 
 What held-out poses show beyond noise and parameters is unexplained. A conformal step widens both until the band holds
-those poses.
+those poses. Intervals of named effects hold given that these, and no others, are present.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from compplan.diagnosis.data.channels import group_poses
-from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE
+from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, NEGLIGIBLE, SAMPLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION, in_background
 from compplan.diagnosis.evidence.evidence import TAU_SCALE
-from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.results.verdict import Verdict
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState
 from compplan.diagnosis.validation.ambiguity import AlternativeEffect, imitate_claim
 from compplan.diagnosis.validation.held_out import HeldOut, with_claims
+from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import is_of_instrument
-from compplan.effects.signature import Signature
+from compplan.effects.forward_model import own_springs
+from compplan.effects.signature import Effect, Signature
 from compplan.measurement.distance import calibrate_band
-from compplan.robot import Array
-from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, split_unknowns, spread_unknowns
 from compplan.uncertainty.assumed import free_base
 
 #: Frames of a campaign and of a tool are no causes in a robot.
@@ -108,19 +111,25 @@ def state_uncertainty(
     return free_base(fit.problem.robot, stated) if adrift else stated
 
 
-def state_sizes(fit: Fit, named: Sequence[Claim], calibration: float) -> Uncertainty:
-    """State how surely the sizes of named effects are known where these effects, and no others, are present.
+def state_sizes(fit: Fit, named: Sequence[Claim], calibration: float) -> tuple[Uncertainty, set[int]]:
+    """State how surely the sizes of named effects are known where these, and no others, are present.
 
-    Args:
-        fit: The fit.
-        named: Claims of the effects.
-        calibration: Factor of all deviations that makes bands hold poses left out.
+    `calibration` is the factor of all deviations that makes bands hold poses left out.
+
+    Returns:
+        Their covariance, and the signatures whose 95 % region excludes zero: with values v and covariance C,
+        v^T C^-1 v above the 95 % point of chi-square.
     """
     fitted = with_claims(_with_usual_classes(fit), named, background=True)
-    present = replace(fit.state, values=dict.fromkeys(fit.search.equations.names, 1.0))
-    known = _collect(fitted, named, present)
+    equations, posterior = fitted.search.equations, fitted.model.posterior
+    known = _collect(fitted, named, replace(fit.state, values=dict.fromkeys(equations.names, 1.0)))
     unknowns, factor = spread_unknowns(known.unknowns, known.moment)
-    return Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration)
+    told = set()
+    for claim in named:
+        columns = equations.columns(claim.signature)
+        if 2.0 * posterior.loss_without(columns) > calibration**2 * chdtri(len(columns), 1.0 - LEVEL):
+            told.add(claim.signature)
+    return Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration), told
 
 
 def _with_usual_classes(fit: Fit) -> Fit:
@@ -212,14 +221,9 @@ def _model_covariance(fitted: Fit, known: _Known) -> Array:
 
 
 def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
-    """Find the distance over which errors that are left forget themselves, from pairs of poses. [m]
+    """Find the distance over which errors that are left (n, 3) forget themselves, from pairs of places (n, 3). [m]
 
     Least squares of r_i . r_j against a exp(-d_ij^2 / 2 l^2) over pairs of different poses, a >= 0 free.
-
-    Args:
-        place: Where the target stood. Shape (n, 3). [m]
-        left: What is left of it. Shape (n, 3). [m]
-        pose: Pose of each row. Shape (n,).
     """
     _, index, count = np.unique(pose, return_inverse=True, return_counts=True)
     index = index.reshape(-1)
@@ -268,13 +272,9 @@ def name_alternatives(verdict: Verdict) -> dict[int, tuple[AlternativeEffect, ..
 def explain_otherwise(
     fit: Fit, state: FitState, mean: Array, rivals: Mapping[int, Sequence[AlternativeEffect]]
 ) -> list[Explanation]:
-    """Find what the robot would be under the rivals of the claims that may be true.
+    """Find what the robot would be under the rivals of the claims that may be true, by signature.
 
-    Args:
-        fit: The fit.
-        state: What the folder holds.
-        mean: Posterior mean of every column, in units of its scale. Shape (p,).
-        rivals: Rivals of each claim, by its signature.
+    `mean` is the posterior mean of every column, in units of its scale. Shape (p,).
     """
     equations, found = fit.search.equations, []
     for number, others in rivals.items():
@@ -299,4 +299,35 @@ def explain_otherwise(
         for one, weight in mine:
             if weight / total >= NEGLIGIBLE:
                 found.append(replace(one, weight=weight / total))
+    return found
+
+
+def state_change(robot: Robot, effect: Effect, sizes: Uncertainty) -> dict[str, Any]:
+    """State the intervals of an effect's parameters, which hold 95 % where the effect is present.
+
+    Returns:
+        "interval95": lower and upper end by parameter, where one is known; and, of a joint's compliance that the model
+        knows, "change_percent": value, lower and upper end in percent of the model's.
+    """
+    deviation = {
+        key: float(sigma)
+        for unknown, widths in split_unknowns(sizes.unknowns, sizes.width)
+        if (unknown.effect, unknown.joint, unknown.axis) == tuple(effect.place)
+        for key, sigma in zip(unknown.keys, widths, strict=True)
+    }
+    ends = {
+        key: [float(value) - HALF_WIDTH * deviation[key], float(value) + HALF_WIDTH * deviation[key]]
+        for key, value in effect.parameters.items()
+        if key in deviation
+    }
+    if not ends:
+        return {}
+    found: dict[str, Any] = {"interval95": ends}
+    if effect.name == "joint_stiffness":
+        spring = own_springs(robot).get(robot.joint_names.index(str(effect.joint)))
+        key = next(iter(ends))
+        if spring is not None and spring.compliance > 0.0:
+            found["change_percent"] = [
+                round(100.0 * value / spring.compliance, 2) for value in (float(effect.parameters[key]), *ends[key])
+            ]
     return found

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.results.delivery import Delivery
-from compplan.diagnosis.results.intervals import state_change
+from compplan.diagnosis.results.posterior import state_change
 from compplan.diagnosis.results.verdict import CALIBRATED, Finding, Verdict
 from compplan.diagnosis.search.state import Fit
-from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
-from compplan.effects import robot_effects
+from compplan.diagnosis.validation.unmodelled import RevisedProbabilities
 from compplan.effects.linearization import Place
 from compplan.effects.signature import plain
 from compplan.io.display import MOST_LISTED, Curve, Curves, Shown
@@ -26,13 +25,7 @@ from compplan.robot.uncertainty import Uncertainty
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect on its own: how far it shrinks the held-out gap, and how probable it is.
-
-    Attributes:
-        place: Name, joint and axis.
-        held_out: Root mean square held-out distance with this effect alone (and the registration). [m]
-        probability: Probability that it is present; of a rival, its part of what the claim leaves.
-    """
+    """One effect on its own: its place, the rms that it leaves of rows left out [m], the probability that it holds."""
 
     place: Place
     held_out: float
@@ -46,12 +39,9 @@ class Gap:
     Attributes:
         before: Nominal robot, registered where asked.
         after: Updated robot.
-        held_out_before: The same over the rows that are held out in turn.
+        held_out_before: Nominal robot over the rows that are held out in turn.
         held_out_after: Updated robot, on rows that its fit never saw.
         noise_floor: What is left of a perfect model.
-        registration_only: Held out, base and tool fitted and nothing else.
-        generic: Held out, a generic fit of zeros and lengths (no named effect).
-        wrong: Held out, the best effect that was not named, alone.
     """
 
     before: float
@@ -59,9 +49,6 @@ class Gap:
     held_out_before: float
     held_out_after: float
     noise_floor: float
-    registration_only: float
-    generic: float
-    wrong: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,7 +68,7 @@ class Diagnosis(Shown):
         residual_after: Measured minus expected by the updated robot, base axes, all rows. Shape (n, 3). [m]
         registration: Frames fitted with the updated robot, or None.
         outliers: Rows reported as outliers.
-        deliveries: Robot folders that are written; the first is `updated`, and every figure is its own.
+        delivery: The robot folder that is written, which every figure belongs to.
         sizes: Covariance of the parameters of the named effects, given that these are present.
         noise: Where the noise floor comes from.
     """
@@ -97,7 +84,7 @@ class Diagnosis(Shown):
     residual_after: Array
     registration: Registration | None
     outliers: NDArray[np.int_]
-    deliveries: tuple[Delivery, ...]
+    delivery: Delivery
     sizes: Uncertainty
     noise: str
 
@@ -109,10 +96,6 @@ class Diagnosis(Shown):
         if frames is not None:
             place = (place - frames.base[:3, 3]) @ frames.base[:3, :3]
         return np.where(campaign.measured[:, None], place, self.fit.at.point)
-
-    def robot_of(self, delivery: Delivery) -> Robot:
-        """Return the robot folder of a delivery."""
-        return delivery.robot(self.robot, len(robot_effects(self.robot)))
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the answer: what is wrong, how far the gap shrinks."""
@@ -184,9 +167,6 @@ class Diagnosis(Shown):
                 "held_out_after_rms_mm": _mm(self.gap.held_out_after),
                 "noise_floor_mm": _mm(self.gap.noise_floor),
                 "noise_source": self.noise,
-                "held_out_registration_only_mm": _mm(self.gap.registration_only),
-                "held_out_generic_mm": _mm(self.gap.generic),
-                "held_out_best_wrong_effect_mm": _mm(self.gap.wrong),
             },
             "structure_left": {
                 "present": structure.left,
@@ -196,7 +176,7 @@ class Diagnosis(Shown):
                 "explained_rms_mm": _mm(structure.explained),
                 "depends_on": [dependence_table(f) for f in structure.dependences],
             },
-            "delivered": [delivery.to_json(number) for number, delivery in enumerate(self.deliveries)],
+            "delivered": {"kind": self.delivery.kind, "held_out_rms_mm": _mm(self.delivery.held.rms)},
             "calibration": {"explained_rms_mm": _mm(structure.background)},
             "outliers": [int(row) for row in self.outliers],
             "where": {},

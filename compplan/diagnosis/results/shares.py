@@ -1,28 +1,30 @@
 """Shares: the motion that a diagnosis gives to each of its causes, as parts of the mean square gap.
 
-The causes are the findings of the verdict and the small errors everywhere, with the posterior that the names come from,
-so that a place carries what is named there and nothing else. With the gap y (frames that are fitted anyway taken out),
-the motion m_g of each part and what all parts leave, r = y - sum m_g, the squares that come back where one part alone
-is taken out are
+The causes are the findings of the verdict and the small errors everywhere, with the posterior that the names come from.
+With the gap y (frames that are fitted anyway taken out), the motion m_g of each part and what all parts leave,
+r = y - sum m_g, the squares that come back where one part alone is taken out are
 
     d_g = |r + m_g|^2 - |r|^2 = m_g . (m_g + 2 r)
 
 and the parts divide what they explain together, |y|^2 - |r|^2, in proportion to them: parts that cancel each other keep
 their weight. Intervals draw the parameters from the posterior, the pose groups anew, and whether a finding is present
 from its probability: one that the campaign cannot tell from a rival elsewhere sits there half of the time.
+
+The small errors of a robot that was not calibrated are divided in the same way by joint and kind, with the posterior of
+the robot that goes out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import position_residual
-from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, SAMPLE, SEED, rank_number
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, LISTED, SAMPLE, SEED, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.results.verdict import CLAIMED, Finding
 from compplan.diagnosis.search.state import FitState, attain_state
@@ -96,7 +98,6 @@ class Shares:
         by_place: Share of each place: joints, other parts of the cell, small errors everywhere, not explained.
         by_factor: Share of what follows each factor, and what is not explained.
         carriers: Named findings with their shares, largest first.
-        together: By place and effect: share.
         noise: Share that noise explains.
         rows: Rows that were looked at. Shape (r,).
         gap: Their gap, frames taken out. Shape (r, 3). [m]
@@ -106,7 +107,6 @@ class Shares:
     by_place: dict[str, Share]
     by_factor: dict[str, Share]
     carriers: tuple[Carrier, ...]
-    together: dict[str, dict[str, float]]
     noise: float
     rows: NDArray[np.int_] = field(default_factory=lambda: np.zeros(0, int))
     gap: Array = field(default_factory=lambda: np.zeros((0, 3)))
@@ -119,16 +119,6 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
     parts, added = list_parts(diagnosis, motion)
     point, drawn = motion.divide(parts, added)
     every = [*parts, *added]
-    carriers = [
-        Carrier(part.place, part.effect, find_interval(share, values), part.probability)
-        for part, share, values in zip(every, point, drawn, strict=True)
-        if part.place != CALIBRATION and part.probability >= CLAIMED
-    ]
-    together: dict[str, dict[str, float]] = {}
-    for part, share in zip(every, point, strict=True):
-        if part.probability >= CLAIMED:
-            own = together.setdefault(part.place, {})
-            own[part.effect] = own.get(part.effect, 0.0) + share
     noise = min(motion.noise, max(1.0 - sum(point), 0.0))
     fate = motion.draw_fate(every)
     places = [[part.place, *(place for place, _ in part.elsewhere)] for part in every]
@@ -136,33 +126,24 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
     drivers = list(dict.fromkeys(name for own in factors for name in own))
     first = [*diagnosis.robot.joint_names, *(name for own in places for name in own if name != CALIBRATION)]
     stated = [share if part.probability >= CLAIMED else 0.0 for part, share in zip(every, point, strict=True)]
+    carriers, motions = [], dict[str, Array]()
+    for part, share, values in sorted(zip(every, point, drawn, strict=True), key=lambda one: -rank_number(one[1])):
+        if part.probability < CLAIMED:
+            continue
+        name = CALIBRATION
+        if part.place != CALIBRATION:
+            name = f"{part.effect.replace('_', ' ')}, {part.place}"
+            carriers.append(Carrier(part.place, part.effect, find_interval(share, values), part.probability))
+        motions[name] = motions.get(name, 0.0) + part.motion.reshape(-1, 3)
     return Shares(
-        by_place=add_up([*dict.fromkeys(first), CALIBRATION], places, stated, drawn, fate, noise),
-        by_factor=add_up(drivers, factors, stated, drawn, fate, noise),
-        carriers=tuple(sorted(carriers, key=lambda c: -rank_number(c.share.share))), together=together, noise=noise,
-        rows=motion.rows, gap=motion.gap.reshape(-1, 3), motions=_collect_motions(every, point),
+        add_up([*dict.fromkeys(first), CALIBRATION], places, stated, drawn, fate, noise),
+        add_up(drivers, factors, stated, drawn, fate, noise),
+        tuple(carriers), noise, motion.rows, motion.gap.reshape(-1, 3), motions,
     )  # fmt: skip
 
 
-def _collect_motions(parts: Sequence[Part], shares: Sequence[float]) -> dict[str, Array]:
-    """Return the motion of what is claimed, named by effect and place. Shape (r, 3) each. [m]"""
-    motions: dict[str, Array] = {}
-    for part, _ in sorted(zip(parts, shares, strict=True), key=lambda pair: -rank_number(pair[1])):
-        if part.place == CALIBRATION or part.probability >= CLAIMED:
-            effect = part.effect.replace("_", " ")
-            name = CALIBRATION if part.place == CALIBRATION else f"{effect}, {part.place}"
-            motions[name] = motions.get(name, 0.0) + part.motion.reshape(-1, 3)
-    return motions
-
-
 class PosteriorMotion:
-    """The gap of a diagnosis and the motion of its posterior at the rows that were fitted.
-
-    Args:
-        diagnosis: The diagnosis.
-        rng: Draws parameters, pose groups and presence.
-        fitted: Whose posterior; that of the doubt, which the names come from, where left out.
-    """
+    """The gap of a diagnosis and the motion of a posterior at the rows that were fitted; the doubt's where left out."""
 
     def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator, fitted: Fit | None = None) -> None:
         model = fitted or diagnosis.doubt
@@ -171,24 +152,39 @@ class PosteriorMotion:
         chosen = np.arange(len(source.rows))[:: -(-len(source.rows) // SAMPLE)]
         self.rows, self.rng, self.diagnosis = source.rows[chosen], rng, diagnosis
         self.sigma = np.repeat(source.sigma[chosen].ravel(), 3)
-        design = equations.designs[0][chosen].reshape(3 * len(chosen), equations.p)
-        self.frames = np.linalg.qr(design[:, equations.columns_named(REGISTRATION)])[0]
+        self.whitened = equations.designs[0][chosen].reshape(3 * len(chosen), equations.p)
+        self.frames = np.linalg.qr(self.whitened[:, equations.columns_named(REGISTRATION)])[0]
         self.columns, self.mean = posterior.columns, posterior.mean
-        self.design = self.take_frames(design[:, posterior.columns] * self.sigma[:, None])
+        self.design = self.take_frames(self.whitened[:, posterior.columns] * self.sigma[:, None])
         values, vectors = np.linalg.eigh(posterior.covariance)
         # symmetric: a draw does not hang on the signs that an eigenvector happens to have
         root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
         self.draws = self.mean[:, None] + root @ rng.normal(size=(len(values), SAMPLE))
-        first = self.take_frames((equations.observed[0][chosen] * source.sigma[chosen]).ravel()[:, None])[:, 0]
-        self.first_order = first
-        self.conventions = _find_conventions(diagnosis, self)
-        self.gap = first + sum((motion for _, motion in self.conventions), np.zeros_like(first))
+        self.first_order = self.take_frames(equations.observed[0][chosen].ravel() * self.sigma)
+        self.conventions = self._find_conventions()
+        self.gap = self.first_order + sum((moved for _, moved in self.conventions), np.zeros_like(self.sigma))
         block = np.unique(draw_blocks(diagnosis.fit.problem.campaign, rng)[self.rows], return_inverse=True)[1]
         count = int(block.max(initial=0)) + 1
         weight = rng.multinomial(count, np.full(count, 1.0 / count), size=SAMPLE).T.astype(float)
         self.weight = np.repeat(weight[block], 3, axis=0)
         square = float(self.gap @ self.gap) / len(self.rows)
         self.noise = float(np.clip(diagnosis.verdict.structure.floor**2 / max(square, 1e-300), 0.0, 1.0))
+
+    def _find_conventions(self) -> list[tuple[Finding, Array]]:
+        """Return what conventions of counting, found beforehand, move: exact, one after the other."""
+        problem, known = self.diagnosis.fit.problem, len(robot_effects(self.diagnosis.robot))
+        found = [finding for finding in self.diagnosis.verdict.findings if finding.signature < 0]
+        left, moves = self.take_frames(self.diagnosis.residual_before[self.rows].reshape(-1)), []
+        for number in range(len(found)):
+            effects = problem.fixed[: known + number + 1]
+            state = FitState(effects, {}, self.diagnosis.registration, problem.campaign.usable)
+            after = self.first_order
+            if number + 1 < len(found):
+                exact = position_residual(problem.campaign, *attain_state(problem, state))
+                after = self.take_frames(exact[self.rows].reshape(-1))
+            moves.append(left - after)
+            left = after
+        return list(zip(found, moves, strict=True))
 
     def follow(self, name: str) -> str:
         """Say what an effect's error follows; without any load it is the robot's own weight that bends it."""
@@ -197,37 +193,37 @@ class PosteriorMotion:
         return driver if loaded else "gravity"
 
     def take_frames(self, columns: Array) -> Array:
-        """Take out of motions what frames that are fitted anyway follow. Shape (3 r, k). [m]"""
-        whitened = columns / self.sigma[:, None]
-        return np.asarray(columns - self.sigma[:, None] * (self.frames @ (self.frames.T @ whitened)))
+        """Take out of motions what frames that are fitted anyway follow. Shape (3 r,) or (3 r, k). [m]"""
+        sigma = self.sigma.reshape(-1, *[1] * (columns.ndim - 1))
+        return np.asarray(columns - sigma * (self.frames @ (self.frames.T @ (columns / sigma))))
 
-    def at(self, columns: NDArray[np.int_]) -> NDArray[np.int_]:
-        """Find columns of the normal equations among those of the posterior."""
-        return np.flatnonzero(np.isin(self.columns, columns))
+    def part(
+        self, name: str, columns: NDArray[np.int_], place: str = CALIBRATION, probability: float = 1.0,
+        elsewhere: Sequence[tuple[str, str]] = (), *, follows: str = "",
+    ) -> Part:  # fmt: skip
+        """Return the part that some columns of the normal equations make."""
+        own = np.flatnonzero(np.isin(self.columns, columns))
+        moved = self.design[:, own] @ self.mean[own]
+        return Part(place, name, follows or self.follow(name), probability, tuple(elsewhere), moved, own)
 
     def divide(self, parts: Sequence[Part], added: Sequence[Part]) -> tuple[list[float], list[Array]]:
         """Return the share of each part, and drawn shares of shape (SAMPLE,)."""
         whole = np.maximum(self.weight.T @ self.gap**2, 1e-300)
         square = max(float(self.gap @ self.gap), 1e-300)
-        total = sum((part.motion for part in parts), np.zeros_like(self.gap))
-        every = np.zeros((len(self.gap), SAMPLE))
-        for part in parts:
-            every += self.draw_motion(part)
-        point, drawn = [], []
-        left, rest = self.gap - total, self.gap[:, None] - every
-        for part in parts:
-            point.append(float(part.motion @ (part.motion + 2.0 * left)))
-            own = self.draw_motion(part)
-            drawn.append(np.einsum("ij,ij,ij->j", self.weight, own, own + 2.0 * rest))
+        moves = [self.draw_motion(part) for part in parts]
+        left = self.gap - sum((part.motion for part in parts), np.zeros_like(self.gap))
+        rest = self.gap[:, None] - sum(moves, np.zeros((len(self.gap), SAMPLE)))
+        back = [float(part.motion @ (part.motion + 2.0 * left)) for part in parts]
+        drawn_back = [np.einsum("ij,ij,ij->j", self.weight, own, own + 2.0 * rest) for own in moves]
         explained = np.array([1.0 - float(left @ left) / square])
-        point = list(_scale_to(np.array(point).reshape(-1, 1), explained)[:, 0])
+        point = _scale_to(np.array(back).reshape(-1, 1), explained)[:, 0].tolist()
         explained = 1.0 - np.einsum("ij,ij->j", self.weight, rest**2) / whole
-        drawn = list(_scale_to(np.array(drawn).reshape(-1, SAMPLE), explained))
+        drawn = list(_scale_to(np.array(drawn_back).reshape(-1, SAMPLE), explained))
         for part in added:
             own = part.motion * (2.0 * left - part.motion)
             point.append(max(float(own.sum()) / square, 0.0))
             drawn.append(np.maximum(self.weight.T @ own / whole, 0.0))
-        return [float(value) for value in point], drawn
+        return point, drawn
 
     def draw_motion(self, part: Part) -> Array:
         """Draw the motion of a part. Shape (3 r, SAMPLE). [m]"""
@@ -248,33 +244,36 @@ class PosteriorMotion:
 
 def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> tuple[list[Part], list[Part]]:
     """List the parts of the posterior's motion, and findings that it has given up."""
-    verdict, doubt = diagnosis.verdict, diagnosis.doubt
-    equations, taken = doubt.search.equations, set(doubt.model.signatures)
-    parts = [
-        Part(locate_effect(finding.effect.name, finding.effect.joint), finding.effect.name,
-             motion.follow(finding.effect.name), finding.probability, (), moved, np.zeros(0, int))
-        for finding, moved in motion.conventions
-    ]  # fmt: skip
+    verdict, doubt, fit = diagnosis.verdict, diagnosis.doubt, diagnosis.fit
+    equations, taken, nothing = doubt.search.equations, set(doubt.model.signatures), np.zeros(0, int)
+    parts: list[Part] = []
+    for finding, moved in motion.conventions:
+        place = locate_effect(finding.effect.name, finding.effect.joint)
+        own = motion.part(finding.effect.name, nothing, place, finding.probability)
+        parts.append(replace(own, motion=moved))
     added: list[Part] = []
     for finding in (*verdict.findings, *verdict.doubtful, *verdict.minor):
         if finding.signature < 0:
             continue
-        if finding.signature in taken:
-            own = motion.at(equations.columns(finding.signature))
-            moved = motion.design[:, own] @ motion.mean[own]
-            parts.append(_part_of(finding, motion, moved, own, small=finding in verdict.minor))
+        name, columns = finding.effect.name, equations.columns(finding.signature)
+        alike = [(locate_effect(*r.place[:2]), motion.follow(r.place[0])) for r in finding.rivals if r.alike]
+        place, rivals = locate_effect(name, finding.effect.joint), list(dict.fromkeys(alike))
+        if finding.signature not in taken:
+            # what errors without a name explain as well moves the target as the fit without these says
+            values = fit.model.posterior.values(fit.search.equations.p)[columns]
+            moved = motion.take_frames(motion.whitened[:, columns] @ values * motion.sigma)
+            added.append(replace(motion.part(name, nothing, place, finding.probability, rivals), motion=moved))
+        elif finding in verdict.minor:
+            parts.append(motion.part(name, columns))
         else:
-            added.append(_part_of(finding, motion, _given_up_motion(diagnosis, motion, finding), np.zeros(0, int)))
-    claimed, background = equations.join_columns(taken), diagnosis.fit.search.prior.background
-    names = dict.fromkeys(s.name for s in equations.signatures)
-    for name in names:
+            parts.append(motion.part(name, columns, place, finding.probability, rivals))
+    claimed, background = equations.join_columns(taken), fit.search.prior.background
+    for name in dict.fromkeys(s.name for s in equations.signatures):
         columns = equations.columns_named(name)
         columns = columns[columns < len(background)]
         small = np.setdiff1d(columns[background[columns] >= 0], claimed)
-        own = motion.at(small)
-        if len(own):
-            moved = motion.design[:, own] @ motion.mean[own]
-            parts.append(Part(CALIBRATION, name, motion.follow(name), 1.0, (), moved, own))
+        if np.isin(small, motion.columns).any():
+            parts.append(motion.part(name, small))
     return parts, added
 
 
@@ -298,60 +297,14 @@ def find_interval(share: float, drawn: Array) -> Share:
     return Share(*(float(np.clip(value, 0.0, 1.0)) for value in (share, min(low, share), max(high, share))))
 
 
-def _part_of(
-    finding: Finding, motion: PosteriorMotion, moved: Array, columns: NDArray[np.int_], *, small: bool = False
-) -> Part:
-    effect = finding.effect
-    if small:
-        return Part(CALIBRATION, effect.name, motion.follow(effect.name), 1.0, (), moved, columns)
-    place = locate_effect(effect.name, effect.joint)
-    elsewhere = [(locate_effect(r.place[0], r.place[1]), motion.follow(r.place[0])) for r in finding.rivals if r.alike]
-    return Part(
-        place, effect.name, motion.follow(effect.name), finding.probability, tuple(dict.fromkeys(elsewhere)), moved,
-        columns,
-    )  # fmt: skip
-
-
-def _given_up_motion(diagnosis: Diagnosis, motion: PosteriorMotion, finding: Finding) -> Array:
-    """Return the motion of a claim of the fit that errors without a name explain as well. Shape (3 r,). [m]"""
-    equations, posterior = diagnosis.fit.search.equations, diagnosis.fit.model.posterior
-    source, columns = equations.source[0], equations.columns(finding.signature)
-    chosen = np.isin(source.rows, motion.rows)
-    moved = equations.designs[0][chosen][..., columns] @ posterior.values(equations.p)[columns]
-    return motion.take_frames((moved * source.sigma[chosen]).reshape(-1, 1))[:, 0]
-
-
-def _find_conventions(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[tuple[Finding, Array]]:
-    """Return what conventions of counting, found beforehand, move: exact, one after the other."""
-    problem, known = diagnosis.fit.problem, len(robot_effects(diagnosis.robot))
-    found = [finding for finding in diagnosis.verdict.findings if finding.signature < 0]
-    if not found:
-        return []
-    before = motion.take_frames(diagnosis.residual_before[motion.rows].reshape(-1, 1))[:, 0]
-    left, moves = before, []
-    for number in range(len(found)):
-        state = FitState(problem.fixed[: known + number + 1], {}, diagnosis.registration, problem.campaign.usable)
-        after = position_residual(problem.campaign, *attain_state(problem, state))[motion.rows]
-        after = motion.take_frames(after.reshape(-1, 1))[:, 0]
-        after = motion.first_order if number + 1 == len(found) else after
-        moves.append(left - after)
-        left = after
-    return list(zip(found, moves, strict=True))
-
-
 def add_up(
     names: Sequence[str], homes: Sequence[Sequence[str]], stated: Sequence[float], drawn: Sequence[Array],
     fate: Sequence[NDArray[np.int_]], noise: float,
 ) -> dict[str, Share]:  # fmt: skip
     """Add up the shares of parts by name; what no part explains comes last.
 
-    Args:
-        names: All names.
-        homes: Name of each part, and of each of its rivals.
-        stated: Share of each part, 0 where it is too improbable to be named.
-        drawn: Drawn shares of each part. Shape (SAMPLE,) each.
-        fate: Which of its names a part has in each draw, -1 for none. Shape (SAMPLE,) each.
-        noise: Share that noise explains.
+    `homes` are the name of each part and of its rivals, `fate` tells which of these it has in each draw, -1 for none.
+    Shapes of `drawn` and `fate`: (SAMPLE,) each.
     """
     draws = {name: np.zeros(SAMPLE) for name in names}
     shares = dict.fromkeys(names, 0.0)
@@ -369,3 +322,67 @@ def _scale_to(values: Array, explained: Array) -> Array:
     positive = np.maximum(values, 0.0)
     whole = np.maximum(positive.sum(axis=0), 1e-300)
     return np.asarray(positive / whole * np.clip(explained, 0.0, 1.0))
+
+
+#: Kinds of errors by what they follow; those that follow the load are the robot's own weight where it does not vary.
+GEOMETRY, GEARS, WEIGHT, LOAD, OTHER = "geometry", "gears", "own weight", "load", "other"
+KINDS = {
+    "posture": GEOMETRY, "joint angle": GEARS, "direction of approach": GEARS, "gravity": WEIGHT, "load": LOAD,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SmallErrors:
+    """A gap divided among the errors of a calibration: by place, by kind, and by both, largest first."""
+
+    by_place: dict[str, Share]
+    by_kind: dict[str, Share]
+    groups: tuple[tuple[str, str, Share], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what stands under `where` in diagnosis.json."""
+        return {
+            "by_joint": {name: share.to_json() for name, share in self.by_place.items()},
+            "by_kind": {name: share.to_json() for name, share in self.by_kind.items()},
+            "groups": [{"place": place, "kind": kind, **share.to_json()} for place, kind, share in self.groups],
+        }
+
+
+def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
+    """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
+    fitted, loaded = diagnosis.delivery.fitted, diagnosis.fit.problem.campaign.load_varies
+    if fitted is None:
+        return None
+    motion, equations = PosteriorMotion(diagnosis, np.random.default_rng(seed), fitted), fitted.search.equations
+    taken, found = set[int](), dict[tuple[str, str], list[int]]()
+    for number, signature in enumerate(equations.signatures):
+        if signature.name == REGISTRATION:
+            continue
+        # bending under own weight has a parameter for each joint
+        joints = signature.fixed.get("joints", ())
+        places = [str(joint) for joint in joints] if len(joints) == len(signature.keys) else []
+        places = places or [locate_effect(signature.name, signature.joint)] * len(signature.keys)
+        for column, place in zip(equations.columns(number).tolist(), places, strict=True):
+            if column not in taken:
+                taken.add(column)
+                found.setdefault((place, kind_of(signature.name, loaded)), []).append(column)
+    parts = [motion.part(kind, np.array(own), place, follows=kind) for (place, kind), own in found.items()]
+    parts = [part for part in parts if len(part.columns)]
+    point, drawn = motion.divide(parts, [])
+    noise, here = min(motion.noise, max(1.0 - sum(point), 0.0)), [np.zeros(SAMPLE, int)] * len(parts)
+
+    def total(homes: list[str]) -> dict[str, Share]:
+        return add_up(list(dict.fromkeys(homes)), [(home,) for home in homes], point, drawn, here, noise)
+
+    groups = [
+        (part.place, part.effect, find_interval(share, values))
+        for part, share, values in zip(parts, point, drawn, strict=True)
+    ]
+    groups.sort(key=lambda group: -rank_number(group[2].share))
+    return SmallErrors(total([p.place for p in parts]), total([p.effect for p in parts]), tuple(groups[:LISTED]))
+
+
+def kind_of(name: str, loaded: bool) -> str:
+    """Return the kind of an effect's error; `loaded`: whether the load varies."""
+    kind = KINDS.get(driver_of(name), OTHER)
+    return kind if loaded or kind != LOAD else WEIGHT

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number
+from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number, rms_length
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
-from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_places
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
 from compplan.diagnosis.validation.bounds import find_breach
-from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability, rate_similarities
-from compplan.diagnosis.validation.spurious_fit import rate_spurious_fits
-from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
+from compplan.diagnosis.validation.held_out import take_out_frames
+from compplan.diagnosis.validation.probability import (
+    Evidence,
+    calibrate_probability,
+    rate_similarities,
+    rate_spurious_fits,
+)
+from compplan.diagnosis.validation.unmodelled import UNMODELLED, RevisedProbabilities
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
 from compplan.robot import Array
@@ -77,16 +81,16 @@ class Finding:
 
 @dataclass(frozen=True)
 class Structure:
-    """What no effect explains.
+    """What no effect explains; root mean squares are of 3D distances [m].
 
     Attributes:
         gain: Log evidence that errors without a name gain over noise and small errors alone.
-        rms: Root mean square of what is left beyond the noise floor, 3D. [m]
-        gap: Root mean square gap of the model without effects, 3D. [m]
-        background: Root mean square motion that small errors everywhere explain, 3D. [m]
-        explained: Root mean square motion that all named effects together explain, 3D. [m]
+        rms: What is left beyond the noise floor.
+        gap: Gap of the model without effects.
+        background: Motion that small errors everywhere explain.
+        explained: Motion that all named effects together explain.
         left: Whether it counts as structure.
-        floor: Noise floor, 3D. [m]
+        floor: Noise floor.
         dependences: What an error that no effect explains depends on, largest first.
     """
 
@@ -102,15 +106,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer.
-
-    Attributes:
-        status: "none", "calibrated", "explained", "partly_explained" or "unknown".
-        findings: Named effects, largest share of the gap first.
-        doubtful: Effects that were considered and are too improbable to be named.
-        minor: Effects that are there and too small to be a cause of the gap.
-        structure: What is left.
-    """
+    """The answer: status of contracts.md, named effects (largest share first), too improbable ones, too small ones."""
 
     status: str
     findings: tuple[Finding, ...]
@@ -134,7 +130,7 @@ def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
     doubtful += given_up(fit, doubt, small, structure.gap)
     equations = doubt.search.equations
     columns = equations.join_columns(f.signature for f in named)
-    structure = replace(structure, explained=motion_of(fit, columns, doubt.model.posterior.values(equations.p)))
+    structure = replace(structure, explained=motion_of(fit.search, columns, doubt.model.posterior.values(equations.p)))
     if named:
         status = "partly_explained" if structure.left else "explained"
     else:
@@ -142,9 +138,9 @@ def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
     return Verdict(status, named, doubtful, minor, structure)
 
 
-def unname(verdict: Verdict, sized: Callable[[Finding], bool]) -> Verdict:
-    """Move named effects whose size may be zero to the doubtful ones."""
-    kept = tuple(f for f in verdict.findings if f.signature < 0 or sized(f))
+def unname(verdict: Verdict, told: Collection[int]) -> Verdict:
+    """Move named effects whose size may be zero, with signatures that are not told, to the doubtful ones."""
+    kept = tuple(f for f in verdict.findings if f.signature < 0 or f.signature in told)
     if len(kept) == len(verdict.findings):
         return verdict
     status = verdict.status if kept else "unknown"
@@ -155,10 +151,7 @@ def unname(verdict: Verdict, sized: Callable[[Finding], bool]) -> Verdict:
 def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
     """Call a gap without a named cause that of a robot that was not calibrated, where lawful small errors explain it.
 
-    Args:
-        verdict: The verdict.
-        before: What the nominal robot leaves on poses left out. [m]
-        after: What lawful small errors leave on them. [m]
+    `before` is what the nominal robot leaves on poses left out, `after` what lawful small errors leave. [m]
     """
     least = max(FLOORS_LEFT * verdict.structure.floor, CALIBRATED_SHARE * before)
     return replace(verdict, status=CALIBRATED) if verdict.status == "unknown" and after <= least else verdict
@@ -178,7 +171,7 @@ def evaluate_claim(
     equations = doubt.search.equations
     columns = equations.columns(claim.signature)
     signature = equations.signatures[claim.signature]
-    explained = motion_of(fit, columns, values)
+    explained = motion_of(fit.search, columns, values)
     gap = max(structure.gap, 1e-12)
     evidence = Evidence(margin, plain, explained / structure.floor, explained / gap, structure.rms / gap, *checks)
     effect = signature.effect(values[columns] * signature.scale)
@@ -197,10 +190,10 @@ def evaluate_claim(
 
 
 def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
-    """Return the log posterior odds of a set of claims against the best set without one of them.
+    """Return the log posterior odds of a set of claims against the best set without one of them; noise is held.
 
-    Noise and the sizes of all classes are held. A form that holds the claim as a special case (a law of deflection with
-    a linear part holds a joint's stiffness) is the same with more parameters and says nothing against it.
+    A form that holds the claim as a special case (a law of deflection with a linear part holds a joint's stiffness) is
+    the same with more parameters and says nothing against it.
     """
     rest = search.without(claims, claim)
     whole = search.model(claims, hyper, fit=False)
@@ -224,7 +217,7 @@ def given_up(fit: Fit, doubt: RevisedProbabilities, small: float, gap: float) ->
     found = []
     for claim in fit.model.claims:
         signature, columns = equations.signatures[claim.signature], equations.columns(claim.signature)
-        explained = motion_of(fit, columns, values)
+        explained = motion_of(fit.search, columns, values)
         if signature.place not in kept and explained >= small:
             effect = signature.effect(values[columns] * signature.scale)
             rivals = tuple(find_alternatives(fit, claim.signature, values))
@@ -238,7 +231,7 @@ def only_in_readings(fit: Fit, doubt: RevisedProbabilities, finding: Finding) ->
     equations = fit.search.equations
     columns = equations.columns(finding.signature)
     values = doubt.model.posterior.values(doubt.search.equations.p)[columns]
-    moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in equations.designs]
+    moves = [rms_length(d[..., columns] @ values) for d in equations.designs]
     return bool(moves[0] < ROUNDING and max(moves) ** 2 > BELOW_NOISE)
 
 
@@ -262,9 +255,9 @@ def measure_structure(fit: Fit, doubt: RevisedProbabilities) -> Structure:
     free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=STEPS)
     gain = float(posterior.log_evidence - free.posterior.log_evidence)
     plain = gain > beats_chance(len(doubt.classes)) and beyond > STRUCTURE_SIZE * floor
-    gap = float(np.sqrt(np.mean(np.sum((refit_frames(doubt) * source.sigma) ** 2, axis=1))))
+    gap = rms_length(take_out_frames(equations, equations.observed[0]) * source.sigma)
     structure = Structure(
-        gain, beyond, gap, motion_of(fit, small, values), 0.0,  # nothing is named yet
+        gain, beyond, gap, motion_of(fit.search, small, values), 0.0,  # nothing is named yet
         bool(rms > FLOORS_LEFT * floor or plain), floor,
     )  # fmt: skip
     return replace(structure, dependences=find_dependences(doubt, structure))
@@ -278,18 +271,6 @@ def count_used(doubt: RevisedProbabilities, foreign: NDArray[np.int_]) -> float:
     return float(np.sum(share[~np.isin(posterior.columns, foreign)]))
 
 
-def refit_frames(doubt: RevisedProbabilities) -> Array:
-    """Return the gap without effects, in units of the noise: frames that are fitted anyway taken out."""
-    equations = doubt.search.equations
-    frames = equations.columns_named(REGISTRATION)
-    observed = equations.observed[0]
-    if not len(frames):
-        return observed
-    columns = equations.designs[0][..., frames].reshape(-1, len(frames))
-    values = np.linalg.lstsq(columns, observed.reshape(-1), rcond=1e-9)[0]
-    return np.asarray(observed - equations.designs[0][..., frames] @ values)
-
-
 def find_dependences(doubt: RevisedProbabilities, structure: Structure) -> tuple[Finding, ...]:
     """Say what the errors without a name follow, where structure is left."""
     if not structure.left:
@@ -299,12 +280,12 @@ def find_dependences(doubt: RevisedProbabilities, structure: Structure) -> tuple
     found = []
     for driver in dict.fromkeys(doubt.classes):
         columns = np.concatenate([m for m, d in zip(doubt.members, doubt.classes, strict=True) if d == driver])
-        motion = motion_at(doubt, columns, values)
+        motion = motion_of(doubt.search, columns, values)
         if motion < SPOKEN_OF * max(structure.rms, structure.floor):
             continue
         owners = [n for n, s in enumerate(equations.signatures) if s.name == UNMODELLED]
         owners = [n for n in owners if np.isin(equations.columns(n), columns).all()]
-        moves = {n: motion_at(doubt, equations.columns(n), values) for n in owners}
+        moves = {n: motion_of(doubt.search, equations.columns(n), values) for n in owners}
         largest = equations.signatures[max(moves, key=lambda n: rank_number(moves[n]))]
         effect = Effect(UNMODELLED, largest.joint, driver if largest.joint is None else str(largest.axis))
         found.append(Finding(effect, CLAIMED, motion, structure.gain, (), 1.0, -1))
@@ -320,17 +301,9 @@ def noise_floor(fit: Fit) -> float:
     return float(np.sqrt(told * (factor * noise.sigma**2 + scatter**2 + noise.stay**2)))
 
 
-def motion_at(doubt: RevisedProbabilities, columns: NDArray[np.int_], values: Array) -> float:
-    """Return the root mean square motion that some columns of the normal equations of a doubt explain. [m]"""
-    equations = doubt.search.equations
-    moved = equations.designs[0][..., columns] @ values[columns] * equations.source[0].sigma
-    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-
-
-def motion_of(fit: Fit, columns: NDArray[np.int_], values: Array) -> float:
+def motion_of(search: Search, columns: NDArray[np.int_], values: Array) -> float:
     """Return the root mean square motion that some columns explain, over all rows. [m]"""
     if not len(columns):
         return 0.0
-    equations = fit.search.equations
-    moved = equations.designs[0][..., columns] @ values[columns] * equations.source[0].sigma
-    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+    equations = search.equations
+    return rms_length(equations.designs[0][..., columns] @ values[columns] * equations.source[0].sigma)

@@ -1,7 +1,9 @@
-"""Where a gap lies: by place and by what it follows, from the posterior that the names come from, and over the rows.
+"""Where a gap lies: by place and by what it follows, and over the rows.
 
 By place and factor: `shares`. By direction, run, time, load and region: how much of the sum of squares lies there,
-before and after. Intervals hold 95 %.
+before and after. Intervals hold 95 %. A trace is the error that a named joint makes at every row against what it
+follows, everything else that is explained taken out: a soft spring shows as a line over load, lost motion as two
+levels, a gear error as a wave over the joint's angle.
 """
 
 from __future__ import annotations
@@ -13,16 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LISTED, SAMPLE, SEED
-from compplan.diagnosis.results.delivery import CALIBRATED
-from compplan.diagnosis.results.shares import UNEXPLAINED, Share, Shares, divide_gap, draw_blocks, find_interval
-from compplan.diagnosis.results.small_errors import SmallErrors, divide_small_errors
-from compplan.diagnosis.results.traces import Trace, trace_findings
+from compplan.diagnosis.results.shares import (
+    UNEXPLAINED,
+    Share,
+    Shares,
+    SmallErrors,
+    divide_gap,
+    divide_small_errors,
+    draw_blocks,
+    find_interval,
+)
+from compplan.effects import driver_of
+from compplan.effects.linearization import Linearization
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
+    from compplan.diagnosis.results.verdict import Finding
 
 #: Decimals to which rows are dealt to regions and levels: micrometres and micronewtons, far above rounding (theory).
 RESOLVED = 6
@@ -30,16 +41,7 @@ RESOLVED = 6
 
 @dataclass(frozen=True, eq=False)
 class Division:
-    """How a gap spreads over the rows.
-
-    Attributes:
-        rms: Deviation of the nominal model over the rows used, 3D. [m]
-        by_axis: Share along x, y, z of the base, and along the tool's z.
-        by_run: One entry a run: rows, rms before and after, share, mean deviation.
-        by_time: One entry a stretch of the log, in order.
-        by_load: One entry a level of external force.
-        by_region: One entry a region of the workspace.
-    """
+    """How a gap spreads over the rows: rms of the nominal model [m], by axis, and by run, time, load and region."""
 
     rms: float
     by_axis: dict[str, Share]
@@ -58,7 +60,7 @@ class Split:
         spread: How the gap spreads over the rows.
         by_approach: By joint: how far the point moves when the joint's last move turns round.
         traces: Errors that the named joints make, over what they follow; for pictures.
-        small_errors: The gap divided among the errors of the robot that goes out, where that is a mixture.
+        small_errors: The gap divided among the errors of the robot that goes out; None where the nominal one does.
     """
 
     shares: Shares
@@ -104,23 +106,14 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
         spread_gap(diagnosis.robot, campaign, before, after, used, seed),
         measure_play(diagnosis),
         trace_findings(diagnosis),
-        divide_small_errors(diagnosis, seed) if diagnosis.deliveries[0].kind == CALIBRATED else None,
+        divide_small_errors(diagnosis, seed),
     )
 
 
 def spread_gap(
     robot: Robot, campaign: Campaign, before: Array, after: Array, used: NDArray[np.bool_], seed: int = SEED
 ) -> Division:
-    """Spread a gap over direction, runs, time, load and region.
-
-    Args:
-        robot: The nominal robot.
-        campaign: The measurement log.
-        before: Measured minus expected by the nominal robot, base axes. Shape (n, 3). [m]
-        after: The same by the updated robot. Shape (n, 3). [m]
-        used: Rows that count. Shape (n,).
-        seed: Seed of the groups and draws.
-    """
+    """Spread a gap over direction, runs, time, load and region; shapes (n, 3) [m], (n, 3), (n,)."""
     rng = np.random.default_rng(seed)
     rows = np.flatnonzero(used)
     rows = rows[:: -(-len(rows) // SAMPLE)]
@@ -163,11 +156,8 @@ def measure_play(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
 class GapTable:
     """Sums of squared deviation over parts of the rows, with intervals over drawn blocks.
 
-    Args:
-        before: Measured minus expected by the nominal robot. Shape (n, 3). [m]
-        after: The same by the updated robot. Shape (n, 3). [m]
-        block: Group of poses of each row, counted from 0. Shape (n,).
-        draws: How often each draw holds each group. Shape (draws, groups).
+    `block` is the group of poses of each row, `draws` how often each draw holds each group. Shapes (n,), (draws,
+    groups).
     """
 
     def __init__(self, before: Array, after: Array, block: NDArray[np.int_], draws: Array) -> None:
@@ -242,3 +232,77 @@ def split_region(table: GapTable, position: Array) -> list[dict[str, Any]]:
                 }
                 entries.append({**limits, **table.describe(inside)})
     return entries
+
+
+#: Rows whose point lies nearer to the joint's axis than this share of the usual distance tell nothing about it
+#: (assumed).
+NEAR_AXIS = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The error of one joint over the k rows that show it.
+
+    Attributes:
+        place: The joint.
+        effect: The effect that stays in.
+        driver: What the error is drawn over. Shape (k,). [`driver_unit`]
+        error: Error that the joint makes. Shape (k,). [`error_unit`, "mrad" or "mm"]
+        driver_name: What the driver is.
+        driver_unit: Its unit.
+        error_unit: Unit of the error.
+    """
+
+    place: str
+    effect: str
+    driver: Array
+    error: Array
+    driver_name: str
+    driver_unit: str
+    error_unit: str
+
+    @property
+    def two_sided(self) -> bool:
+        """Tell whether the driver is a direction: minus, unknown, plus."""
+        return self.driver_name == "direction of the last move"
+
+
+def trace_findings(diagnosis: Diagnosis) -> tuple[Trace, ...]:
+    """Trace the errors of the joints that a diagnosis names."""
+    doubt, at = diagnosis.doubt, diagnosis.fit.at
+    equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
+    source = equations.source[0]
+    left = equations.left(values)[0] * source.sigma
+    traces = []
+    for finding in diagnosis.verdict.findings:
+        if finding.signature not in doubt.model.signatures or finding.effect.joint not in at.robot.joint_names:
+            continue
+        columns = equations.columns(finding.signature)
+        part = left + equations.designs[0][..., columns] @ values[columns] * source.sigma
+        traces.append(_trace(finding, at, source.rows, part))
+    return tuple(traces)
+
+
+def _trace(finding: Finding, at: Linearization, rows: NDArray[np.int_], part: Array) -> Trace:
+    """Turn what a finding has to explain into an error about the joint's own axis."""
+    joint = str(finding.effect.joint)
+    index = at.robot.joint_names.index(joint)
+    slides = bool(at.robot.prismatic[index])
+    own = at.motion[rows][:, :3, index]
+    square = (own**2).sum(axis=1)
+    seen = square > NEAR_AXIS**2 * square.mean()
+    error = 1e3 * (own * part).sum(axis=1) / np.maximum(square, 1e-300)
+    driver, name, unit = _driver(finding.effect.name, at, index, slides)
+    return Trace(joint, finding.effect.name, driver[rows][seen], error[seen], name, unit, "mm" if slides else "mrad")
+
+
+def _driver(effect: str, at: Linearization, index: int, slides: bool) -> tuple[Array, str, str]:
+    """Return what stands on the horizontal axis, its name and its unit."""
+    follows, campaign = driver_of(effect), at.campaign
+    if follows in ("load", "gravity"):
+        return at.own_load[:, index], "load about the joint's axis", "N" if slides else "N m"
+    if follows == "direction of approach":
+        return campaign.approach[:, index], "direction of the last move", ""
+    if follows == "speed":
+        return campaign.speed[:, index], "joint speed", "m/s" if slides else "rad/s"
+    return campaign.q[:, index] * (1e3 if slides else 180 / np.pi), "joint position", "mm" if slides else "deg"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import Channel, build_channels, estimate_noises, position_residual
-from compplan.diagnosis.data.noise import Noise, find_gross_outliers, find_outliers
+from compplan.diagnosis.data.noise import OUTLYING, Noise, find_gross_outliers, find_outliers
+from compplan.diagnosis.data.shared import rms_length
 from compplan.diagnosis.evidence.candidates import (
     CLASSES,
     REGISTRATION,
@@ -20,13 +22,13 @@ from compplan.diagnosis.evidence.candidates import (
     proposed_signatures,
 )
 from compplan.diagnosis.evidence.evidence import FIRST_STEPS, start_hyper
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import (
     NormalEquations,
     build_normal_equations,
     extend_normal_equations,
 )
 from compplan.diagnosis.evidence.proposals import propose_shifts, propose_waves
-from compplan.diagnosis.search.polish import descend
 from compplan.diagnosis.search.search import (
     MOST_EFFECTS,
     SOFT,
@@ -46,11 +48,14 @@ from compplan.diagnosis.search.state import (
     claims_of,
     known_approach,
     linearize_state,
+    stands,
 )
 from compplan.effects.forward_model import own_springs
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import Registration
+from compplan.robot import Array
 
 #: Rounds of linearization and search at most (assumed: most campaigns settle in five).
 ROUNDS = 8
@@ -63,13 +68,7 @@ def fit_effects(
     problem: Problem, registration: Registration | None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Fit:  # fmt: skip
-    """Find the effects of a campaign and fit them exactly.
-
-    Args:
-        problem: What is to be diagnosed.
-        registration: Frames to begin with, or None.
-        progress: Told what is being done.
-    """
+    """Find the effects of a campaign and fit them exactly, beginning with the registration's frames."""
     state = FitState(problem.fixed, {}, registration, problem.campaign.usable)
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
@@ -87,7 +86,7 @@ def fit_effects(
             break
         following, score = step
         if best is None or number <= NOISE_ROUND or score > best.score:
-            best = replace(fit, state=following, base=fit.state, score=score)
+            best = replace(fit, state=following, score=score)
         settled = number > NOISE_ROUND and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
         if settled and not restarted:
@@ -99,10 +98,13 @@ def fit_effects(
             break
     if best is None:
         # the exact model cannot bear the least step: the campaign stays as it is
-        best = replace(fit, model=fit.search.model([], fit.search.start), base=fit.state)
+        best = replace(fit, model=fit.search.model([], fit.search.start))
     elif not settled:
         best = _fit_jointly(best, progress)
-    return _finish(best, best.state)
+    last = register_again(best, best.state, best.state.use)
+    residual = position_residual(problem.campaign, *attain_state(problem, last))
+    outliers = find_outliers(problem.campaign, residual, last.scatter, known_approach(problem.campaign, last))
+    return replace(best, state=last, outliers=outliers)
 
 
 def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
@@ -114,7 +116,7 @@ def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
         step = descend(again, advance_state(again))
         if step is None or step[1] < fit.score + WORTHWHILE:
             break
-        fit = replace(again, state=step[0], base=again.state, score=step[1])
+        fit = replace(again, state=step[0], score=step[1])
     return fit
 
 
@@ -143,8 +145,9 @@ def _round(
         fresh = [s for s in fresh if key_of(s) not in known and s.name not in problem.excluded]
         if not fresh:
             break
-        before = fit.model.score
-        fit = search_again(fit, fresh, progress)
+        before, equations = fit.model.score, extend_normal_equations(fit.search.equations, fresh)
+        held = replace(fit.state, claims=claims_of(fit))
+        fit = _search_equations(problem, held, at, channels, equations, noises, progress)
         claimed = {key_of(fit.search.equations.signatures[n]) for n in fit.model.signatures}
         if fit.model.score < before + WORTHWHILE or not claimed & {key_of(s) for s in fresh}:
             break
@@ -167,44 +170,27 @@ def _offer_all(
     return fixed + propose_again(at, proposals, {key for key, _ in state.claims})
 
 
-def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None] = lambda text: None) -> Fit:
-    """Search with further signatures, from the claims there are, at the linearization of a fit."""
-    equations = extend_normal_equations(fit.search.equations, fresh)
-    held = replace(fit.state, claims=claims_of(fit))
-    return _search_equations(fit.problem, held, fit.at, fit.channels, equations, fit.noises, progress)
-
-
 def _search_equations(
     problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], equations: NormalEquations,
     noises: dict[str, Noise], progress: Callable[[str], None], *, hold: bool = False,
 ) -> Fit:  # fmt: skip
-    signatures = equations.signatures
-    free = [n for n, s in enumerate(signatures) if s.name == REGISTRATION]
-    prior = build_prior(equations, free, problem.excluded)
-    candidates = [n for n in range(len(signatures)) if n not in free]
-    search = Search(
-        equations,
-        prior,
-        log_priors(signatures),
-        candidates,
-        start_hyper(equations, len(CLASSES)),
-        progress=progress,
-        rigid=is_rigid(problem),
-    )
-    numbers = {key_of(s): n for n, s in enumerate(signatures)}
+    search = _build_search(problem, equations, start_hyper(equations, len(CLASSES)), progress)
+    numbers = {key_of(s): n for n, s in enumerate(equations.signatures)}
     first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
     model = search.model(first, search.start, steps=FIRST_STEPS) if hold else search_models(search, first, state.most)
     return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
 
 
-def is_rigid(problem: Problem) -> bool:
-    """Tell whether nothing bends in a campaign but what claims make soft: no spring in the robot, no load that changes.
-
-    Where loads change, small compliances everywhere are fitted as well, and bend.
-    """
-    robot = problem.robot
+def _build_search(
+    problem: Problem, equations: NormalEquations, start: Hyper, progress: Callable[[str], None] = lambda text: None
+) -> Search:  # fmt: skip
+    free = [n for n, s in enumerate(equations.signatures) if s.name == REGISTRATION]
+    candidates = [n for n in range(len(equations.signatures)) if n not in free]
+    robot, prior = problem.robot, build_prior(equations, free, problem.excluded)
     springs = any(spring.compliance > 0.0 for spring in robot.springs) or bool(robot.link_elasticities)
-    return not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
+    # where loads change, small compliances everywhere are fitted as well, and bend
+    rigid = not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
+    return Search(equations, prior, log_priors(equations.signatures), candidates, start, progress=progress, rigid=rigid)
 
 
 def _propose(fit: Fit) -> list[Signature]:
@@ -235,12 +221,67 @@ def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
     return max(steps, default=0.0) < SETTLED
 
 
-def _finish(fit: Fit, state: FitState) -> Fit:
-    """Keep the last search, and the state that its posterior leads to, with the outliers seen from there."""
+def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
+    """Fit the frames of a campaign to a state's exact model, where they are fitted at all and where that is closer."""
+    problem = fit.problem
+    if not problem.register:
+        return state
+    attained = attain_state(problem, replace(state, registration=None))[1]
+    frames = fit_registration(problem.campaign, attained.position, attained.rotation, problem.register, rows=use)
+    registered = replace(state, registration=frames)
+    return registered if exact_rms(fit, registered, use) < exact_rms(fit, state, use) else state
+
+
+def exact_rms(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> float:
+    """Return the root mean square distance that the exact model leaves on some rows. [m]"""
     campaign = fit.problem.campaign
-    scene, attained = attain_state(fit.problem, state)
-    residual = position_residual(campaign, scene, attained)
-    outliers = find_outliers(campaign, residual, state.scatter, known_approach(campaign, state))
-    rows = fit.channels[0].rows
-    exact = float(np.sqrt(np.mean(np.sum(residual[rows] ** 2, axis=1))))
-    return replace(fit, outliers=outliers, exact=exact)
+    return rms_length(position_residual(campaign, *attain_state(fit.problem, state))[use & campaign.usable])
+
+
+def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
+    """Shorten a step until the exact model gains by it; returns the state and its exact score, or None.
+
+    The score is the log posterior with the squares that the exact model leaves in the place of those that its
+    derivatives promise. A row that was left out counts as the least that is left out, so that scores can be compared.
+    """
+    equations, posterior = fit.search.equations, fit.model.posterior
+    here = np.array([fit.state.values.get(name, 0.0) for name in equations.names]) / equations.scale
+    variance = fit.search.prior_of(fit.model.claims).variance(posterior.hyper.log_tau)
+    weight = 1.0 / np.maximum(variance[posterior.columns], 1e-12)
+    target = posterior.values(equations.p)
+
+    def cost(channels: Sequence[Channel], vector: Array) -> float:
+        left = [channel.residual / channel.sigma for channel in channels]
+        own = vector[posterior.columns]
+        return square_left(channels, left, posterior.hyper) + float(np.sum(weight * own**2))
+
+    start = cost(fit.channels, here)
+    promised = square_left(fit.channels, equations.left(target), posterior.hyper)
+    promised += float(np.sum(weight * target[posterior.columns] ** 2))
+    tried: list[tuple[float, FitState]] = []
+    share = 1.0
+    while share > SETTLED and not (tried and tried[-1][0] < start):
+        state = full if share == 1.0 else advance_state(fit, share)
+        if stands(fit.problem, state):
+            channels = build_channels(*attain_state(fit.problem, state), fit.state.use, fit.noises)
+            tried.append((cost(channels, here + share * (target - here)), state))
+        share *= 0.5
+    if not tried:
+        return None
+    least, state = min(tried, key=lambda t: t[0])
+    left_out = known_approach(fit.problem.campaign, fit.state) & ~fit.state.use
+    return state, fit.model.score - 0.5 * (least - promised + OUTLYING**2 * float(left_out.sum()))
+
+
+def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper) -> float:
+    """Return the squares that are left (r, c) of each channel in units of the fitted noise, shared errors included."""
+    total = 0.0
+    for channel, rest, noise, shared in zip(channels, left, hyper.log_noise, hyper.log_shared, strict=True):
+        # a gross error steers nothing
+        rest = rest * np.minimum(1.0, OUTLYING / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
+        first = np.flatnonzero(np.r_[True, np.diff(channel.group) > 0])
+        sizes = np.diff(np.r_[first, len(channel.group)])
+        mean2 = np.sum(np.add.reduceat(rest, first, axis=0) ** 2, axis=1) / sizes
+        ratio = sizes * np.exp(2 * shared)
+        total += float(np.exp(-noise) * (np.sum(rest**2) - np.sum(ratio / (1 + ratio) * mean2)))
+    return total

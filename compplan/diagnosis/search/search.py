@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.shared import STEPS, rank_evidence
 from compplan.diagnosis.evidence.evidence import (
     FIRST_STEPS,
+    SIZES,
+    Gain,
     Posterior,
     Prior,
     drop_negative,
     excess_squares,
+    find_gains,
     find_posterior,
 )
-from compplan.diagnosis.evidence.evidence_gain import SIZES, Gain, find_gains
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, project_out
 from compplan.effects import gravity_sag
@@ -91,13 +93,8 @@ class Model:
 class Search:
     """Normal equations with their prior, and the models that were looked at.
 
-    Attributes:
-        equations: The products.
-        prior: Prior without claims.
-        log_prior: Log prior odds of each signature.
-        candidates: Signatures that may be claimed.
-        start: Noise and background to begin with.
-        rigid: Whether nothing bends but what claims make soft.
+    `log_prior` are the log prior odds of each signature, `candidates` those that may be claimed, `start` noise and
+    background to begin with; `rigid` tells whether nothing bends but what claims make soft.
     """
 
     equations: NormalEquations
@@ -175,11 +172,9 @@ class Search:
         return False
 
     def _coincidence(self, claims: Sequence[Claim], posterior: Posterior) -> float:
-        """Price claims that move the target further than the whole gap and cancel each other.
+        """Price claims that move the target further than the whole gap and cancel each other, frames taken out of both.
 
-        A normal prior of three components with the size of the gap: 3/2 (c^2 - 1) for a motion of c gaps, so that two
-        and a half are hardly, and ten not at all paid for by any evidence. Frames that are fitted in every model are
-        taken out of both.
+        A normal prior of three components with the size of the gap: 3/2 (c^2 - 1) for a motion of c gaps.
         """
         values = posterior.values(self.equations.p)
         price = 0.0
@@ -231,10 +226,7 @@ def log_prior_size(size: float) -> float:
 
 
 def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_EFFECTS) -> Model:
-    """Find the best set of effects.
-
-    Rounds of forward steps, then exchanges and removals, until none is worthwhile.
-    """
+    """Find the best set of effects: rounds of a forward step, exchanges and removals, until none is worthwhile."""
     best = search.model(first, search.start, steps=FIRST_STEPS)
     concerned = tuple(best.claims)
     for _ in range(MOST_EFFECTS):
@@ -255,11 +247,6 @@ def search_from_forward_selection(search: Search, found: Model, most: int) -> Mo
     """Return the better of a found model and of one searched from a forward selection without small errors.
 
     Stepwise search ends in a local optimum, where small errors everywhere may carry what a wrong first effect leaves.
-
-    Args:
-        search: What was searched.
-        found: The best model so far.
-        most: Most effects to claim.
     """
     bare = replace(search, prior=replace(search.prior, background=np.full_like(search.prior.background, -1)), cache={})
     first = bare.model([], search.start, steps=FIRST_STEPS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -42,8 +43,7 @@ class Problem:
         register: Frames that are fitted in every model.
         without: Effects that are left out of the candidates.
         fixed: Effects that are taken for granted (a convention of counting that was found beforehand).
-        latest: The effects that were solved last and what they came to: the same state is asked for again and again,
-            with other frames of the campaign at most.
+        latest: The state that was solved last: it is asked for again and again, with other frames at most.
     """
 
     robot: Robot
@@ -72,8 +72,8 @@ class FitState:
         registration: Frames of the campaign, or None.
         use: Rows that are not outliers and whose approach is known. Shape (n,).
         claims: Place and form of the claims, and their sizes.
-        most: Most effects that may be claimed.
         scatter: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
+        most: Most effects that may be claimed.
     """
 
     effects: tuple[Effect, ...]
@@ -92,14 +92,12 @@ class Fit:
     Attributes:
         problem: What was diagnosed.
         state: Effects, frames and rows.
-        at: Linearization at the fitted model.
+        at: Linearization; `state` may have gone on from there.
         channels: Observations minus what the fitted model expects.
         search: The last search, with all the models it looked at.
         model: The best of them.
         noises: Noise of each channel.
         outliers: Rows reported as outliers.
-        base: State that the linearization was taken at, where `state` has gone on.
-        exact: Root mean square distance that the exact model leaves on the rows used. [m]
         score: Log posterior with the squares that the exact model leaves.
     """
 
@@ -111,8 +109,6 @@ class Fit:
     model: Model
     noises: dict[str, Noise]
     outliers: NDArray[np.int_]
-    base: FitState | None = None
-    exact: float = 0.0
     score: float = -np.inf
 
 
@@ -165,56 +161,50 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
     prior, posterior = drop_negative(equations, prior, fit.model.posterior, bounded)
     here = np.array([fit.state.values.get(name, 0.0) for name in equations.names]) / equations.scale
     vector = here + share * (posterior.values(equations.p) - here)
-    claimed = list(fit.model.signatures)
     before = {key for key, _ in fit.state.claims} if share < 1.0 else set()
+    claimed = list(fit.model.signatures)
     claimed += [n for n, s in enumerate(equations.signatures) if n not in claimed and key_of(s) in before]
-    registration = fit.state.registration
-    values: dict[str, float] = {}
-    effects = list(fit.problem.fixed)
-    background = prior.background
-    quiet = _quiet_classes(equations, background, vector)
-    order = [*claimed, *(n for n in range(len(equations.signatures)) if n not in claimed)]
-    for number in order:
+    # classes of the background that hardly move anything stay out
+    loud = np.zeros(len(CLASSES) + 1, bool)
+    for label in range(len(CLASSES)):
+        columns = np.flatnonzero((prior.background == label) & (vector != 0))
+        loud[label] = bool(len(columns)) and not idle(equations, columns, vector, SETTLED)
+    rest = [
+        n for n, s in enumerate(equations.signatures)
+        if s.name == REGISTRATION or (in_background(s) and loud[prior.background[equations.columns(n)]].all())
+    ]  # fmt: skip
+    first = posterior.hyper
+    scatter = float(np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0])))
+    state = build_state(fit, vector, claimed, rest)
+    return replace(state, claims=claims_of(fit), scatter=fit.noises["position"].sigma * scatter)
+
+
+def build_state(fit: Fit, values: Array, claimed: Sequence[int], rest: Sequence[int]) -> FitState:
+    """Put the value of each column, shape (p,), into the exact model: claims first, then what else moves anything.
+
+    Where several signatures share a column, the first one's form is kept.
+    """
+    equations, left = fit.search.equations, values.copy()
+    effects, kept, registration = list(fit.problem.fixed), dict[str, float](), fit.state.registration
+    for number in [*claimed, *(n for n in rest if n not in claimed)]:
         signature, columns = equations.signatures[number], equations.columns(number)
         if signature.name == REGISTRATION:
-            registration = move_registration(registration, signature, vector[columns] * signature.scale)
-            continue
-        if number not in fit.model.signatures and any(equations.names[column] in values for column in columns):
-            continue
-        if number not in claimed:
-            labels = background[columns]
-            if (labels < 0).any() or quiet[labels].any() or not in_background(signature):
-                continue
-            if idle(equations, columns, vector):
-                continue
-        part = vector[columns].copy()
-        if signature.positive:
-            part = np.maximum(part, 0.0)
-        if part.any():
+            registration = move_registration(registration, signature, left[columns] * signature.scale)
+        elif number in claimed or not idle(equations, columns, left):
+            part = np.maximum(left[columns], 0.0) if signature.positive else left[columns]
             sizes = limit_sizes(fit.problem.robot, signature, part * signature.scale)
-            values |= {equations.names[column]: float(size) for column, size in zip(columns, sizes, strict=True)}
-            effects.append(signature.effect(sizes))
-    first = posterior.hyper
-    scatter = fit.noises["position"].sigma * float(
-        np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0]))
-    )
-    return FitState(tuple(effects), values, registration, fit.state.use, claims_of(fit), scatter)
+            sizes = np.maximum(sizes, signature.least) if signature.least else sizes
+            if part.any():
+                kept |= {equations.names[c]: float(size) for c, size in zip(columns, sizes, strict=True)}
+                effects.append(signature.effect(sizes))
+            left[columns] = 0.0
+    return replace(fit.state, effects=tuple(effects), values=kept, registration=registration)
 
 
-def idle(equations: NormalEquations, columns: NDArray[np.int_], vector: Array) -> bool:
-    """Tell whether background errors move nothing here: they stay out of the model, as elsewhere they might."""
+def idle(equations: NormalEquations, columns: NDArray[np.int_], vector: Array, least: float = IDLE) -> bool:
+    """Tell whether errors move nothing by a share of the noise: they stay out of the model, as elsewhere they might."""
     part = vector[columns]
-    return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < IDLE for design in equations.designs)
-
-
-def _quiet_classes(equations: NormalEquations, background: NDArray[np.int_], vector: Array) -> NDArray[np.bool_]:
-    """Tell which classes of the background hardly move anything. Shape (classes,)."""
-    quiet = np.ones(len(CLASSES), bool)
-    for label in range(len(CLASSES)):
-        columns = np.flatnonzero((background == label) & (vector != 0))
-        moves = [np.sqrt(np.mean((design[..., columns] @ vector[columns]) ** 2)) for design in equations.designs]
-        quiet[label] = max(moves, default=0.0) < SETTLED
-    return quiet
+    return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < least for design in equations.designs)
 
 
 def move_registration(registration: Registration | None, signature: Signature, step: Array) -> Registration | None:

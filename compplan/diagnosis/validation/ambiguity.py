@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import NEGLIGIBLE, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.evidence.evidence_gain import combine_normal_equations
+from compplan.diagnosis.evidence.evidence import combine_normal_equations
 from compplan.diagnosis.evidence.normal_equations import project_out
-from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.search.state import Fit
+from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
 from compplan.robot import Array
@@ -46,12 +46,7 @@ def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> 
     """Compare a claim's motion with what every other effect can explain, best first.
 
     The share is the squared cosine of the angle between the claim's motion and the space of the other effect, base and
-    tool frames projected out of both.
-
-    Args:
-        fit: The fit.
-        signature: Number of the claimed signature.
-        values: Values of all columns; those of the fit's model where left out. Shape (p,).
+    tool frames projected out of both. `values` are those of all columns (p,); those of the fit's model where left out.
     """
     equations = fit.search.equations
     columns = equations.columns(signature)
@@ -73,13 +68,7 @@ def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> 
 
 
 def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tuple[int, Array, float]:
-    """Fit the effect of another place to the motion by a claim, frames fitted to both.
-
-    Args:
-        fit: The fit.
-        signature: Number of the claimed signature.
-        place: Name, joint and axis of the other.
-        values: Values of the claim's columns, in units of their scale. Shape (k,).
+    """Fit the effect of another place to the motion by a claim of these values (k,), frames fitted to both.
 
     Returns:
         Number of the other signature, the best of its forms; values of its columns, in units of their scale; sum of

@@ -62,11 +62,7 @@ LIMITS = SizeLimits()
 def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
     """Return why a robot cannot have an effect of this size; empty where it can.
 
-    Args:
-        fit: The fit.
-        effect: The effect, with its parameters.
-        explained: Root mean square motion of the target that it explains. [m]
-        gap: Root mean square gap of the model without effects. [m]
+    `explained` is the rms motion of the target that it explains, `gap` the rms gap of the model without effects. [m]
     """
     if explained > LIMITS.most_motion * gap:
         return f"it moves the target by {1e3 * explained:.3g} mm, the gap is {1e3 * gap:.3g} mm"
@@ -127,15 +123,10 @@ def _check_bending(fit: Fit, effect: Effect) -> str:
 
 
 def stretched_moment(robot: Robot, joint: str | None) -> float:
-    """Return the moment of the arm's weight beyond a joint, and of its rated payload, with all of it stretched out.
+    """Return the moment of the arm's weight beyond a joint (None: the base) and of its rated payload, stretched. [N m]
 
-    Args:
-        robot: The robot.
-        joint: The joint; None for the base.
-
-    Returns:
-        g (sum_b m_b (l_b + |c_b|) + m_rated l_flange), l the length of chain from the joint to a link; 0 where neither
-        masses nor data sheet are known. [N m]
+    g (sum_b m_b (l_b + |c_b|) + m_rated l_flange), l the length of chain from the joint to a link; 0 where neither
+    masses nor data sheet are known.
     """
     start = next((j.child for j in robot.joints if j.name == joint), robot.base)
     length = {start: 0.0}

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from compplan.diagnosis.data.channels import block_index, group_poses, position_residual
-from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, rms_length
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations, Products, select_rows
-from compplan.diagnosis.search.polish import register_again
+from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, advance_state, stands
 from compplan.effects import apply_effects, build_model, fold_effects, robot_effects, solve_model_poses
@@ -36,12 +36,7 @@ UNDERSTATED = 0.8
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Residuals of rows left out of the fit.
-
-    Attributes:
-        rows: Rows of the campaign. Shape (r,).
-        residual: Measured minus predicted positions. Shape (r, 3). [m]
-    """
+    """Residuals of rows left out of the fit: rows of the campaign (r,), measured minus predicted (r, 3). [m]"""
 
     rows: NDArray[np.int_]
     residual: Array
@@ -49,25 +44,11 @@ class HeldOut:
     @property
     def rms(self) -> float:
         """Root mean square distance. [m]"""
-        return float(np.sqrt(np.mean(np.sum(self.residual**2, axis=1)))) if len(self.rows) else 0.0
+        return rms_length(self.residual)
 
     def of(self, seen: NDArray[np.bool_]) -> HeldOut:
         """Return the residuals of some of its rows. Shape of `seen`: (r,)."""
         return HeldOut(self.rows[seen], self.residual[seen])
-
-    def nest_choice(self, options: Sequence[HeldOut], fold: NDArray[np.int_], seen: NDArray[np.bool_]) -> HeldOut:
-        """Return the residuals of nested selection: for each fold those of the option that is best on the other folds.
-
-        Args:
-            options: Residuals of each option at the same rows; a single one is returned as it is.
-            fold: Fold of each row. Shape (r,).
-            seen: Rows that are no outliers. Shape (r,).
-        """
-        residual = self.residual.copy()
-        for number in np.unique(fold) if len(options) > 1 else ():
-            best = min(options, key=lambda option: option.of(seen & (fold != number)).rms)
-            residual[fold == number] = best.residual[fold == number]
-        return HeldOut(self.rows, residual)
 
     def correct_for_selection(self, fold: NDArray[np.int_], seen: NDArray[np.bool_]) -> HeldOut:
         """Return these residuals, enlarged where they may be small by chance because folds are few.
@@ -77,12 +58,8 @@ class HeldOut:
             exp(mean-square's log + t_{k-1} s sqrt(1 / k + 1 / (k - 1))),
 
         s the deviation of log m_f over k folds; the fits of the folds share most of their rows, which adds the second
-        term [NadeauBengio2003]. What is stated is at least UNDERSTATED of that limit: the true error is more than
-        1 / UNDERSTATED of it in one case of twenty.
-
-        Args:
-            fold: Fold of each row. Shape (r,).
-            seen: Rows that are no outliers. Shape (r,).
+        term [NadeauBengio2003]. What is stated is at least UNDERSTATED of that limit. `seen`: rows (r,) that are no
+        outliers.
         """
         folds = [self.of(seen & (fold == number)).rms for number in np.unique(fold[seen])]
         count, logs = len(folds), 2.0 * np.log(np.maximum(folds, 1e-300))
@@ -95,12 +72,8 @@ class HeldOut:
         """Return the probability that chance alone makes another's mean square larger than this one by as much.
 
         Were both as good, each group's gain would be as likely the other way round: the share of all signs of the gains
-        whose sum is no smaller [Fisher1935, section 21]. So many groups that not all signs can be counted have a sum
-        of signed gains that is nearly normal, of variance sum d_g^2.
-
-        Args:
-            other: Another prediction of the same rows.
-            group: Group of each row; rows of a group err alike. Shape (r,).
+        whose sum is no smaller [Fisher1935, section 21]; of many groups that sum is nearly normal, of variance sum
+        d_g^2. Rows of a group, shape (r,), err alike.
         """
         less = np.sum(other.residual**2 - self.residual**2, axis=1)
         _, index = np.unique(group, return_inverse=True)
@@ -158,12 +131,7 @@ class Folds:
         return result
 
     def hold_out(self, claims: Sequence[Claim], *, background: bool = True) -> HeldOut:
-        """Predict every row by the exact model that the other folds lead to.
-
-        Args:
-            claims: Claims of the model.
-            background: Whether small errors everywhere are fitted and predicted with.
-        """
+        """Predict every row by the exact model of some claims, with small errors or not, fitted to the other folds."""
 
         def build(number: int, equations: NormalEquations) -> tuple[Fit, FitState]:
             fitted = with_claims(self.fit, claims, background=background, equations=equations)
@@ -201,28 +169,28 @@ class Folds:
 
 
 def fit_frames(fit: Fit, residual: Array, poses: int) -> Array:
-    """Return errors as a later campaign of many poses would show them, its own frames fitted to them. Shape (r, 3). [m]
-
-    Args:
-        fit: The fit.
-        residual: Errors of the rows of its normal equations. Shape (r, 3). [m]
-        poses: Poses, or blocks of paths, that they are.
-    """
+    """Return errors (r, 3) as a later campaign of many poses would show them, its own frames fitted to them. [m]"""
     if not fit.problem.register:
         return residual
-    equations, sigma = fit.search.equations, fit.search.equations.source[0].sigma
-    frames = equations.designs[0][..., equations.columns_named(REGISTRATION)]
-    left = (residual / sigma).reshape(-1)
-    columns = frames.reshape(len(left), -1)
-    left = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-9)[0]
-    return np.asarray(free_of_frames(fit, poses) * left.reshape(residual.shape) * sigma)
+    sigma = fit.search.equations.source[0].sigma
+    return np.asarray(free_of_frames(fit, poses) * take_out_frames(fit.search.equations, residual / sigma) * sigma)
+
+
+def take_out_frames(equations: NormalEquations, left: Array) -> Array:
+    """Take out of positions, shape (r, 3), what frames that are fitted anyway follow. In units of the noise."""
+    frames = equations.columns_named(REGISTRATION)
+    if not len(frames):
+        return left
+    columns = equations.designs[0][..., frames].reshape(left.size, len(frames))
+    values = np.linalg.lstsq(columns, left.reshape(-1), rcond=1e-9)[0]
+    return np.asarray(left - (columns @ values).reshape(left.shape))
 
 
 def free_of_frames(fit: Fit, poses: int) -> float:
-    """Return by which factor errors were larger before frames were fitted to the campaign that shows them.
+    """Return by which factor errors were larger before frames were fitted to the poses that show them.
 
-    Frames of f values that are fitted to n poses take their part of whatever is there and leave sqrt(1 - f / 3 n) of
-    it on average; of a later campaign of many poses they take next to nothing.
+    Frames of f values that are fitted to n poses leave sqrt(1 - f / 3 n) of whatever is there on average; of a later
+    campaign of many poses they take next to nothing.
     """
     if not fit.problem.register:
         return 1.0
@@ -236,14 +204,7 @@ def free_of_frames(fit: Fit, poses: int) -> float:
 def with_claims(
     fit: Fit, claims: Sequence[Claim], *, background: bool, equations: NormalEquations | None = None
 ) -> Fit:
-    """Return a fit with other claims, noise and sizes of classes held.
-
-    Args:
-        fit: The fit.
-        claims: The claims.
-        background: Whether small errors everywhere are fitted, too.
-        equations: Products to fit to; the fit's own where left out.
-    """
+    """Return a fit with other claims, to the equations given or its own, noise and sizes of classes held."""
     prior = fit.search.prior
     if not background:
         prior = Prior(np.full_like(prior.background, -1), prior.spread, prior.free, prior.slab)

@@ -56,7 +56,7 @@ SPARSE = SparseSettings()
 
 @dataclass(frozen=True, eq=False)
 class StayMeans:
-    """Means of stays; N values.
+    """Means of stays; N values, k columns.
 
     Attributes:
         design: Columns. Shape (N, k).
@@ -81,15 +81,7 @@ class StayMeans:
 
 @dataclass(frozen=True, eq=False)
 class SparseModel:
-    """A solution.
-
-    Attributes:
-        means: Columns that are left, and all values.
-        variance: Their prior variances d. Shape (k,).
-        mean: Their values. Shape (k,).
-        covariance: And their covariance. Shape (k, k).
-        noise: Variance v of each channel.
-    """
+    """A solution: columns that are left, prior variances d (k,), values (k,), covariance (k, k), noise v."""
 
     means: StayMeans
     variance: Array
@@ -155,13 +147,7 @@ def average_stays(equations: NormalEquations, signatures: Sequence[int], claims:
 def solve_sparse(
     means: StayMeans, rows: NDArray[np.bool_] | None = None, start: SparseModel | None = None
 ) -> SparseModel:
-    """Fit variances, noise and values.
-
-    Args:
-        means: Means of stays and columns.
-        rows: Values to use; all where left out. Shape (N,).
-        start: A solution to begin with, whose columns alone are fitted.
-    """
+    """Fit variances, noise and values to all or some of the means (N,), from a start with its columns alone."""
     if start is not None:
         means = start.means
     used = np.ones(len(means.observed), bool) if rows is None else rows

@@ -1,6 +1,9 @@
-"""Whether residuals are noise, and honest intervals where they are not."""
+"""What a fit tells: which parameters apart, with which intervals where residuals are no noise, and on rows left out."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,13 +11,18 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
-from compplan.measurement.fit.linear_system import System, count_spare, information, invert, stack, weigh
-from compplan.measurement.fit.robust import loss_weights
+from compplan.measurement.fit.least_squares import System, count_spare, information, invert, loss_weights, stack, weigh
 from compplan.robot import Array
 
 #: Standard normal score from which residuals of neighbouring poses count as dependent (one in 30,000 by chance).
 AGREEMENT_SCORE = 4.0
 SEED = 20240501
+#: A direction whose standard error is more than this many typical sizes is called unidentifiable.
+LIMIT = 10.0
+#: Squared singular value of the column-scaled system below which a direction is singular, whatever the noise.
+SINGULAR = 1e-12
+#: Share of a direction from which a parameter may be the one that is held.
+SHARE = 0.2
 
 
 def state_spread(
@@ -82,11 +90,8 @@ def _freedom(
 def neighbours_agree(q: Array, residual: Array) -> bool:
     """Tell whether residuals of neighbouring poses agree more than noise does.
 
-    The score is sum_i r_i . r_nn(i) / sqrt(sum_i (r_i . r_nn(i))^2) over nearest neighbours in joint space.
-
-    Args:
-        q: Joint positions. Shape (n, nq). [rad or m]
-        residual: Weighted residuals. Shape (n, m).
+    The score is sum_i r_i . r_nn(i) / sqrt(sum_i (r_i . r_nn(i))^2) over nearest neighbours in joint space. q: joint
+    positions, (n, nq); residual: weighted, (n, m).
     """
     if len(q) < 20:
         return False
@@ -100,15 +105,9 @@ def neighbours_agree(q: Array, residual: Array) -> bool:
 
 
 def cluster_covariance(q: Array, residual: Array, columns: Array) -> Array | None:
-    """Compute the covariance from groups of neighbouring poses that share their errors [LiangZeger1986].
+    """Compute the covariance from groups of neighbouring poses that share their errors [LiangZeger1986]. Shape (p, p).
 
-    Args:
-        q: Joint positions. Shape (n, nq). [rad or m]
-        residual: Weighted residuals. Shape (n, m).
-        columns: Weighted derivatives. Shape (n, m, p).
-
-    Returns:
-        Shape (p, p), or None where there are too few poses to form groups.
+    None where there are too few poses to form groups. Residuals (n, m) and derivatives (n, m, p) are weighted.
     """
     count = min(len(np.unique(np.round(q, 4), axis=0)) // 3, 60)
     if count <= 10:
@@ -124,3 +123,124 @@ def cluster_poses(q: Array, count: int) -> np.ndarray:
     """Group poses that are near in joint space; the same poses give the same groups. Shape (n,)."""
     spread = np.where(q.std(axis=0) > 1e-9, q.std(axis=0), 1.0)
     return np.asarray(kmeans2(q / spread, count, minit="++", seed=SEED, missing="warn")[1])
+
+
+@dataclass(frozen=True)
+class HeldOutRows:
+    """Residuals of rows under models that were fitted without them."""
+
+    residual: Array  #: Measured minus predicted; after taking off the mean of each pose for differences. Shape (n, m).
+    score: Array  #: Sum of squared weighted residuals of each pose. Shape (poses,).
+
+
+def predict_left_out(
+    system: System, noise: Array, weights: Array, free: NDArray[np.bool_], *, group: NDArray[np.int_] | None,
+    fold: NDArray[np.int_], pose: NDArray[np.int_],
+) -> HeldOutRows:  # fmt: skip
+    """Refit without each block of rows and predict it.
+
+    Each refit is one Gauss-Newton step from the fit of all rows: the model is linear in its parameters far below noise.
+    Row weights are those of the fit of all rows, so that gross outliers count neither in the fit nor in the test.
+
+    Args:
+        system: The linearised problem at the fitted state. Shape (n, m, p).
+        noise: Noise against the stated one, of each block. Shape (3,).
+        weights: Robust weight of each row. Shape (n,).
+        free: Which parameters are refitted. Shape (p,).
+        group: Groups in which rows are compared with each other only; None for absolute values. Shape (n,).
+        fold: Block of each row. Shape (n,).
+        pose: Pose of each row, for the score. Shape (n,).
+    """
+    whitener = system.whitener(noise)
+    root = np.sqrt(weights)[:, None]
+    residual, columns = weigh(system, whitener * root, group)
+    columns = columns[:, :, free]
+    left = residual.copy()
+    p = columns.shape[2]
+    if p:
+        scale = np.sqrt(np.einsum("nmp,nmp->p", columns, columns))
+        scale[scale == 0] = 1.0
+        columns = columns / scale
+        parts = [columns[fold == k].reshape(-1, p) for k in range(fold.max() + 1)]
+        sides = [residual[fold == k].reshape(-1) for k in range(fold.max() + 1)]
+        matrices, vectors = [a.T @ a for a in parts], [a.T @ b for a, b in zip(parts, sides, strict=True)]
+        total, side = sum(matrices), sum(vectors)
+        for k, (matrix, vector) in enumerate(zip(matrices, vectors, strict=True)):
+            step = np.linalg.lstsq(total - matrix, side - vector, rcond=1e-12)[0]
+            left[fold == k] = residual[fold == k] - columns[fold == k] @ step
+    score = np.zeros(int(pose.max()) + 1)
+    np.add.at(score, pose, (left**2).sum(axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        back = np.where(whitener * root > 0, left / (whitener * root), np.nan)
+    return HeldOutRows(back, score)
+
+
+def gain_score(before: Array, after: Array) -> float:
+    """Weigh a gain in held-out scores against its scatter from pose to pose: mean over standard error."""
+    gain = before - after
+    spread = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
+    return float(gain.mean() / max(spread, 1e-300))
+
+
+def distance_rms(residual: Array, rows: NDArray[np.bool_]) -> float:
+    """Take the rms of the 3D distance over some rows. [m]"""
+    part = residual[rows, :3]
+    known = np.isfinite(part).any(axis=1)
+    return float(np.sqrt(np.mean(np.nansum(part[known] ** 2, axis=1)))) if known.any() else float("nan")
+
+
+def find_free(information: Array, sizes: Array, rank: Sequence[int]) -> NDArray[np.bool_]:
+    """Find a largest set of parameters that the data tell apart; the rest has to be held. Shape (p,).
+
+    Args:
+        information: Information matrix A^T W A. Shape (p, p). [per unit squared]
+        sizes: Typical sizes of the parameters. Shape (p,).
+        rank: What is held first where several act alike: the lowest. Shape (p,).
+    """
+    scaled = information * np.outer(sizes, sizes)
+    strength = np.sqrt(np.diag(scaled))
+    free: NDArray[np.bool_] = strength * LIMIT > 1
+    while free.any():
+        index = np.flatnonzero(free)
+        block = scaled[np.ix_(index, index)]
+        norm = strength[index]
+        value, vector = np.linalg.eigh(block / np.outer(norm, norm))
+        direction = vector[:, 0]
+        if value[0] > SINGULAR:
+            value, vector = np.linalg.eigh(block)
+            if value[0] * LIMIT**2 > 1:
+                break
+            direction = vector[:, 0]
+        weight = np.abs(direction)
+        suspects = np.flatnonzero(weight > SHARE * weight.max())
+        free[index[min(suspects, key=lambda k: (rank[int(index[k])], -weight[k]))]] = False
+    return free
+
+
+def find_mates(information: Array, sizes: Array, free: NDArray[np.bool_]) -> list[tuple[int, list[int]]]:
+    """Return every parameter that is held, and the free ones that act as it does: six at most, the likest first.
+
+    Arguments as of `find_free`; free: mask of the free parameters, (p,).
+    """
+    scaled = information * np.outer(sizes, sizes)
+    strength, index = np.sqrt(np.diag(scaled)), np.flatnonzero(free)
+    found = []
+    for k in (int(held) for held in np.flatnonzero(~free)):
+        mates: list[int] = []
+        if strength[k] * LIMIT > 1 and len(index):
+            share = np.linalg.lstsq(scaled[np.ix_(index, index)], scaled[index, k], rcond=None)[0]
+            part = np.abs(share) * strength[index]
+            mates = [int(index[j]) for j in np.argsort(-part) if part[j] > SHARE * max(strength[k], part.max())][:6]
+        found.append((k, mates))
+    return found
+
+
+def condition_number(information: Array, free: NDArray[np.bool_]) -> float:
+    """Compute the condition number of the column-scaled system of the free parameters."""
+    index = np.flatnonzero(free)
+    if not len(index):
+        return float("nan")
+    block = information[np.ix_(index, index)]
+    norm = np.sqrt(np.diag(block))
+    value = np.linalg.eigvalsh(block / np.outer(norm, norm))
+    return float(np.sqrt(value[-1] / max(value[0], 1e-300)))

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
-from compplan.measurement.campaign import Campaign, number_rows
-from compplan.measurement.fit.robust import check_loss
-from compplan.measurement.from_arrays import ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION
+from compplan.measurement.campaign import ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION, Campaign, number_rows
+from compplan.measurement.fit.least_squares import check_loss
 from compplan.measurement.registration import Registration
 from compplan.robot import Array
 
@@ -107,10 +106,7 @@ def count_poses(q: Array) -> int:
 
 
 def take_rows(campaign: Campaign, registration: Registration, loss: str) -> tuple[Rows, list[str]]:
-    """Take the rows of a log that identification can use: settled poses with joints, load and position.
-
-    Returns:
-        The rows, and sentences on what was left out or assumed.
+    """Take the settled poses with joints, load and position of a log, and say what was left out or assumed.
 
     Raises:
         InputError: If no row can be used.

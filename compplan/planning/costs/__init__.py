@@ -1,6 +1,6 @@
 """Costs of the program, one file each: a term of the objective and one sentence.
 
-A new cost is one file with a class derived from `Cost`, and one line in `COSTS`.
+A new cost is one file with a class derived from `Cost`, and one entry in `COSTS`.
 """
 
 from __future__ import annotations
@@ -11,16 +11,6 @@ from compplan.planning.costs.missed import MissedPose
 from compplan.planning.costs.smoothness import Smoothness
 from compplan.planning.costs.time import Time
 from compplan.planning.costs.travel import JointTravel
-from compplan.planning.problem import Cost
 
 #: Every cost by its name.
-COSTS: dict[str, type] = {
-    "band": Band,
-    "departure": Departure,
-    "missed_pose": MissedPose,
-    "smoothness": Smoothness,
-    "time": Time,
-    "travel": JointTravel,
-}
-
-__all__ = ["COSTS", "Band", "Cost", "Departure", "JointTravel", "MissedPose", "Smoothness", "Time"]
+COSTS = {cost.name: cost for cost in (Band, Departure, MissedPose, Smoothness, Time, JointTravel)}

@@ -11,16 +11,10 @@ from compplan.planning.problem import Cost, Station
 
 @dataclass(frozen=True)
 class Band(Cost):
-    """w B / B_0, the epigraph variable of `compplan.planning.limits.band`.
+    """w B / B_0, the epigraph variable of `compplan.planning.limits.band`."""
 
-    Attributes:
-        weight: w against the other costs.
-        stations: Number of stations, whose sum it is.
-
-    """
-
-    weight: float
-    stations: int
+    weight: float  #: w against the other costs.
+    stations: int  #: Number of stations, whose sum it is.
     name = "band"
 
     def __str__(self) -> str:

@@ -12,18 +12,11 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class Departure(Cost):
-    """sum w (q - q_start)^2.
+    """sum w (q - q_start)^2."""
 
-    Attributes:
-        weight: What each joint is worth. Shape (nq,).
-
-    """
-
-    weight: Array
+    weight: Array  #: What each joint is worth. Shape (nq,).
     name = "departure"
-
-    def __str__(self) -> str:
-        return "sum w (q - q_start)^2"
+    formula = "sum w (q - q_start)^2"
 
     def term(self, station: Station) -> ca.SX:
         """Return the weighted square of the departure."""

@@ -11,18 +11,11 @@ from compplan.planning.problem import Cost, Station
 
 @dataclass(frozen=True)
 class MissedPose(Cost):
-    """W sum (|tip|^2 + (lever angle)^2) over the pose that released stations miss; an excessive correction costs more.
+    """W sum (|tip|^2 + (lever angle)^2) over the pose that released stations miss; too long a correction costs more."""
 
-    Attributes:
-        weight: W against the other costs. [1/m^2]
-        steep: What a metre of correction beyond its limit costs against W, an exact penalty. [1/m]
-        lever: What an error of orientation costs against one of position. [m/rad]
-
-    """
-
-    weight: float = 1e3
-    lever: float = 0.2
-    steep: float = 20.0
+    weight: float = 1e3  #: W against the other costs. [1/m^2]
+    lever: float = 0.2  #: What an error of orientation costs against one of position. [m/rad]
+    steep: float = 20.0  #: What a metre of correction beyond its limit costs against W, an exact penalty. [1/m]
     name = "missed_pose"
 
     def __str__(self) -> str:

@@ -12,16 +12,10 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class Smoothness(Cost):
-    """w sum (q'' / a_max)^2 ds, q'' along the programmed time.
+    """w sum (q'' / a_max)^2 ds, q'' along the programmed time."""
 
-    Attributes:
-        weight: w against the other costs, by the whole programmed time. [1/s]
-        unit: Acceleration that each joint is counted in. Shape (nq,). [rad/s^2 or m/s^2]
-
-    """
-
-    weight: float
-    unit: Array
+    weight: float  #: w against the other costs, by the whole programmed time. [1/s]
+    unit: Array  #: Acceleration that each joint is counted in. Shape (nq,). [rad/s^2 or m/s^2]
     name = "smoothness"
     timed = True
 

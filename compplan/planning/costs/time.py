@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from compplan.planning.problem import Cost, Station
 
@@ -14,21 +15,17 @@ AT_REST = 1e-9
 
 @dataclass(frozen=True)
 class Time(Cost):
-    """w T / T_0, T = sum 2 ds / (sqrt(x_i) + sqrt(x_i+1)).
+    """w T / T_0, T = sum 2 ds / (sqrt(x_i) + sqrt(x_i+1))."""
 
-    Attributes:
-        weight: w against the other costs.
-        reference: T_0. [s]
-
-    """
-
-    weight: float
-    reference: float
+    weight: float  #: w against the other costs.
+    reference: float  #: T_0. [s]
+    most: float = np.inf  #: Bound of w T / T_0.
     name = "time"
     timed = True
 
     def __str__(self) -> str:
-        return f"{self.weight:g} T / T_0"
+        bound = "" if np.isinf(self.most) else f" (<= {self.most:g})"
+        return f"{self.weight:g} T / T_0{bound}"
 
     def term(self, station: Station) -> ca.SX:
         """Return the share of the time to the next station."""

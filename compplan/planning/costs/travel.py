@@ -15,16 +15,10 @@ SMALL = 1e-3
 
 @dataclass(frozen=True)
 class JointTravel(Cost):
-    """w sum |q_i+1 - q_i| / unit, rounded at nothing; a way back pays twice.
+    """w sum |q_i+1 - q_i| / unit, rounded at nothing; a way back pays twice."""
 
-    Attributes:
-        weight: w against the other costs.
-        unit: Motion that each joint is counted in. Shape (nq,). [rad or m]
-
-    """
-
-    weight: float
-    unit: Array
+    weight: float  #: w against the other costs.
+    unit: Array  #: Motion that each joint is counted in. Shape (nq,). [rad or m]
     name = "travel"
 
     def __str__(self) -> str:

@@ -5,35 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
-from compplan.planning.problem import Limit, PlanningProblem, Station
+from compplan.planning.problem import Limit, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
 class AccelerationLimit(Limit):
-    """|q'' x + q' x' / 2| <= a_max on both sides of a station, x the square of the speed.
+    """|q'' x + q' x' / 2| <= a_max on both sides of a station, x the square of the speed."""
 
-    Attributes:
-        most: Limits. Shape (nq,). [rad/s^2 or m/s^2]
-
-    """
-
-    most: Array
+    most: Array  #: Limits. Shape (nq,). [rad/s^2 or m/s^2]
     name = "acceleration"
+    formula = "|q'' x + q' x' / 2| <= a_max"
     timed = True
     of_joints = True
-
-    def __str__(self) -> str:
-        return "|q'' x + q' x' / 2| <= a_max"
 
     def rows(self, station: Station) -> ca.SX:
         """Return accelerations behind and before the station as shares of their limits."""
         sides = [station.change * station.square + station.rate * push for push in (station.push, station.push_before)]
         return ca.vertcat(*(side / ca.DM(self.most) for side in sides))
-
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
-        """Return the bounds of the shares."""
-        shape = (len(problem), 2 * len(self.most))
-        return -np.ones(shape), np.ones(shape)

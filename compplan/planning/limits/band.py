@@ -8,12 +8,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.problem import Limit, PlanningProblem, Station
+from compplan.planning.problem import Bounds, Limit, PlanningProblem, Station
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain
 from compplan.statics.kinematics import SymbolicFrames, locate_symbolic
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import Slopes, split_covariance
 from compplan.uncertainty.sensitivities import (
@@ -42,92 +42,71 @@ class BandLimit(Limit):
     posture: zero or gear of a joint (axis x lever), direction of a joint's axis, compliance of a spring (its column
     times its deflection), size and direction of the force. |x|^2 with x of covariance V is close to a scaled
     chi-squared variable, whose quantile is Wilson and Hilferty's.
-
-    Attributes:
-        chain: The elastic chain.
-        zeros: a_j of each joint element: zero and gear. Shape (m,). [rad or m]
-        turns: a_j of turns about each axis of the frame of each element. Shape (m,). [rad]
-        springs: a_j of each elastic coordinate, relative. Shape (s,).
-        level: Relative standard deviation of the size of the force.
-        direction: Standard deviation of its direction. [rad]
-        rest: V_0. Shape (3, 3). [m^2]
-        reference: Radius that counts as 1. [m]
-        cut: Stations that count. Shape (k,).
-        most: Greatest radius that is allowed, as a share of `reference`.
-
     """
 
-    chain: Chain
-    zeros: Array
-    turns: Array
-    springs: Array
-    level: float
-    direction: float
-    rest: Array
-    reference: float
-    cut: NDArray[np.bool_]
-    most: float = np.inf
+    chain: Chain  #: The elastic chain.
+    zeros: Array  #: a_j of each joint element: zero and gear. Shape (m,). [rad or m]
+    turns: Array  #: a_j of turns about each axis of the frame of each element. Shape (m,). [rad]
+    springs: Array  #: a_j of each elastic coordinate, relative. Shape (s,).
+    level: float  #: Relative standard deviation of the size of the force.
+    direction: float  #: Standard deviation of its direction. [rad]
+    rest: Array  #: V_0. Shape (3, 3). [m^2]
+    reference: float  #: Radius that counts as 1. [m]
+    cut: NDArray[np.bool_]  #: Stations that count. Shape (k,).
+    most: float = np.inf  #: Greatest radius that is allowed, as a share of `reference`.
     name = "band"
-
-    def __str__(self) -> str:
-        return "r_95(q) <= B"
+    formula = "r_95(q) <= B"
 
     def rows(self, station: Station) -> ca.SX:
         """Return the band variable less the radius of the station."""
         return station.band - self.radius(station.frames, station.deflection, station.wrench) / self.reference
 
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> Bounds:
         """Return the bounds: none outside of the cut."""
-        return np.where(self.cut, 0.0, -np.inf)[:, None], np.full((len(problem), 1), np.inf)
+        return np.where(self.cut, 0.0, -np.inf)[:, None], np.inf
 
     def radius(self, frames: SymbolicFrames, deflection: ca.SX, wrench: ca.SX) -> ca.SX:
         """Return the radius as an expression. [m]"""
-        spread = ca.SX(ca.DM(self.rest))
-        for column in self.columns(frames, deflection, wrench):
-            spread = spread + ca.mtimes(column, column.T)
+        spread = self.spread(frames, deflection, wrench)
         total, square = ca.trace(spread), ca.sumsqr(spread)
         part = 2.0 / 9.0 * square / total**2
         return ca.sqrt(total * (1.0 - part + QUANTILE * ca.sqrt(part)) ** 3)
 
-    def columns(self, frames: SymbolicFrames, deflection: ca.SX, wrench: ca.SX) -> list[ca.SX]:
-        """Return the columns a_j g_j of what depends on the posture. Shapes (3). [m]"""
-        chain, tip, found = self.chain, frames.position, list[ca.SX]()
-        units = [ca.SX(ca.DM(unit)) for unit in np.eye(3)]
-        for k in range(len(chain.names)):
-            lever = tip - frames.origin[k]
-            if self.zeros[k] > 0.0:
-                pull = frames.axis[k] if chain.translates[k] else ca.cross(frames.axis[k], lever)
-                found.append(float(self.zeros[k]) * pull)
-            if self.turns[k] > 0.0:
-                found += [float(self.turns[k]) * ca.cross(unit, lever) for unit in units]
+    def spread(self, frames: SymbolicFrames, deflection: ca.SX, wrench: ca.SX) -> ca.SX:
+        """Return the covariance V. Shape (3, 3). [m^2]"""
+        chain, tip, found = self.chain, frames.position, ca.SX(ca.DM(self.rest))
+        levers = [tip - origin for origin in frames.origin]
+        pulls = [axis if slides else ca.cross(axis, lever)
+                 for axis, lever, slides in zip(frames.axis, levers, chain.translates, strict=True)]  # fmt: skip
+        for zero, turn, pull, lever in zip(self.zeros.tolist(), self.turns.tolist(), pulls, levers, strict=True):
+            found = found + zero**2 * ca.mtimes(pull, pull.T)
+            if turn > 0.0:  # the sum over the turns about three axes
+                found = found + turn**2 * (ca.sumsqr(lever) * ca.SX.eye(3) - ca.mtimes(lever, lever.T))
         springs = chain.spring_elements.tolist()
-        pulls = [frames.axis[k] if chain.translates[k] else ca.cross(frames.axis[k], tip - frames.origin[k])
-                 for k in springs]  # fmt: skip
-        if not pulls:
+        if not springs:
             return found
-        shares = self.springs.tolist()
-        found += [shares[s] * deflection[s] * pull for s, pull in enumerate(pulls) if shares[s] > 0.0]
-        columns, compliance = ca.horzcat(*pulls), ca.SX(ca.sparsify(ca.DM(chain.compliance)))
-        found.append(self.level * ca.mtimes(columns, deflection))
-        for unit in units:
+        columns = ca.horzcat(*(pulls[k] for k in springs))
+        shares = columns * ca.repmat((ca.DM(self.springs) * deflection).T, 3, 1)
+        found = found + ca.mtimes(shares, shares.T)
+        compliance = ca.SX(ca.sparsify(ca.DM(chain.compliance)))
+        pushed = [self.level * ca.mtimes(columns, deflection)]
+        for unit in (ca.SX(ca.DM(each)) for each in np.eye(3)):
             force, moment = ca.cross(unit, wrench[:3]), ca.cross(unit, wrench[3:])
-            turns = [moment + ca.cross(tip - frames.origin[k], force) for k in springs]
-            load = [ca.dot(frames.axis[k], force if chain.translates[k] else turn)
-                    for k, turn in zip(springs, turns, strict=True)]  # fmt: skip
-            found.append(self.direction * ca.mtimes(columns, ca.mtimes(compliance, ca.vertcat(*load))))
-        return found
+            load = [ca.dot(frames.axis[k], force if chain.translates[k] else moment + ca.cross(levers[k], force))
+                    for k in springs]  # fmt: skip
+            pushed.append(self.direction * ca.mtimes(columns, ca.mtimes(compliance, ca.vertcat(*load))))
+        return found + sum(ca.mtimes(column, column.T) for column in pushed)
 
-    def evaluate(self, q: Array, wrench: Array, theta: Array) -> tuple[Array, Array]:
-        """Evaluate columns (n, 3, c) and radii (n,) [m] at postures q (n, nq).
-
-        wrench: on the tool (n, 6) [N, N m]; theta: elastic coordinates under it (n, s).
-        """
+    def evaluate(self, task: PlanTask, rows: NDArray[np.int_]) -> tuple[Array, Array]:
+        """Evaluate V (k, 3, 3) [m^2] and radius (k,) [m] at some waypoints of the start."""
+        q, wrench = task.q_start[rows], task.wrench[rows]
+        theta = attain_pose(task.chain, q, wrench, slope=False).theta
         sizes = {"q": self.chain.nq, "theta": self.chain.n_springs, "wrench": 6}
         symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
         parts = locate_symbolic(self.chain, symbols["q"]), symbols["theta"], symbols["wrench"]
-        outputs = [ca.vec(ca.horzcat(*self.columns(*parts))), self.radius(*parts)]
-        columns, radius = ca.Function("band", list(symbols.values()), outputs).map(len(q))(q.T, theta.T, wrench.T)
-        return np.array(columns).T.reshape(len(q), -1, 3).swapaxes(1, 2), np.array(radius)[0]
+        function = ca.Function("band", list(symbols.values()), [ca.vec(self.spread(*parts)), self.radius(*parts)])
+        spread, radius = function.map(len(rows))(q.T, np.zeros(0) if theta is None else theta.T, wrench.T)
+        return np.array(spread).T.reshape(-1, 3, 3), np.array(radius)[0]
 
 
 def read_band(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> BandLimit:
@@ -155,18 +134,10 @@ def read_band(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Ban
                      np.zeros((3, 3)), 1.0, task.cut[rows])  # fmt: skip
     some = pick_rows(task.cut, REST_ROWS)
     exact = spread_tip(task, force, some)
-    own = _evaluate(band, task, some)[0]
-    value, vector = np.linalg.eigh((exact - own @ np.swapaxes(own, 1, 2)).mean(axis=0))
+    value, vector = np.linalg.eigh((exact - band.evaluate(task, some)[0]).mean(axis=0))
     least = LEAST_REST * float(np.trace(exact.mean(axis=0)))
     band = replace(band, rest=vector @ np.diag(np.maximum(value, least)) @ vector.T)
-    return replace(band, reference=float(_evaluate(band, task, rows)[1][task.cut[rows]].max()))
-
-
-def _evaluate(band: BandLimit, task: PlanTask, rows: NDArray[np.int_]) -> tuple[Array, Array]:
-    """Evaluate columns and radius of the band at some waypoints of the start."""
-    loaded = attain_pose(task.chain, task.q_start[rows], task.wrench[rows], slope=False)
-    theta = np.zeros((len(rows), task.chain.n_springs)) if loaded.theta is None else loaded.theta
-    return band.evaluate(task.q_start[rows], task.wrench[rows], theta)
+    return replace(band, reference=float(band.evaluate(task, rows)[1][task.cut[rows]].max()))
 
 
 def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:

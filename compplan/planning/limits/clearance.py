@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.planning.posture.clearance import linearise_margin
 from compplan.planning.posture.collision_scene import CollisionScene
-from compplan.planning.problem import Limit, PlanningProblem, Station
+from compplan.planning.problem import Bounds, Limit, PlanningProblem, Station
 from compplan.robot import Array
 
 
@@ -19,34 +19,26 @@ class ClearanceLimit(Limit):
 
     Distances of meshes are no expressions: they are linearised where the last solution is, and the program is solved
     again where the arm still comes too near.
-
-    Attributes:
-        pairs: For every pair d_p - g_p q_ref and g_p, those of no pair 1 and 0. Shape (k, pairs (1 + nq)).
-        joints: Number of joints.
-
     """
 
-    pairs: Array
-    joints: int
+    pairs: Array  #: For every pair d_p - g_p q_ref and g_p, those of no pair 1 and 0. Shape (k, pairs (1 + nq)).
+    joints: int  #: Number of joints.
     name = "clearance"
+    formula = "clearance(q) >= wanted"
 
     @property
     def numbers(self) -> Array:
         """The numbers of the pairs."""
         return self.pairs
 
-    def __str__(self) -> str:
-        return "clearance(q) >= wanted"
-
     def rows(self, station: Station) -> ca.SX:
         """Return the margins of the pairs."""
         pairs = ca.reshape(station.numbers[self.name], 1 + self.joints, -1)
         return ca.mtimes(pairs.T, ca.vertcat(1.0, station.q))
 
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> Bounds:
         """Return the bounds of the margins."""
-        shape = (len(problem), self.pairs.shape[1] // (1 + self.joints))
-        return np.zeros(shape), np.full(shape, np.inf)
+        return 0.0, np.inf
 
 
 def linearise_clearance(scene: CollisionScene, q: Array, wanted: float, reserve: float) -> ClearanceLimit:

@@ -7,20 +7,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import Limit, PlanningProblem, Station
-from compplan.robot import Array
+from compplan.planning.problem import Bounds, Limit, PlanningProblem, Station
 
 
 @dataclass(frozen=True)
 class CorrectionLimit(Limit):
-    """|p_unloaded(q) - p_programmed| <= most, written (d^2 - c^2) / (2 c) <= 0: a length near its bound.
+    """|p_unloaded(q) - p_programmed| <= most, written (d^2 - c^2) / (2 c) <= 0: a length near its bound."""
 
-    Attributes:
-        most: Greatest distance. [m]
-
-    """
-
-    most: float
+    most: float  #: Greatest distance. [m]
     name = "correction"
 
     def __str__(self) -> str:
@@ -31,6 +25,6 @@ class CorrectionLimit(Limit):
         gap = station.frames.position - station.programmed
         return (ca.sumsqr(gap) - self.most**2) / (2.0 * self.most) - station.excess
 
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> Bounds:
         """Return its bounds: none where the tool is unloaded."""
-        return np.full((len(problem), 1), -np.inf), np.where(problem.loaded, 0.0, np.inf)[:, None]
+        return -np.inf, np.where(problem.loaded, 0.0, np.inf)[:, None]

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from compplan.planning.problem import Limit, PlanningProblem, Station
-from compplan.robot import Array
+from compplan.planning.problem import Limit, Station
 
 
 @dataclass(frozen=True)
@@ -15,15 +14,9 @@ class JointRange(Limit):
     """q_min <= q <= q_max; bounds of the variables, no rows."""
 
     name = "joint_range"
+    formula = "q_min <= q <= q_max"
     of_joints = True
-
-    def __str__(self) -> str:
-        return "q_min <= q <= q_max"
 
     def rows(self, station: Station) -> ca.SX:
         """Return no rows: the range bounds the variables themselves."""
         return ca.SX(0, 1)
-
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
-        """Return the range. Shapes (k, nq)."""
-        return problem.lower, problem.upper

@@ -5,32 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
-from compplan.planning.problem import Limit, PlanningProblem, Station
+from compplan.planning.problem import Bounds, Limit, PlanningProblem, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
 class PoseEquation(Limit):
-    """p(q, theta) = p_wanted, z(q, theta) along the tool; theta = C (J^T w + tau) in the loaded state.
+    """p(q, theta) = p_wanted, z(q, theta) along the tool; theta = C (J^T w + tau) in the loaded state."""
 
-    Attributes:
-        room: How far each row of the pose may be off, None for nowhere. Shape (k, rows). [m, rad]
-
-    """
-
-    room: Array | None = None
+    room: Array | None = None  #: How far each row of the pose may be off, None for nowhere. Shape (k, rows). [m, rad]
     name = "pose"
-
-    def __str__(self) -> str:
-        return "p(q, theta) = p_wanted, z(q, theta) = z_wanted, theta = C (J^T w + tau)"
+    formula = "p(q, theta) = p_wanted, z(q, theta) = z_wanted, theta = C (J^T w + tau)"
 
     def rows(self, station: Station) -> ca.SX:
         """Return the missed pose, less the slack of a released station."""
         return station.missed - station.slack
 
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> Bounds:
         """Return how far the pose may be off."""
-        room = np.zeros((len(problem), problem.pose_rows)) if self.room is None else self.room
-        return -room, room
+        return (0.0, 0.0) if self.room is None else (-self.room, self.room)

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from compplan.planning.motion_limits import TorqueRules
-from compplan.planning.problem import Limit, PlanningProblem, Station
+from compplan.planning.problem import Limit, Station
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain, build_chain
@@ -24,21 +24,14 @@ class TorqueLimit(Limit):
     """|sum_b J_b^T m_b (p_b'' - g) - J^T w| <= tau_max, p_b the point masses that stand for the bodies.
 
     With x the square of the speed, p_b'' = J_b (q'' x + q' x' / 2) + (J_b q')' q' x. Friction does not count.
-
-    Attributes:
-        chain: Joints and point masses of the stiff arm.
-        most: Limits. Shape (nq,). [N m or N]
-
     """
 
-    chain: Chain
-    most: Array
+    chain: Chain  #: Joints and point masses of the stiff arm.
+    most: Array  #: Limits. Shape (nq,). [N m or N]
     name = "torque"
+    formula = "|M q'' + c + g - J^T w| <= tau_max"
     timed = True
     of_joints = True
-
-    def __str__(self) -> str:
-        return "|M q'' + c + g - J^T w| <= tau_max"
 
     def rows(self, station: Station) -> ca.SX:
         """Return torques as shares of their limits."""
@@ -56,11 +49,6 @@ class TorqueLimit(Limit):
             for k in self.chain.joint_elements.tolist()
         ]  # fmt: skip
         return (torque - ca.vertcat(*held)) / ca.DM(self.most)
-
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
-        """Return the bounds of the shares."""
-        shape = (len(problem), len(self.most))
-        return -np.ones(shape), np.ones(shape)
 
 
 def read_torques(task: PlanTask) -> TorqueLimit | None:

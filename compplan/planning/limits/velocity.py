@@ -7,33 +7,25 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import Limit, PlanningProblem, Station
+from compplan.planning.problem import Bounds, Limit, PlanningProblem, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
 class VelocityLimit(Limit):
-    """q'^2 x <= v_max^2 on the way to the next station, x the square of the speed.
+    """q'^2 x <= v_max^2 on the way to the next station, x the square of the speed."""
 
-    Attributes:
-        most: Limits. Shape (nq,). [rad/s or m/s]
-
-    """
-
-    most: Array
+    most: Array  #: Limits. Shape (nq,). [rad/s or m/s]
     name = "velocity"
+    formula = "q'^2 x <= v_max^2"
     timed = True
     of_joints = True
-
-    def __str__(self) -> str:
-        return "q'^2 x <= v_max^2"
 
     def rows(self, station: Station) -> ca.SX:
         """Return squares of the velocities as shares of their limits."""
         rate = (station.q_next - station.q) * station.pace / ca.DM(self.most)
         return rate**2 * 0.5 * (station.square + station.square_next)
 
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> Bounds:
         """Return the bounds of the shares."""
-        shape = (len(problem), len(self.most))
-        return np.full(shape, -np.inf), np.ones(shape)
+        return -np.inf, 1.0

@@ -10,10 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.configuration import MARGIN_SAMPLES, solve_default_posture
 from compplan.planning.posture.costs import Weights, choose_weights
+from compplan.planning.posture.follow import REACHED, reach_tip_and_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -22,14 +24,16 @@ from compplan.planning.posture.lattice import (
     Options,
     build_options,
     fill_lattice,
+    orient_tool,
     pick_stations,
 )
-from compplan.planning.posture.motion import price_motion
+from compplan.planning.posture.motion import find_torn, least_strokes, price_motion, steady_slide
 from compplan.planning.posture.search import Line, Rungs, measure_rungs, search_line
 from compplan.planning.posture.settings import PostureProblem
-from compplan.planning.posture.summary import PostureMap, PostureSummary, mark_collisions, slice_map, summarise_costs
-from compplan.planning.posture.trace import trace_line
-from compplan.statics.ik import CONFIGURATIONS
+from compplan.planning.posture.summary import PostureSummary, PostureTrace, mark_collisions, slice_map, summarise_costs
+from compplan.robot import Array
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import CONFIGURATIONS, pose_error, refine_ik, solve_branches
 from compplan.toolpath.toolpath import pick_even
 
 #: Errors of a finished posture that add up.
@@ -43,6 +47,10 @@ COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
 STILL = 1e-9
 #: Stations times options that the graph has at most, as long as 50 stations are left.
 NODE_BUDGET = 17_500
+#: A waypoint of the same configuration lies this near to the straight line between its stations. [rad]
+NEAR = 0.3
+#: Width of the filter that takes out the steps of the grid. [stations]
+SMOOTH = 1.5
 #: Steps of the fine grid on either side of the coarse line.
 FINE_SPINS, FINE_HELD, FINE_TILTS = 5, 2, 1
 
@@ -83,8 +91,8 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
     settings, robot = problem.settings, problem.robot
     rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step, reconfigure=True)
     coarse = fill_lattice(problem, stations, build_options(problem, stations))
-    own = {**({"travel": 1.0} if settings.motion.stated and settings.preset == "accurate" else {}), **settings.weights}
-    weights = choose_weights(settings.preset, least_level(coarse, rungs), own)
+    travel = settings.motion.stated and settings.preset == "accurate"
+    weights = choose_weights(settings.preset, least_level(coarse, rungs), travel=travel)
     if coarse.usable.any():  # none is where the part is out of reach, which the search says
         reached = coarse.q[coarse.usable]
         rungs = replace(rungs, price=price_motion(problem.chain, reached, robot.prismatic, settings.motion))
@@ -105,18 +113,17 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
     bad = trace.missed.copy()
+    missed = bad.copy()
     if problem.margin is not None:
         rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)
         bad[rows] |= problem.margin(trace.q[rows], rows) < 0
-    picture: PostureMap = slice_map(coarse, line, chosen, fine.options, problem.nominal, rungs.cut_share)
+    picture = slice_map(coarse, line, chosen, fine.options, problem.nominal, rungs.cut_share)
     if problem.margin is not None and not bad.any():
         picture = mark_collisions(picture, problem.margin)
     posture_choice = PostureSummary(
-        q=trace.q, rotation=trace.rotation, spin=trace.spin, lead=trace.lead, lean=trace.lean,
+        **{**vars(trace), "missed": missed},
         configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),
-        weights=weights, settings=settings,
-        costs=summarise_costs(problem, trace.q),
-        map=picture, missed=trace.missed, keeps_margin=keeps,
+        weights=weights, settings=settings, costs=summarise_costs(problem, trace.q), map=picture, keeps_margin=keeps,
     )  # fmt: skip
     return posture_choice, np.flatnonzero(bad)
 
@@ -150,7 +157,7 @@ def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> Po
     to stand as well as was asked for, or as the choice does.
     """
     settings = problem.settings
-    if problem.robot.nq < 6 or settings.weights:
+    if problem.robot.nq < 6:
         return posture_choice
     leans = np.abs(np.stack([posture_choice.spin, posture_choice.lead, posture_choice.lean])).max()
     if leans < STILL and not posture_choice.changes and not len(problem.arm.held):  # the plain posture itself
@@ -196,10 +203,10 @@ def least_level(lattice: Lattice, rungs: Rungs) -> float:
 
 def _search_clear(problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights) -> tuple[Lattice, Line]:
     """Search until the line keeps clear; what collides leaves the graph."""
-    start = None if problem.settings.start is None else np.array(problem.settings.start)
     checked = np.zeros(lattice.reason.shape, bool)
     for _ in range(COLLISION_ROUNDS):
-        line = search_line(lattice, rungs, weights, problem.robot, start=start, room=problem.settings.limit_room)
+        line = search_line(lattice, rungs, weights, problem.robot, start=problem.settings.start,
+                           room=problem.settings.limit_room)  # fmt: skip
         if problem.margin is None:
             return lattice, line
         rows = np.arange(len(line.option))
@@ -281,3 +288,90 @@ def _surround(waypoints: NDArray[np.int_], n: int) -> NDArray[np.int_]:
     """Return waypoints with their neighbours."""
     wide = np.unique(np.concatenate([waypoints + d for d in (-3, -2, -1, 0, 1, 2)]))
     return wide[(wide >= 0) & (wide < n)]
+
+
+def trace_line(
+    problem: PostureProblem, stations: NDArray[np.int_], options: Options, line: Line, *, smooth: bool
+) -> PostureTrace:
+    """Follow a line of the graph through stations (k,) at every waypoint: spin, extra axes and leans go over smoothly.
+
+    The rotation about the tool axis gives way, where it is free, if the line passes a singularity; `smooth` takes out
+    the steps that the grid leaves in rotation and leans.
+    """
+    arm, nominal, q, most_step = problem.arm, problem.nominal, line.q, problem.settings.most_step
+    rows = np.arange(len(nominal))
+    steps = np.maximum(nominal.steps, 1e-3 * max(float(nominal.steps.mean()), 1e-9))
+    place = np.r_[0.0, np.cumsum(steps)]  # by length, and a little by number where there is none
+    spin_at, lead_at, lean_at = (_take(v, line.option) for v in (options.spin, options.lead, options.lean))
+    along = np.unwrap(spin_at)
+    if smooth and len(stations) > 3:
+        along, lead_at, lean_at = (_blur(v) for v in (along, lead_at, lean_at))
+    spin, lead, lean = (_interpolate(place, stations, v) for v in (along, lead_at, lean_at))
+    between = np.stack([_interpolate(place, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
+    for j, stroke in enumerate(least_strokes(arm.robot)):
+        if stroke > 0 and j in arm.held:
+            between[:, j] = np.clip(steady_slide(between[:, j], stroke), arm.robot.lower[j], arm.robot.upper[j])
+    rotation = orient_tool(nominal, problem.tool_x, rows, spin, lead, lean)
+    upright = rotation
+    branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
+    away = branches - between[:, None]
+    turn = np.where(arm.robot.prismatic, np.inf, 2 * np.pi)
+    with np.errstate(invalid="ignore"):
+        branches = branches - np.where(np.isfinite(turn), turn * np.round(away / (2 * np.pi)), 0.0)
+    distance = np.nan_to_num(np.abs(branches - between[:, None]).max(axis=2), nan=np.inf)
+    nearest = distance.argmin(axis=1)
+    followed = branches[rows, nearest]
+    lost = distance[rows, nearest] > NEAR
+    if lost.any():
+        followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
+        error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
+        lost[lost] = np.abs(error).max(axis=1) > REACHED
+    torn = find_torn(followed, nominal, most_step)
+    if problem.settings.free_spin and (lost | torn).any():
+        stretch = _whole_stretches(lost | torn, stations)
+        wanted = nominal.position[stretch], rotation[stretch]
+        followed[stretch], reached = reach_tip_and_axis(arm, between[stretch], *wanted)
+        lost[stretch] = ~reached
+        torn = find_torn(followed, nominal, most_step)
+        rotation = np.array(rotation)
+        rotation[stretch] = locate_frames(arm.chain, followed[stretch]).tcp_rotation
+        turned = np.swapaxes(upright[stretch], 1, 2) @ rotation[stretch]
+        spin[stretch] -= np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+    outside = ((followed < arm.robot.lower) | (followed > arm.robot.upper)).any(axis=1)
+    return PostureTrace(followed, rotation, spin, lead, lean, lost | outside | torn)
+
+
+def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return all waypoints strictly between the stations around marked ones; marked stations take both sides."""
+    chosen = np.zeros(len(marked), bool)
+    for w in np.flatnonzero(marked):
+        before = int(np.searchsorted(stations, w, side="left")) - 1
+        after = int(np.searchsorted(stations, w, side="right"))
+        low = stations[max(before, 0)] + (before >= 0)
+        high = stations[min(after, len(stations) - 1)] - (after < len(stations))
+        chosen[low : high + 1] = True
+    return np.flatnonzero(chosen)
+
+
+def _blur(values: Array) -> Array:
+    """Blur along the stations by a Gaussian of SMOOTH stations; both ends go on as they are."""
+    reach, n = round(4.0 * SMOOTH), len(values)
+    weights = np.exp(-0.5 / SMOOTH**2 * np.arange(-reach, reach + 1) ** 2)
+    weights = (weights / weights.sum())[reach:]
+    wide = np.pad(values, reach, mode="edge")
+    blurred = weights[0] * values
+    for away in range(reach, 0, -1):
+        blurred += weights[away] * (wide[reach - away : reach - away + n] + wide[reach + away : reach + away + n])
+    return blurred
+
+
+def _interpolate(place: Array, stations: NDArray[np.int_], values: Array) -> Array:
+    """Interpolate between stations without overshoot and without kinks."""
+    if len(stations) < 3:
+        return np.interp(place, place[stations], values)
+    return np.asarray(PchipInterpolator(place[stations], values)(place))
+
+
+def _take(values: Array, choice: NDArray[np.int_]) -> Array:
+    wide = np.broadcast_to(values, (len(choice), values.shape[1]))
+    return wide[np.arange(len(choice)), choice]

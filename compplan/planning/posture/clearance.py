@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compplan.planning.posture.collision_scene import TOUCH, CollisionScene
 from compplan.planning.posture.contacts import FAR, Contact, Near, find_contacts, find_near
 from compplan.robot import Array
-from compplan.toolpath.toolpath import pick_even
+from compplan.toolpath.toolpath import interpolate, pick_even
 
 #: Evenly spaced waypoints whose distance is computed; others follow where the bound asks for them.
 SAMPLES, FURTHER = 120, 400
@@ -28,25 +28,15 @@ BEYOND, HIDDEN = 0.05, 4e-3
 
 @dataclass(frozen=True)
 class ClearanceProfile:
-    """Clearance along a path.
+    """Clearance along a path."""
 
-    Attributes:
-        distance: Distance of arm and tool from part and fixture at each waypoint, linear between computed ones.
-            Shape (n,). [m]
-        computed: Waypoints where it was computed. Shape (c,).
-        contacts: The nearest pair at each of these. Length c.
-        own: The nearest pair of arm or tool with the arm, where it is least along the path.
-        own_waypoint: Waypoint where that is.
-        wanted: Clearance that was asked for. [m]
-
-    """
-
+    #: Distance of arm and tool from part and fixture at each waypoint, linear between computed ones. Shape (n,). [m]
     distance: Array
-    computed: NDArray[np.int_]
-    contacts: tuple[Contact, ...]
-    own: Contact
-    own_waypoint: int
-    wanted: float
+    computed: NDArray[np.int_]  #: Waypoints where it was computed. Shape (c,).
+    contacts: tuple[Contact, ...]  #: The nearest pair at each of these. Length c.
+    own: Contact  #: The nearest pair of arm or tool with the arm, where it is least along the path.
+    own_waypoint: int  #: Waypoint where that is.
+    wanted: float  #: Clearance that was asked for. [m]
 
     @property
     def least(self) -> tuple[int, Contact]:
@@ -87,7 +77,7 @@ def sweep_margin(scene: CollisionScene, q: Array, wanted: float, first: Array) -
     rows, last = np.arange(len(q)), len(q) - 1
     travel = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)) @ scene.reach)]
     places = np.union1d(first, [0.0, last])
-    margin = measure_margin(scene, step_between(q, places), wanted)
+    margin = measure_margin(scene, interpolate(places, rows, q), wanted)
     while margin.min() >= 0.0:
         moved = np.diff(np.interp(places, rows, travel))
         (gaps,) = np.nonzero((margin[1:] + margin[:-1] < moved) & (moved > HIDDEN))
@@ -95,17 +85,9 @@ def sweep_margin(scene: CollisionScene, q: Array, wanted: float, first: Array) -
             break
         middle = 0.5 * (places[gaps] + places[gaps + 1])
         middle = np.where(places[gaps + 1] - places[gaps] > 1.5, np.rint(middle), middle)
-        margin = np.insert(margin, gaps + 1, measure_margin(scene, step_between(q, middle), wanted))
+        margin = np.insert(margin, gaps + 1, measure_margin(scene, interpolate(middle, rows, q), wanted))
         places = np.insert(places, gaps + 1, middle)
     return places, margin
-
-
-def step_between(values: Array, places: Array) -> Array:
-    """Return what n rows are at places along them, straight from row to row. Shape (p, ...)."""
-    before = np.clip(places.astype(int), 0, max(len(values) - 2, 0))
-    after = np.minimum(before + 1, len(values) - 1)
-    share = (places - before).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray((1.0 - share) * values[before] + share * values[after])
 
 
 def measure_clearance(scene: CollisionScene, q: Array, wanted: float) -> ClearanceProfile:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.io.meshes import load_mesh
 from compplan.io.notes import Stop
-from compplan.planning.posture.contacts import Solid, find_contacts, locate_link_frames
+from compplan.planning.posture.contacts import Solid, find_contacts, locate_all_links
 from compplan.robot import Array, Robot
-from compplan.robot.shapes import BodyShapes, describe_shapes, leave_out, read_bodies
+from compplan.robot.shapes import BodyShapes, leave_out, read_bodies
 from compplan.robot.solids import cut_tip, make_geometry
 
 if TYPE_CHECKING:
@@ -35,25 +35,15 @@ DRAWN_TOUCHING = 0.7
 
 @dataclass(frozen=True)
 class CollisionScene:
-    """What may touch what.
+    """What may touch what."""
 
-    Attributes:
-        robot: The robot with its tool.
-        solids: Shapes of the arm, tool, part, fixture.
-        outside: Pairs of arm or tool with part or fixture. Shape (p, 2).
-        own: Pairs of arm or tool with the arm itself. Shape (o, 2).
-        notes: What a user should know of it, one sentence each.
-        bodies: What is known of the collision shapes of each body of the arm.
-        meshes: What was given, to be drawn: name, link that carries it ("" where it stands still), and mesh [m].
-
-    """
-
-    robot: Robot
-    solids: tuple[Solid, ...]
-    outside: NDArray[np.int_]
-    own: NDArray[np.int_]
-    notes: tuple[str, ...] = ()
-    bodies: tuple[BodyShapes, ...] = ()
+    robot: Robot  #: The robot with its tool.
+    solids: tuple[Solid, ...]  #: Shapes of the arm, tool, part, fixture.
+    outside: NDArray[np.int_]  #: Pairs of arm or tool with part or fixture. Shape (p, 2).
+    own: NDArray[np.int_]  #: Pairs of arm or tool with the arm itself. Shape (o, 2).
+    notes: tuple[str, ...] = ()  #: What a user should know of it, one sentence each.
+    bodies: tuple[BodyShapes, ...] = ()  #: What is known of the collision shapes of each body of the arm.
+    #: What was given, to be drawn: name, link that carries it ("" where it stands still), and mesh [m].
     meshes: tuple[tuple[str, str, Any], ...] = ()
 
     @cached_property
@@ -71,22 +61,18 @@ def build_scene(
     robot: Robot, *, part: Any = None, fixture: Any = None, tool: Any = None, T_base_part: Array | None = None,
     tip_zone: float = 0.03, self_collision: bool = True, bodies: Sequence[BodyShapes] | None = None,
 ) -> CollisionScene:  # fmt: skip
-    """Build the scene of a job.
+    """Build the scene of a job from meshes (trimesh) of part and fixture (part frame) and tool (flange frame) [m].
 
-    Args:
-        robot: The robot with its tool.
-        part: Mesh of the part, part frame (trimesh) [m], or None.
-        fixture: Mesh of the fixture, part frame [m], or None.
-        tool: Mesh of the tool, flange frame [m], or None.
-        T_base_part: Pose of the part frame. Shape (4, 4). [m]
-        tip_zone: The tool within this distance of its tip may touch the part. [m]
-        self_collision: Whether the arm has to keep clear of itself.
-        bodies: The collision shapes of the arm; those of the robot's URDF if left out.
-
+    `T_base_part` (4, 4) [m] is the pose of the part frame; the tool within `tip_zone` [m] of its tip may touch the
+    part; `bodies` are the collision shapes of the arm, those of the robot's URDF if left out.
     """
     bodies = read_bodies(robot) if bodies is None else bodies
     pose = np.eye(4) if T_base_part is None else T_base_part
-    body = _bodies(robot)
+    moving, behind, body = 0, {robot.flange}, {robot.base: 0}  # moving joints before every link, links of the tool
+    for joint in robot.joints:
+        moving += joint.kind != "fixed"
+        body[joint.child] = moving
+        behind |= {joint.child} if joint.parent in behind else set()
     solids, roles = [], []
     given: list[tuple[str, str, Any]] = [] if tool is None else [("tool", robot.flange, tool)]
 
@@ -96,7 +82,6 @@ def build_scene(
         solids.append(Solid(name, link, body.get(link, 0), geometry, local, centre, radius, box))
         roles.append(role)
 
-    behind = _behind_flange(robot)
     for shape in (shape for entry in bodies for shape in entry.shapes):
         if shape.link in behind:
             add(shape.name, shape.link, shape.form, "tool", shape.placement)
@@ -115,13 +100,11 @@ def build_scene(
             given.append((name, "", mesh.copy().apply_transform(pose)))
             add(name, "", given[-1][2], name)
     outside, own = _list_pairs(solids, roles)
-    if not self_collision:
-        own = own[:0]
-    scene = CollisionScene(robot, tuple(solids), outside, own, bodies=tuple(bodies), meshes=tuple(given))
-    return _leave_out_touching(scene)
+    own = own[:0] if not self_collision else np.delete(own, _find_drawn_touching(robot, solids, own), axis=0)
+    return CollisionScene(robot, tuple(solids), outside, own, bodies=tuple(bodies), meshes=tuple(given))
 
 
-def compute_model_loads(job: Job, robot: Robot) -> CollisionScene | None:
+def read_scene(job: Job, robot: Robot) -> CollisionScene | None:
     """Build the scene that a job describes; None where it has no table [collision].
 
     Raises:
@@ -141,7 +124,7 @@ def compute_model_loads(job: Job, robot: Robot) -> CollisionScene | None:
             meshes[name] = load_mesh(job.folder / file, table.unit)
         except InputError as error:
             raise InputError(str(error), file=job.file, where=f"collision.{name}") from None
-    notes = [f"Collision shapes of the arm: {describe_shapes(bodies)}."]
+    notes: list[str] = []
     if table.without_shapes:
         unseen = ", ".join(f"{body.link}: {body.gap}" for body in bodies if body.link in table.without_shapes)
         notes.append(Stop(f"[collision] without_shapes excludes unknown parts of the arm from the check ({unseen})."))
@@ -162,8 +145,6 @@ def compute_model_loads(job: Job, robot: Robot) -> CollisionScene | None:
 
 def check_bodies(bodies: Sequence[BodyShapes], without: Sequence[str], robot: str, file: Path) -> None:
     """Refuse an arm of which a collision check would not see a part that moves, unless the job names that link.
-
-    Robot and file are named in messages.
 
     Raises:
         InputError: With the link, what is wrong with its shapes, and what to do.
@@ -219,39 +200,16 @@ def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[
     return np.array(outside, int).reshape(-1, 2), np.array(own, int).reshape(-1, 2)
 
 
-def _leave_out_touching(scene: CollisionScene) -> CollisionScene:
-    """Leave out pairs of the arm's own shapes that touch in most postures: the drawing overlaps there."""
-    robot = scene.robot
+def _find_drawn_touching(robot: Robot, solids: Sequence[Solid], own: NDArray[np.int_]) -> list[int]:
+    """List pairs of the arm's own shapes that touch in most postures: the drawing overlaps there."""
     low, high = np.clip(robot.lower, -np.pi, np.pi), np.clip(robot.upper, -np.pi, np.pi)
     q = low + (high - low) * np.random.default_rng(0).random((40, robot.nq))
-    drawn = []
-    for k in range(len(scene.own)):
-        contacts = find_contacts(robot, scene.solids, q, scene.own[[k]], far=TOUCH)
-        if np.mean([bool(contact.first) for contact in contacts]) >= DRAWN_TOUCHING:
-            drawn.append(k)
-    return replace(scene, own=np.delete(scene.own, drawn, axis=0))
-
-
-def _bodies(robot: Robot) -> dict[str, int]:
-    """Count the moving joints before every link."""
-    count, bodies = 0, {robot.base: 0}
-    for joint in robot.joints:
-        count += joint.kind != "fixed"
-        bodies[joint.child] = count
-    return bodies
-
-
-def _behind_flange(robot: Robot) -> set[str]:
-    """Return the links of the tool: those of the chain from the flange on."""
-    links, behind = set(), False
-    for joint in robot.joints:
-        behind = behind or joint.parent == robot.flange
-        if behind:
-            links.add(joint.child)
-    return links | {robot.flange}
+    touching = ([bool(contact.first) for contact in find_contacts(robot, solids, q, own[[k]], far=TOUCH)]
+                for k in range(len(own)))  # fmt: skip
+    return [k for k, hits in enumerate(touching) if np.mean(hits) >= DRAWN_TOUCHING]
 
 
 def _tip_in(robot: Robot, link: str) -> Array:
     """Return the tool centre point in the frame of a link behind the flange: shape (3,) [m]."""
-    frames = locate_link_frames(robot, np.zeros((1, robot.nq)))
+    frames = locate_all_links(robot, np.zeros((1, robot.nq)))
     return np.asarray((np.linalg.inv(frames[link][0]) @ frames[robot.tcp][0])[:3, 3])

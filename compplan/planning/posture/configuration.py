@@ -1,11 +1,8 @@
-"""How the arm stands along a path before anything is corrected: configuration, full turns, rotation about the axis.
-
-`choose_posture` keeps one configuration along the whole path and the tool's x axis where the job points it; the plan
-starts from what it returns and may rotate about the tool axis from there.
-"""
+"""The plain posture: one configuration along the whole path, the tool's x axis where the job points it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -27,50 +24,27 @@ from compplan.toolpath.toolpath import pick_even
 SAMPLES = 400
 #: A joint may move this much between neighbouring waypoints of one configuration. [rad or m]
 LARGEST_STEP = 0.8
-
-
-class Preference(NamedTuple):
-    """What a job says about the posture.
-
-    Attributes:
-        shoulder: "front", "back" or None for either.
-        elbow: "up", "down" or None.
-        wrist: "noflip", "flip" or None.
-        start: Joint positions to start near, or None. Shape (nq,). [rad or m]
-
-    """
-
-    shoulder: str | None = None
-    elbow: str | None = None
-    wrist: str | None = None
-    start: Array | None = None
-
-    def allows(self, configuration: dict[str, str]) -> bool:
-        """Tell whether a configuration is among those that are wanted."""
-        wanted = {"shoulder": self.shoulder, "elbow": self.elbow, "wrist": self.wrist}
-        return all(word is None or word == configuration[key] for key, word in wanted.items())
+#: Distance of a rail's arm from the middle of a path, in its reach.
+BESIDE = 0.6
 
 
 class Posture(NamedTuple):
-    """Where a plan starts.
+    """One configuration along a path."""
 
-    Attributes:
-        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-        configuration: Shoulder, elbow and wrist.
-        missed: Waypoints that the arm does not reach in this configuration within its limits; q is then the nearest
-            that was found. Shape (n,).
-        cost: Cost of the choice, smaller is better.
-
-    """
-
-    q: Array
-    configuration: dict[str, str]
+    q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+    configuration: dict[str, str]  #: Shoulder, elbow and wrist.
+    #: Waypoints that the arm does not reach in this configuration within its limits; q is then the nearest that was
+    #: found. Shape (n,).
     missed: NDArray[np.bool_]
-    cost: float
 
 
-def choose_posture(robot: Robot, position: Array, rotation: Array, preference: Preference | None = None) -> Posture:
+def choose_posture(
+    robot: Robot, position: Array, rotation: Array, *, words: Mapping[str, str] | None = None,
+    start: Array | None = None,
+) -> Posture:  # fmt: skip
     """Choose one configuration for a whole path (n, 3), (n, 3, 3) and solve it at every waypoint.
+
+    `words` are those that it has to have, such as {"elbow": "up"}; `start` (nq,) [rad or m] is where it starts near.
 
     Of the configurations (and full turns of joints with more than one) that reach the most waypoints, the one is taken
     that keeps farthest from joint limits and singularities, or that is nearest to the start that the job gives.
@@ -78,49 +52,50 @@ def choose_posture(robot: Robot, position: Array, rotation: Array, preference: P
     Raises:
         InputError: If the wanted start lies outside the joint limits, or if no waypoint is reached at all.
     """
-    preference = preference or Preference()
-    check_start(robot, preference.start)
-    arm, n = build_arm(robot), len(position)
-    held = _hold_extra_axes(arm, position, preference)
+    check_start(robot, start)
+    arm, n, words = build_arm(robot), len(position), words or {}
+    held = _hold_extra_axes(arm, position, start)
     sample = pick_even(np.arange(n), SAMPLES)
     branches = solve_branches(arm, position[sample], rotation[sample], held[sample])
-    candidates = _rank_candidates(arm, branches, preference)
+    candidates = _rank_candidates(arm, branches, words, start)
     if not candidates:
-        raise InputError(_explain_reach(arm, position, rotation, held, preference))
-    cost, slot, turns = candidates[0]
+        raise InputError(_explain_reach(arm, position, rotation, held, words))
+    _, slot, turns = candidates[0]
     q = branches[:, slot] if n == len(sample) else solve_branches(arm, position, rotation, held)[:, slot]
     reached = np.isfinite(q[:, 0])
     if not reached.any():
-        raise InputError(_explain_reach(arm, position, rotation, held, preference))
+        raise InputError(_explain_reach(arm, position, rotation, held, words))
     q = _unwrap(arm, q)
     q = q + _whole_turns(arm, q, turns, branches[:, slot])
     q = _fill_missed(arm, q, reached, position, rotation)
     inside = ((q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)).all(axis=1)
-    return Posture(q, CONFIGURATIONS[slot], ~(reached & inside), cost)
+    return Posture(q, CONFIGURATIONS[slot], ~(reached & inside))
 
 
-def _rank_candidates(arm: Arm, branches: Array, preference: Preference) -> list[tuple[float, int, Array]]:
+def _rank_candidates(
+    arm: Arm, branches: Array, words: Mapping[str, str], start: Array | None
+) -> list[tuple[float, int, Array]]:
     """List cost, slot and whole turns of every configuration that is wanted, best first."""
     ranked = []
     for slot, configuration in enumerate(CONFIGURATIONS):
         q = branches[:, slot]
         reached = np.isfinite(q[:, 0])
-        if not preference.allows(configuration) or not reached.any():
-            continue
-        path = _unwrap(arm, q)[reached]
-        for turns in _turn_variants(arm, path):
-            ranked.append((_rate(arm, path + turns, reached.mean(), preference), slot, turns))
+        wanted = all(configuration[key] == word for key, word in words.items())
+        if wanted and reached.any():
+            path = _unwrap(arm, q)[reached]
+            ranked += [(_rate(arm, path + turns, reached.mean(), start), slot, turns)
+                       for turns in _turn_variants(arm.robot, path.min(axis=0), path.max(axis=0))]  # fmt: skip
     return sorted(ranked, key=lambda entry: entry[0])
 
 
-def _rate(arm: Arm, q: Array, share: float, preference: Preference) -> float:
+def _rate(arm: Arm, q: Array, share: float, start: Array | None) -> float:
     """Rate one way to stand; what is missed or torn outweighs everything else."""
     robot = arm.robot
     outside = np.maximum(robot.lower - q, q - robot.upper).max(axis=1) > 1e-9
-    torn = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > LARGEST_STEP if len(q) > 1 else np.zeros(0)
+    torn = (np.abs(np.diff(q, axis=0)) > LARGEST_STEP).any(axis=1)
     penalty = 1e6 * (1.0 - share * (1.0 - outside.mean())) + 1e3 * float(np.sum(torn))
-    if preference.start is not None:
-        return penalty + float(np.linalg.norm(q[0] - preference.start))
+    if start is not None:
+        return penalty + float(np.linalg.norm(q[0] - start))
     reach = robot.upper - robot.lower
     span = np.where(np.isfinite(reach) & (reach > 0.0), reach, np.inf)  # a joint that is held uses none of its own
     usage = (2 * np.abs(q - middle_of_limits(robot)) / span).max()
@@ -130,24 +105,19 @@ def _rate(arm: Arm, q: Array, share: float, preference: Preference) -> float:
     return penalty + 1.0 / max(1.0 - float(usage), 0.02) + 0.05 * float(min(kappa, 1e4))
 
 
-def _turn_variants(arm: Arm, path: Array) -> list[Array]:
-    """List the whole turns that keep a continuous path within the joint limits; the path as it is where none does."""
-    robot, choices = arm.robot, []
-    for j in range(arm.chain.nq):
-        low, high = path[:, j].min(), path[:, j].max()
+def _turn_variants(robot: Robot, low: Array, high: Array) -> list[Array]:
+    """List the whole turns that keep a path from low to high (nq,) within the joint limits; else those nearest."""
+    choices = []
+    for j in range(robot.nq):
         fitting = [0.0]
         if not robot.prismatic[j] and np.isfinite(robot.lower[j]) and np.isfinite(robot.upper[j]):
-            fewest = int(np.ceil((robot.lower[j] - low) / (2 * np.pi) - 1e-9))
-            most = int(np.floor((robot.upper[j] - high) / (2 * np.pi) + 1e-9))
-            fitting = [2 * np.pi * k for k in range(fewest, most + 1)] or [_least_excess(robot, j, low, high)]
+            fewest = int(np.ceil((robot.lower[j] - low[j]) / (2 * np.pi) - 1e-9))
+            most = int(np.floor((robot.upper[j] - high[j]) / (2 * np.pi) + 1e-9))
+            shifts = 2 * np.pi * np.arange(-2, 3)
+            excess = np.maximum(robot.lower[j] - low[j] - shifts, high[j] + shifts - robot.upper[j])
+            fitting = [2 * np.pi * k for k in range(fewest, most + 1)] or [float(shifts[excess.argmin()])]
         choices.append(fitting)
     return [np.array(turns) for turns in product(*choices)]
-
-
-def _least_excess(robot: Robot, j: int, low: float, high: float) -> float:
-    """Return the whole turns that leave the limits of a joint least."""
-    shifts = [2 * np.pi * k for k in range(-2, 3)]
-    return min(shifts, key=lambda shift: max(robot.lower[j] - low - shift, high + shift - robot.upper[j]))
 
 
 def _unwrap(arm: Arm, q: Array) -> Array:
@@ -187,26 +157,22 @@ def find_nearest_rows(rows: NDArray[np.int_], wanted: NDArray[np.int_]) -> NDArr
     return np.where(np.abs(wanted - before) <= np.abs(rows[after] - wanted), before, rows[after])
 
 
-def _hold_extra_axes(arm: Arm, position: Array, preference: Preference) -> Array:
-    """Place the joints before the arm: where the job starts, or so that the path lies well within the arm's reach."""
+def _hold_extra_axes(arm: Arm, position: Array, start: Array | None) -> Array:
+    """Place the joints before the arm: where the job starts, or so that the path lies well within the arm's reach.
+
+    A rail slides until the arm's first axis stands a share of its reach beside the middle of the path.
+    """
     rest = middle_of_limits(arm.robot)
-    if preference.start is not None:
-        rest = np.where(np.isin(np.arange(arm.chain.nq), arm.held), preference.start, rest)
+    if start is not None:
+        rest = np.where(np.isin(np.arange(arm.chain.nq), arm.held), start, rest)
     elif len(arm.held) and arm.robot.prismatic[arm.held].all():
-        rest = _slide_to_path(arm, rest, position)
+        for j in arm.held:
+            grid = np.tile(rest, (61, 1))
+            grid[:, j] = np.linspace(arm.robot.lower[j], arm.robot.upper[j], 61)
+            origin = locate_frames(arm.chain, grid).origin[:, arm.chain.joint_elements[arm.arm[0]]]
+            distance = np.linalg.norm((origin - position.mean(axis=0))[:, :2], axis=1)
+            rest = grid[np.abs(distance - BESIDE * _reach(arm)).argmin()]
     return np.tile(rest[arm.held], (len(position), 1))
-
-
-def _slide_to_path(arm: Arm, rest: Array, position: Array) -> Array:
-    """Slide each rail until its arm's first axis stands half its reach beside the middle of the path."""
-    centre, wanted = position.mean(axis=0), 0.6 * _reach(arm)
-    for j in arm.held:
-        grid = np.tile(rest, (61, 1))
-        grid[:, j] = np.linspace(arm.robot.lower[j], arm.robot.upper[j], 61)
-        origin = locate_frames(arm.chain, grid).origin[:, arm.chain.joint_elements[arm.arm[0]]]
-        distance = np.linalg.norm((origin - centre)[:, :2], axis=1)
-        rest = grid[np.abs(distance - wanted).argmin()]
-    return rest
 
 
 def _reach(arm: Arm) -> float:
@@ -235,12 +201,12 @@ def check_start(robot: Robot, start: Array | None) -> None:
         raise InputError(message, where="plan.start_deg")
 
 
-def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, preference: Preference) -> str:
+def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, words: Mapping[str, str]) -> str:
     """Say why no waypoint is reached."""
-    wanted = [word for word in (preference.shoulder, preference.elbow, preference.wrist) if word]
     sample = pick_even(np.arange(len(position)), 20)
-    if wanted and np.isfinite(solve_branches(arm, position[sample], rotation[sample], held[sample])).any():
-        return f"configuration {', '.join(wanted)} reaches no waypoint, other configurations do; leave it to 'auto'"
+    if words and np.isfinite(solve_branches(arm, position[sample], rotation[sample], held[sample])).any():
+        wanted = ", ".join(words.values())
+        return f"configuration {wanted} reaches no waypoint, other configurations do; leave it to 'auto'"
     q = np.zeros((len(sample), arm.chain.nq))
     q[:, arm.held] = held[sample]
     first = locate_frames(arm.chain, q).origin[:, arm.chain.joint_elements[arm.arm[0]]]
@@ -260,10 +226,9 @@ def solve_default_posture(problem: PostureProblem, posture_choice: PostureSummar
     """
     settings, nominal, margin = posture_choice.settings, problem.nominal, problem.margin
     rotation = tool_axes(nominal, problem.tool_x)
-    start = None if settings.start is None else np.array(settings.start)
     try:
-        preference = Preference(**settings.configuration, start=start)
-        plain = choose_posture(problem.robot, nominal.position, rotation, preference)
+        plain = choose_posture(problem.robot, nominal.position, rotation, words=settings.configuration,
+                               start=settings.start)  # fmt: skip
     except InputError:
         return None
     if plain.missed.any() or find_torn(plain.q, nominal, settings.most_step).any():

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from compplan.controllers.writers.joint_convention import locate_links
 from compplan.robot import Array, Robot
 
 #: Distances beyond this are not told apart. [m]
@@ -25,28 +25,16 @@ MOST_PAIRS, APART = 6, 1e-6
 
 @dataclass(frozen=True)
 class Solid:
-    """Something that may touch.
+    """Something that may touch."""
 
-    Attributes:
-        name: What it is called in messages.
-        link: Link that it moves with, or "" for what stands still in the base frame.
-        body: Number of commanded joints before it; what stands still counts as 0.
-        geometry: coal's geometry, in its own frame.
-        placement: Pose of that frame in the frame of the link (or base). Shape (4, 4). [m]
-        centre: Centre of its bounding sphere in the frame of the link (or base). Shape (3,). [m]
-        radius: Radius of its bounding sphere. [m]
-        box: Lower and upper corner of its bounding box in that frame. Shape (2, 3). [m]
-
-    """
-
-    name: str
-    link: str
-    body: int
-    geometry: Any
-    placement: Array
-    centre: Array
-    radius: float
-    box: Array
+    name: str  #: What it is called in messages.
+    link: str  #: Link that it moves with, or "" for what stands still in the base frame.
+    body: int  #: Number of commanded joints before it; what stands still counts as 0.
+    geometry: Any  #: coal's geometry, in its own frame.
+    placement: Array  #: Pose of that frame in the frame of the link (or base). Shape (4, 4). [m]
+    centre: Array  #: Centre of its bounding sphere in the frame of the link (or base). Shape (3,). [m]
+    radius: float  #: Radius of its bounding sphere. [m]
+    box: Array  #: Lower and upper corner of its bounding box in that frame. Shape (2, 3). [m]
 
 
 class Contact(NamedTuple):
@@ -58,18 +46,11 @@ class Contact(NamedTuple):
 
 
 class Near(NamedTuple):
-    """The several nearest pairs of postures, r in all.
+    """The several nearest pairs of postures, r in all."""
 
-    Attributes:
-        posture: Which posture. Shape (r,).
-        distance: Signed distance of the pair. Shape (r,). [m]
-        rate: Its derivative by the joint positions. Shape (r, nq). [m/rad or 1]
-
-    """
-
-    posture: NDArray[np.int_]
-    distance: Array
-    rate: Array
+    posture: NDArray[np.int_]  #: Which posture. Shape (r,).
+    distance: Array  #: Signed distance of the pair. Shape (r,). [m]
+    rate: Array  #: Its derivative by the joint positions. Shape (r, nq). [m/rad or 1]
 
 
 class _Gauge:
@@ -109,7 +90,7 @@ def find_contacts(
     """
     if not len(q):
         return []
-    frames = locate_link_frames(robot, q)
+    frames = locate_all_links(robot, q)
     bound, gauge, contacts = _bounds(solids, pairs, frames, len(q)), _Gauge(solids, frames), []
     for i in range(len(q)):
         best = Contact("", "", far)
@@ -131,7 +112,7 @@ def find_near(robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np
     p the points nearest to each other, n the normal from a to b, J the Jacobian of such a point fixed to its link.
     Pairs beyond `far` [m] are left out.
     """
-    frames = locate_link_frames(robot, q)
+    frames = locate_all_links(robot, q)
     bound, gauge = _bounds(solids, pairs, frames, len(q)), _Gauge(solids, frames)
     found: list[tuple[int, int, float, tuple[Array, Array, Array]]] = []
     for i in range(len(q)):
@@ -172,6 +153,11 @@ def _move_points(
     return rate
 
 
+def locate_all_links(robot: Robot, q: Array) -> dict[str, Array]:
+    """Return the pose of each link's frame at postures (n, nq). Shape (n, 4, 4) each. [m]"""
+    return locate_links(robot, q, [joint.child for joint in robot.joints])
+
+
 def describe_contact(contact: Contact) -> str:
     """Say what is nearest to what, in words."""
     if not contact.first:
@@ -179,29 +165,6 @@ def describe_contact(contact: Contact) -> str:
     if contact.distance <= 0:
         return f"{contact.first} touches {contact.second}"
     return f"{contact.first} comes within {1e3 * contact.distance:.1f} mm of {contact.second}"
-
-
-def locate_link_frames(robot: Robot, q: Array) -> dict[str, Array]:
-    """Locate the links of the chain at many postures: pose of each link's frame, shape (n, 4, 4) [m]."""
-    n = len(q)
-    value = {name: q[:, k] for k, name in enumerate(robot.joint_names)}
-    pose = np.tile(np.eye(4), (n, 1, 1))
-    frames = {robot.base: pose}
-    for joint in robot.joints:
-        pose = frames[joint.parent] @ joint.placement
-        if joint.kind != "fixed":
-            if joint.mimic is not None:
-                position = joint.mimic.multiplier * value[joint.mimic.joint] + joint.mimic.offset
-            else:
-                position = value[joint.name]
-            motion = np.tile(np.eye(4), (n, 1, 1))
-            if joint.kind == "prismatic":
-                motion[:, :3, 3] = position[:, None] * joint.axis
-            else:
-                motion[:, :3, :3] = Rotation.from_rotvec(position[:, None] * joint.axis).as_matrix()
-            pose = pose @ motion
-        frames[joint.child] = pose
-    return frames
 
 
 def _bounds(solids: Sequence[Solid], pairs: NDArray[np.int_], frames: dict[str, Array], n: int) -> Array:

@@ -11,19 +11,19 @@ where e_c, e_w and e_q are independent errors of each elastic coordinate (relati
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from compplan.errors import InputError, UnknownNameError
+from compplan.errors import UnknownNameError
 from compplan.robot import Array
 from compplan.statics.chain import Chain, Frames, jacobian, joint_jacobian, load_elements, locate_frames
 from compplan.statics.quality import natural_length
 
 CHUNK = 4096
-#: Samples of the errors for the 95 % value; fixed, so that postures compare alike.
+#: Samples of the errors for a 95 % value; fixed, so that postures compare alike.
 SAMPLES = 512
 #: Least level of squared sensitivity that presets are scaled with: 0.1 um, far below any robot. [mm^2]
 LEAST_LEVEL = 1e-8
@@ -31,16 +31,10 @@ LEAST_LEVEL = 1e-8
 
 @dataclass(frozen=True)
 class ModelScatter:
-    """How well the inputs of a plan are known: one standard deviation each, all errors independent and normal.
+    """How well the inputs of a plan are known: one standard deviation each, all errors independent and normal."""
 
-    Attributes:
-        wrench: Relative error of each component of the wrench, part axes.
-        compliance: Relative error of each elastic coordinate.
-
-    """
-
-    wrench: float = 0.1
-    compliance: float = 0.1
+    wrench: float = 0.1  #: Relative error of each component of the wrench, part axes.
+    compliance: float = 0.1  #: Relative error of each elastic coordinate.
 
 
 class ErrorModel(Protocol):
@@ -61,35 +55,24 @@ class ErrorModel(Protocol):
 
 @dataclass(frozen=True)
 class Weights:
-    """What each criterion is worth in mm^2 of squared sensitivity, the currency of the search.
+    """What each criterion is worth in mm^2 of squared sensitivity, the currency of the search."""
 
-    Attributes:
-        sensitivity: Per mm^2 of remaining deviation, mean square along the cut.
-        deviation: Per mm^2 of deviation before compensation, mean square along the cut.
-        limits: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
-        dexterity: Per unit of (0.1 / inverse condition number)^2, mean along the path.
-        singularity: Per unit of (margin / inverse condition number - 1)^2 below the singularity margin, mean along
-            the path.
-        motion: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
-        time: Per second of motion.
-        rate: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
-        travel: Per mm^2 of error that the motion of the joints makes, mean square along the cut.
-
-    """
-
-    sensitivity: float = 1.0
-    deviation: float = 0.0
+    sensitivity: float = 1.0  #: Per mm^2 of remaining deviation, mean square along the cut.
+    #: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
     limits: float = 0.0
-    dexterity: float = 0.0
+    dexterity: float = 0.0  #: Per unit of (0.1 / inverse condition number)^2, mean along the path.
+    #: Per unit of (margin / inverse condition number - 1)^2 below the singularity margin, mean along the path.
     singularity: float = 0.0
+    #: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
     motion: float = 0.0
-    time: float = 0.0
+    time: float = 0.0  #: Per second of motion.
+    #: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
     rate: float = 0.0
-    travel: float = 1.0
+    travel: float = 1.0  #: Per mm^2 of error that the motion of the joints makes, mean square along the cut.
 
 
 #: Presets: least remaining deviation, least band, least joint motion, shortest cycle; what else a preset counts decides
-#: between equals. `sensitivity`, `deviation` and `travel` count as they stand; the others are shares of the least
+#: between equals. `sensitivity` and `travel` count as they stand; the others are shares of the least
 #: squared sensitivity that any posture along the path has, so that a preset means the same for light and heavy cuts.
 PRESETS: dict[str, Weights] = {
     "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0, travel=0.0),
@@ -103,50 +86,33 @@ RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate")
 
 
 class NodeCosts(NamedTuple):
-    """What n postures are like.
+    """What n postures are like."""
 
-    Attributes:
-        sensitivity: Expected (root mean square) remaining deviation of the tool tip. Shape (n,). [m]
-        deviation: Deviation of the tool tip before compensation. Shape (n,). [m]
-        limits: Nearness to joint limits, see `measure_limits`. Shape (n,).
-        dexterity: Inverse Frobenius condition number of the length-normalised Jacobian, 0 singular to 1. Shape (n,).
-
-    """
-
-    sensitivity: Array
-    deviation: Array
-    limits: Array
+    sensitivity: Array  #: Expected (root mean square) remaining deviation of the tool tip. Shape (n,). [m]
+    deviation: Array  #: Deviation of the tool tip before compensation. Shape (n,). [m]
+    limits: Array  #: Nearness to joint limits, see `measure_limits`. Shape (n,).
+    #: Inverse Frobenius condition number of the length-normalised Jacobian, 0 singular to 1. Shape (n,).
     dexterity: Array
 
 
-def choose_weights(preset: str, level: float, own: dict[str, float] | None = None) -> Weights:
-    """Turn a preset into weights; `own` ones replace the preset's, in their units.
+def choose_weights(preset: str, level: float, *, travel: bool = False) -> Weights:
+    """Turn a preset into weights; `travel` counts what joint motion does to accuracy where the preset does not.
 
     The level is the least squared sensitivity along the path, mean over the cut. [mm^2]
 
     Raises:
-        UnknownNameError: If preset or a name in `own` does not exist.
-        InputError: If a weight is negative.
+        UnknownNameError: If preset does not exist.
     """
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, list(PRESETS))
-    base = PRESETS[preset]
-    scale = max(level, LEAST_LEVEL)
+    base, scale = PRESETS[preset], max(level, LEAST_LEVEL)
     weights = replace(base, **{name: getattr(base, name) * scale for name in RELATIVE})
-    names = [entry.name for entry in fields(Weights)]
-    for name, value in (own or {}).items():
-        if name not in names:
-            raise UnknownNameError("weight", name, names)
-        if not value >= 0.0:
-            raise InputError(f"weight {name} is {value:g}, must not be negative")
-        weights = replace(weights, **{name: value})
-    return weights
+    return replace(weights, travel=1.0) if travel else weights
 
 
 def measure_nodes(
     chain: Chain, q: Array, wrench: Array, *, limits: tuple[Array, Array],
-    uncertainty: ModelScatter | ErrorModel | None = None, axes: Array | None = None,
-    margin: float = np.radians(10.0),
+    uncertainty: ModelScatter | ErrorModel | None = None, axes: Array | None = None, margin: float = np.radians(10.0),
 ) -> NodeCosts:  # fmt: skip
     """Measure postures q (n, nq) under a wrench (n, 6) on the tool at the TCP, base axes.
 

@@ -7,7 +7,7 @@ is kept; where that fails a posture is chosen, and the change is told.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,15 +19,15 @@ from compplan.errors import CompplanError, InputError
 from compplan.io.columns import FileColumn
 from compplan.io.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
-from compplan.planning.posture.configuration import Preference
 from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.motion import least_strokes, steady_slide
+from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import find_start, name_along
-from compplan.planning.posture.summary import PostureRequest, Start, summarise_costs
+from compplan.planning.posture.summary import Start, summarise_costs
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import find_robot_folder
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CONFIGURATIONS, build_arm, name_configuration, pose_error, refine_ik
+from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import Toolpath, interpolate
 
@@ -38,50 +38,19 @@ SAME_LENGTH = 0.02
 #: Two folders whose joints stand nearer than this are of one machine (assumed: measured geometry differs by
 #: millimetres). [m], and the same for axes [rad]
 SAME_PLACE, SAME_AXIS = 0.05, 0.1
-#: Joint motion that counts as a change of posture: beyond every correction. [rad, m]
-CHANGED_TURN, CHANGED_SLIDE = float(np.radians(5.0)), 0.01
 
 
 class Kept(NamedTuple):
-    """A posture along a path.
+    """A posture along a path."""
 
-    Attributes:
-        length: Length of the path at each row. Shape (m,). [m]
-        axis: Tool axis, tip to spindle, base axes. Shape (m, 3).
-        q: Joint positions. Shape (m, nq). [rad or m]
-        source: Where it comes from, in words.
-
-    """
-
-    length: Array
-    axis: Array
-    q: Array
-    source: str
+    length: Array  #: Length of the path at each row. Shape (m,). [m]
+    axis: Array  #: Tool axis, tip to spindle, base axes. Shape (m, 3).
+    q: Array  #: Joint positions. Shape (m, nq). [rad or m]
+    source: str  #: Where it comes from, in words.
 
 
-@dataclass(frozen=True, eq=False)
-class Lock:
-    """What a plan keeps of its posture: that of a program, or that which another model of the same machine chooses.
-
-    Attributes:
-        model: The robot by whose model the posture is chosen, or None.
-        program: The program whose posture is kept, or None.
-
-    """
-
-    model: Robot | None = None
-    program: Kept | None = None
-
-    @property
-    def source(self) -> str:
-        """Say whose posture is kept."""
-        if self.program is not None:
-            return self.program.source
-        return "" if self.model is None else f"robot {self.model.name!r}"
-
-
-def read_lock(job: Job, robot: Robot) -> Lock | None:
-    """Read what a job ([plan] keep: "robot", "nothing", or a program) keeps of its posture; None for nothing.
+def read_lock(job: Job, robot: Robot) -> Robot | Kept | None:
+    """Read whose posture a job keeps ([plan] keep): another model of the same machine, a program, or nothing.
 
     Raises:
         InputError: If the program is not one of this robot, its tool mounted.
@@ -90,7 +59,7 @@ def read_lock(job: Job, robot: Robot) -> Lock | None:
     if keep == KEEP_NOTHING:
         return None
     if keep != KEEP_ROBOT:
-        return Lock(program=read_program(job.folder / keep, robot))
+        return read_program(job.folder / keep, robot)
     try:
         folder = find_robot_folder(job.own_robot, job.folder)
     except CompplanError:
@@ -99,7 +68,7 @@ def read_lock(job: Job, robot: Robot) -> Lock | None:
         return None
     own = load_robot(folder)
     own = own if job.tool is None else job.tool.mount(own)
-    return Lock(model=own) if is_same_machine(own, robot) else None
+    return own if is_same_machine(own, robot) else None
 
 
 def read_program(path: Path, robot: Robot) -> Kept:
@@ -136,72 +105,38 @@ def is_same_machine(one: Robot, other: Robot) -> bool:
 
 
 def find_kept_start(
-    robot: Robot,
-    nominal: Toolpath,
-    tool_x: Array,
-    preference: Preference,
-    request: PostureRequest | None,
-    lock: Lock | None,
+    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, lock: Robot | Kept | None
 ) -> Start:
     """Find where a plan starts, the posture kept where a lock says so; arguments as of `find_start`.
 
     Raises:
         InputError: If a kept program is of another path, or no waypoint is reached.
-
     """
-    if lock is None or (lock.model is None and lock.program is None):
-        return find_start(robot, nominal, tool_x, preference, request)
-    if lock.program is not None:
-        near, start = _follow_program(lock.program, nominal, tool_axes(nominal, tool_x), request)
-        start = replace(start, q=near)
+    if lock is None:
+        return find_start(robot, nominal, tool_x, settings)
+    if isinstance(lock, Kept):
+        source, start = lock.source, _follow_program(lock, nominal, tool_axes(nominal, tool_x), settings)
     else:
-        assert lock.model is not None
+        source = f"robot {lock.name!r}"
         try:
-            start = find_start(lock.model, nominal, tool_x, preference, request)
+            start = find_start(lock, nominal, tool_x, settings)
         except InputError:
-            return find_start(robot, nominal, tool_x, preference, request)
+            return find_start(robot, nominal, tool_x, settings)
     kept = _stand_again(robot, start)
-    if not (kept.missed & ~start.missed).any():
-        return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {lock.source}."))
-    anew = find_start(robot, nominal, tool_x, preference, request)
-    if anew.missed.sum() >= kept.missed.sum():
-        return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {lock.source}."))
-    change = describe_posture_change(robot, start.q, anew.q)
-    first = int(np.flatnonzero(kept.missed)[0])
-    told = (f"The posture of {lock.source} cannot be kept, it does not reach waypoint {first} with {robot.name!r}: "
-            f"{change or 'another one of the same branch is taken'}.")  # fmt: skip
-    return replace(anew, notes=(told, *anew.notes))
+    lost = np.flatnonzero(kept.missed & ~start.missed)
+    if len(lost):
+        anew = find_start(robot, nominal, tool_x, settings)
+        if anew.missed.sum() < kept.missed.sum():
+            told = f"The posture of {source} cannot be kept, it does not reach waypoint {lost[0]} with {robot.name!r}."
+            return replace(anew, notes=(told, *anew.notes))
+    return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {source}."))
 
 
-def describe_posture_change(robot: Robot, before: Array, after: Array) -> str:
-    """Name what changed between two postures (n, nq) along one path: configuration, joints with the greatest change.
-
-    "" where nothing changed beyond what a correction moves.
-    """
-    parts, arm = [], build_arm(robot)
-    if len(arm.arm) == 6:
-        names = [
-            [" ".join(CONFIGURATIONS[slot].values()) for slot in name_configuration(arm, q[[len(q) // 2]])]
-            for q in (before, after)
-        ]
-        if names[0] != names[1]:
-            parts.append(f"configuration {names[0][0]} becomes {names[1][0]}")
-    most = np.abs(after - before).max(axis=0)
-    for j, slides in enumerate(robot.prismatic):
-        if most[j] > (CHANGED_SLIDE if slides else CHANGED_TURN):
-            size = f"{1e3 * most[j]:.4g} mm" if slides else f"{np.degrees(most[j]):.4g} deg"
-            parts.append(f"{robot.joint_names[j]} moves by up to {size}")
-    return ", ".join(parts)
-
-
-def _follow_program(
-    program: Kept, nominal: Toolpath, rotation: Array, request: PostureRequest | None
-) -> tuple[Array, Start]:
-    """Lay a program's posture along a path; also the start that it asks for, the rotation still the path's.
+def _follow_program(program: Kept, nominal: Toolpath, rotation: Array, settings: PostureSettings) -> Start:
+    """Lay a program's posture along a path, the rotation still the path's.
 
     Raises:
         InputError: If the path is longer or shorter than the program's.
-
     """
     ends = float(program.length[-1]), float(nominal.arc_length[-1])
     if abs(ends[0] - ends[1]) > SAME_LENGTH * max(*ends, 1e-9):
@@ -211,14 +146,13 @@ def _follow_program(
         )  # fmt: skip
     place, length = nominal.arc_length * (ends[0] / max(ends[1], 1e-12)), program.length
     near, upright = interpolate(place, length, program.q), None
-    leaning = request is not None and (request.settings.lead > 0 or request.settings.lean > 0)
-    if leaning:
+    if settings.lead > 0 or settings.lean > 0:
         axis = interpolate(place, length, program.axis)
         axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
         rotation = tilt_tool(rotation, axis)
         upright, nominal = nominal.axis, replace(nominal, axis=axis)
     missed = np.zeros(len(nominal), bool)
-    return near, Start(nominal, near, rotation, {}, missed, None, request, (), of_program=True, upright=upright)
+    return Start(nominal, near, rotation, {}, missed, settings, of_program=True, upright=upright)
 
 
 def tilt_tool(rotation: Array, axis: Array) -> Array:
@@ -236,7 +170,7 @@ def _stand_again(robot: Robot, start: Start) -> Start:
     strokes, near = least_strokes(robot), np.array(start.q)
     for j in arm.held[strokes[arm.held] > 0]:
         near[:, j] = steady_slide(near[:, j], strokes[j])
-    free = start.request is None or start.request.settings.free_spin
+    free = start.settings.free_spin
     if robot.nq < 6:
         q, reached = reach_tip_and_axis(arm, near, nominal.position, rotation, spin_free=free or robot.nq == 5)
         rotation = locate_frames(arm.chain, q).tcp_rotation
@@ -249,9 +183,8 @@ def _stand_again(robot: Robot, start: Start) -> Start:
     missed: NDArray[np.bool_] = ~(reached & inside)
     words = name_along(robot, q) or start.configuration
     posture_choice = start.posture_choice
-    if posture_choice is not None and start.request is not None and not missed.any():
-        asked = replace(start.request, settings=posture_choice.settings)
-        costs = summarise_costs(asked.state(robot, nominal, np.zeros(3)), q)
+    if posture_choice is not None and not missed.any():
+        costs = summarise_costs(PostureProblem(robot, nominal, np.zeros(3), posture_choice.settings), q)
         posture_choice = replace(posture_choice, q=q, costs=costs)
     return replace(start, q=np.clip(q, robot.lower, robot.upper), rotation=rotation, missed=missed,
                    configuration=words, posture_choice=posture_choice)  # fmt: skip

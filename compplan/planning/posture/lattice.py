@@ -33,56 +33,32 @@ REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "co
 
 @dataclass(frozen=True)
 class Options:
-    """What may vary at one waypoint, g combinations.
+    """What may vary at one waypoint, g combinations."""
 
-    Attributes:
-        spin: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`.
-            Shape (k, g) or (1, g). [rad]
-        held: Positions of the extra axes. Shape (k, g, h) or (1, g, h). [m or rad]
-        lead: Lean of the tool axis along the travel. Shape (k, g) or (1, g). [rad]
-        lean: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
-        neighbours: Options that a step may come from, -1 where there is none. Shape (g, w).
-        shape: Grid shape behind g: spins, positions of extra axes, leans.
-        steps: Step of the grid of each extra axis, 0 for one that stands. Shape (h,). [m or rad]
-
-    """
-
+    #: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`. Shape (k, g) or (1,
+    #: g). [rad]
     spin: Array
-    held: Array
-    lead: Array
-    lean: Array
-    neighbours: NDArray[np.int_]
-    shape: tuple[int, int, int]
-    steps: Array
+    held: Array  #: Positions of the extra axes. Shape (k, g, h) or (1, g, h). [m or rad]
+    lead: Array  #: Lean of the tool axis along the travel. Shape (k, g) or (1, g). [rad]
+    lean: Array  #: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
+    neighbours: NDArray[np.int_]  #: Options that a step may come from, -1 where there is none. Shape (g, w).
+    shape: tuple[int, int, int]  #: Grid shape behind g: spins, positions of extra axes, leans.
+    steps: Array  #: Step of the grid of each extra axis, 0 for one that stands. Shape (h,). [m or rad]
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Nodes of the ladder graph: k stations, g options, b slots.
+    """Nodes of the ladder graph: k stations, g options, b slots."""
 
-    Attributes:
-        stations: Waypoint of each station. Shape (k,).
-        options: What varies.
-        q: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
-        sensitivity: Shape (k, g, b). [m]
-        deviation: Before compensation. Shape (k, g, b). [m]
-        limits: Nearness to joint limits. Shape (k, g, b).
-        dexterity: Shape (k, g, b).
-        reason: Index into `REASONS`. Shape (k, g, b).
-        singularity_margin: Inverse condition number below which a posture counts as singular.
-            Shape (k, g, b).
-
-    """
-
-    stations: NDArray[np.int_]
-    options: Options
-    q: Array
-    sensitivity: Array
-    deviation: Array
-    limits: Array
-    dexterity: Array
-    reason: NDArray[np.int8]
-    singularity_margin: float
+    stations: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
+    options: Options  #: What varies.
+    q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
+    sensitivity: Array  #: Shape (k, g, b). [m]
+    deviation: Array  #: Before compensation. Shape (k, g, b). [m]
+    limits: Array  #: Nearness to joint limits. Shape (k, g, b).
+    dexterity: Array  #: Shape (k, g, b).
+    reason: NDArray[np.int8]  #: Index into `REASONS`. Shape (k, g, b).
+    singularity_margin: float  #: Inverse condition number below which a posture counts as singular. Shape (k, g, b).
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -128,6 +104,11 @@ def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
     return np.asarray(middle_of_limits(robot)[joint] + 0.5 * (angle.max() + angle.min()) - angle)
 
 
+def count_positions(settings: PostureSettings, axes: int) -> int:
+    """Return the grid positions of each of several extra axes, at least 3."""
+    return settings.held_steps if axes < 2 else max(3, int((3 * settings.held_steps) ** (1.0 / axes) + 1e-9))
+
+
 def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Options:
     """Build the grid of options; it holds for every station (k,) but for what follows the tool axis (`follow_axis`)."""
     arm, settings, follow = problem.arm, problem.settings, follow_axis(problem.arm, problem.nominal)
@@ -143,7 +124,7 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
         if joint == followed:
             ranges.append(np.arange(-SIDES // 2, SIDES - SIDES // 2) * 2 * np.pi / SIDES)
         elif np.isfinite(low) and np.isfinite(high) and high > low:
-            ranges.append(np.linspace(low, high, settings.count_positions(len(arm.held))))
+            ranges.append(np.linspace(low, high, count_positions(settings, len(arm.held))))
         else:
             ranges.append(middle_of_limits(robot)[[joint]])
     cells = list(product(*ranges))
@@ -197,23 +178,20 @@ def orient_tool(
     return rotation.reshape(*shape, 3, 3)
 
 
-def orient_options(
-    nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options
-) -> tuple[Array, Array]:
-    """Return orientations (k g, 3, 3) and extra axes (k g, h) of all options at stations (k,)."""
+def fill_lattice(
+    problem: PostureProblem, stations: NDArray[np.int_], options: Options, position: Array | None = None
+) -> Lattice:
+    """Solve the inverse kinematics of every node at stations (k,) and measure it.
+
+    `position` (k, 3) [m] is where the stations lie, those of the path if left out.
+    """
+    arm, settings, nominal = problem.arm, problem.settings, problem.nominal
     k, g = len(stations), options.spin.shape[1]
     spin, lead, lean = (np.broadcast_to(v, (k, g)) for v in (options.spin, options.lead, options.lean))
     held = np.broadcast_to(options.held, (k, g, options.held.shape[2])).reshape(k * g, -1)
-    return orient_tool(nominal, tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3), held
-
-
-def fill_lattice(problem: PostureProblem, stations: NDArray[np.int_], options: Options) -> Lattice:
-    """Solve the inverse kinematics of every node at stations (k,) and measure it."""
-    arm, settings, nominal = problem.arm, problem.settings, problem.nominal
-    k, g = len(stations), options.spin.shape[1]
-    rotation, held = orient_options(nominal, problem.tool_x, stations, options)
-    position = np.repeat(nominal.position[stations], g, axis=0)
-    q = solve_branches(arm, position, rotation, held).reshape(k, g, -1, problem.chain.nq)
+    rotation = orient_tool(nominal, problem.tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3)
+    place = np.repeat(nominal.position[stations] if position is None else position, g, axis=0)
+    q = solve_branches(arm, place, rotation, held).reshape(k, g, -1, problem.chain.nq)
     q = _wrap_into_limits(q, arm)
     reached = np.isfinite(q[..., 0])
     reason = np.where(reached, USABLE, OUT_OF_REACH).astype(np.int8)
@@ -226,7 +204,7 @@ def fill_lattice(problem: PostureProblem, stations: NDArray[np.int_], options: O
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(
         problem.chain, q[rows], problem.wrench[stations][rows[0]], limits=arm.robot.arm_limits,
-        uncertainty=settings.known, axes=problem.axes, margin=settings.limit_margin,
+        uncertainty=settings.known, axes=settings.axes, margin=settings.limit_margin,
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)

@@ -31,41 +31,25 @@ LOOKED_AT, INSTANTS = 400, 20_000
 
 
 class MotionFigures(NamedTuple):
-    """What gears and inertia are assumed to do, or what the robot folder says of them.
+    """What gears and inertia are assumed to do, or what the robot folder says of them."""
 
-    Attributes:
-        gear: Amplitude of the gear error of turning joints. [rad]
-        periods: Its periods a turn.
-        lost: Lost motion of turning joints, full width. [rad]
-        frequency: Lowest natural frequency of the arm. [Hz]
-        source: Where they come from.
-        stated: Whether job or robot folder state them; the preset "accurate" prices motion by no assumed figure.
-
-    """
-
-    gear: float = float(np.radians(0.002))
-    periods: float = 60.0
-    lost: float = float(np.radians(0.002))
-    frequency: float = 10.0
-    source: str = "assumed"
+    gear: float = float(np.radians(0.002))  #: Amplitude of the gear error of turning joints. [rad]
+    periods: float = 60.0  #: Its periods a turn.
+    lost: float = float(np.radians(0.002))  #: Lost motion of turning joints, full width. [rad]
+    frequency: float = 10.0  #: Lowest natural frequency of the arm. [Hz]
+    source: str = "assumed"  #: Where they come from.
+    #: Whether job or robot folder state them; the preset "accurate" prices motion by no assumed figure.
     stated: bool = False
 
 
 @dataclass(frozen=True)
 class MotionPrice:
-    """What edges of the graph pay for the motion of joints.
+    """What edges of the graph pay for the motion of joints."""
 
-    Attributes:
-        lever: Mean square motion of the tip per joint motion over the usable nodes. Shape (nq,). [mm^2/rad^2 or
-            mm^2/m^2]
-        slides: Which joints slide; gears are those of turning joints. Shape (nq,).
-        figures: What gears and inertia do.
-
-    """
-
+    #: Mean square motion of the tip per joint motion over the usable nodes. Shape (nq,). [mm^2/rad^2 or mm^2/m^2]
     lever: Array
-    slides: NDArray[np.bool_]
-    figures: MotionFigures
+    slides: NDArray[np.bool_]  #: Which joints slide; gears are those of turning joints. Shape (nq,).
+    figures: MotionFigures  #: What gears and inertia do.
 
     def cost(self, square: Array, j: int, share: float, duration: float, settle: float) -> Array:
         """Price squared motions of joint j [rad^2 or m^2] over an edge of the path. [mm^2]

@@ -18,7 +18,7 @@ from compplan.planning.posture.configuration import find_nearest_rows
 from compplan.planning.posture.follow import reach_with_all
 from compplan.planning.posture.lattice import build_options, fill_lattice, orient_tool, pick_stations
 from compplan.planning.posture.settings import PostureProblem
-from compplan.planning.posture.summary import PostureRequest, PostureSummary, Start
+from compplan.planning.posture.summary import PostureSummary, Start
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.toolpath.toolpath import Toolpath, pick_even, select_waypoints
@@ -37,8 +37,9 @@ COARSE = float(np.radians(15.0))
 LONGEST = 300
 
 
-def find_partial(problem: PostureProblem, request: PostureRequest) -> Start | None:
+def find_partial(problem: PostureProblem) -> Start | None:
     """Keep the stretches of a path that an arm can follow, whatever is in the way; None where there is none."""
+    asked, problem = problem.settings, replace(problem, settings=replace(problem.settings, scene=None))
     nominal, tool_x, found = problem.nominal, problem.tool_x, []
     for first, last in _find_stretches(problem)[:STRETCHES]:
         stretch = _choose_stretch(problem, first, last)
@@ -65,7 +66,7 @@ def find_partial(problem: PostureProblem, request: PostureRequest) -> Start | No
     mend, first = _say(problem, q, rotation, missed), int(np.flatnonzero(missed)[0])
     sentence = (f"{missed.sum()} of {n} waypoints of the toolpath are out of reach, the first is {first} "
                 f"(s = {1e3 * nominal.arc_length[first]:.0f} mm): {mend}")  # fmt: skip
-    return Start(nominal, q, rotation, longest.configuration, missed, None, request, (f"{sentence[:LONGEST]}.",),
+    return Start(nominal, q, rotation, longest.configuration, missed, asked, notes=(f"{sentence[:LONGEST]}.",),
                  of_program=True, mend=mend)  # fmt: skip
 
 

@@ -14,69 +14,53 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial.transform import Rotation
 
 from compplan.errors import InfeasibleError, InputError
 from compplan.job.frames import PartTable
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.costs import ErrorModel, measure_nodes
-from compplan.planning.posture.lattice import build_options, orient_options, pick_stations
+from compplan.planning.posture.costs import ErrorModel
+from compplan.planning.posture.lattice import USABLE, build_options, fill_lattice, pick_stations
 from compplan.planning.posture.search import measure_rungs
-from compplan.planning.posture.settings import PostureProblem, PostureSettings
-from compplan.planning.posture.start import read_request
+from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
 from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
-from compplan.statics.chain import Chain, build_chain
-from compplan.statics.ik import Arm, build_arm, solve_branches
+from compplan.statics.ik import build_arm
 from compplan.toolpath.toolpath import Toolpath
 
 #: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
 STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5
-#: Places that may be rated, and postures that are solved at once.
-MOST_PLACES, BATCH = 20_000, 40_000
+#: Places that may be rated.
+MOST_PLACES = 20_000
 #: Range around the job's own place where [place] says nothing. [m]
 AROUND, AROUND_HEIGHT = 0.5, 0.2
-#: Places that the full search is tried at, best first.
-TRIED = 6
+#: Places that the full search is tried at, best first, and the cost by which they are compared.
+TRIED, RANK = 6, "sensitivity_rms_mm"
 
 
 @dataclass(frozen=True)
 class Ratings:
-    """Lower bounds of the remaining deviation over the grid of one turn of the part.
+    """Lower bounds of the remaining deviation over the grid of one turn of the part."""
 
-    Attributes:
-        turn: Turn about the vertical through the part's origin. [rad]
-        axes: Grid values of x, y and z of the part's origin, base frame at no extra height. Three arrays. [m]
-        bound: Root mean square over the cut, NaN where a station is out of reach. Shape (nx, ny, nz). [m]
-
-    """
-
-    turn: float
+    turn: float  #: Turn about the vertical through the part's origin. [rad]
+    #: Grid values of x, y and z of the part's origin, base frame at no extra height. Three arrays. [m]
     axes: tuple[Array, Array, Array]
-    bound: Array
+    bound: Array  #: Root mean square over the cut, NaN where a station is out of reach. Shape (nx, ny, nz). [m]
 
 
 @dataclass(frozen=True)
 class PlaceResult:
-    """Where the part should stand.
+    """Where the part should stand."""
 
-    Attributes:
-        position: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
-        turn: Turn about the vertical through it, on top of the job's rotation. [rad]
-        posture_choice: Posture along the path there.
-        before: Posture at the job's own place, or None where none leads along the path.
-        ratings: Grids, one a turn.
-        here: The job's own place. Shape (3,). [m]
-
-    """
-
-    position: Array
-    turn: float
-    posture_choice: PostureSummary
-    before: PostureSummary | None
-    ratings: tuple[Ratings, ...]
-    here: Array
+    position: Array  #: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
+    turn: float  #: Turn about the vertical through it, on top of the job's rotation. [rad]
+    posture_choice: PostureSummary  #: Posture along the path there.
+    before: PostureSummary | None  #: Posture at the job's own place, or None where none leads along the path.
+    ratings: tuple[Ratings, ...]  #: Grids, one a turn.
+    here: Array  #: The job's own place. Shape (3,). [m]
 
     @property
     def ratio(self) -> float:
@@ -99,14 +83,13 @@ def place_part(
     """
     axes = _grid_axes(job)
     here = job.T_base_part[:3, 3]
-    settings = read_request(job, robot, errors).settings
-    rater = Rater(robot, settings)
+    settings = read_settings(job, robot, errors)
     ratings = []
     for turn_deg in job.place.turn_deg:
         announce(f"place: {np.prod([len(v) for v in axes])} places, part turned by {turn_deg:g} deg")
         turned = _move_job(job, here, float(np.radians(turn_deg)))
         cells = np.array(list(product(*axes)))
-        bound = rater.rate(load_nominal(turned), turned.tool_x_base, turned.T_base_part[:3, :3], cells - here)
+        bound = rate_places(turned, robot, settings, load_nominal(turned), cells - here)
         ratings.append(Ratings(float(np.radians(turn_deg)), axes, bound.reshape([len(v) for v in axes])))
     candidates = _best_places(ratings)
     if not candidates:
@@ -115,12 +98,12 @@ def place_part(
             limits=["reach of the arm"],
         )
     announce("place: refine, and search postures at the best places")
-    candidates = [*_refine(job, rater, candidates[:3], here, axes), *candidates]
+    candidates = [*_refine(job, robot, settings, candidates[:3], axes), *candidates]
     candidates.sort(key=lambda entry: entry[0])
     search = partial(_search_posture, job, robot, errors)
     posture_choice, position, turn = _decide(search, job.place.step_mm, candidates)
     before = search(here, 0.0)
-    if before is not None and _rank(before) <= _rank(posture_choice):
+    if before is not None and before.costs[RANK] <= posture_choice.costs[RANK]:
         posture_choice, position, turn = before, here, 0.0
     return PlaceResult(position, turn, posture_choice, before, tuple(ratings), here)
 
@@ -160,52 +143,23 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
     }
 
 
-class Rater:
-    """Rate places by what the best posture at each station would leave."""
+def rate_places(job: Job, robot: Robot, settings: PostureSettings, nominal: Toolpath, shifts: Array) -> Array:
+    """Bound what the best posture at each station would leave of the path of a job moved by each shift (c, 3) [m].
 
-    def __init__(self, robot: Robot, settings: PostureSettings) -> None:
-        self.robot = robot
-        self.chain: Chain = build_chain(robot)
-        self.arm: Arm = build_arm(robot)
-        self.settings = replace(settings, spin_step=SPIN_STEP, held_steps=HELD_STEPS, stations=STATIONS)
-
-    def rate(self, nominal: Toolpath, tool_x: Array, axes: Array, shifts: Array) -> Array:
-        """Bound the remaining deviation of the path moved by each shift (c, 3) [m]: rms over the cut. Shape (c,). [m]
-
-        NaN where a station is out of reach; tool_x and axes as of `PostureProblem`.
-        """
-        problem = PostureProblem(self.robot, nominal, tool_x, self.settings, axes)
-        stations = pick_stations(nominal, STATIONS)
-        share = measure_rungs(nominal, stations, most_step=1.0, reconfigure=False).cut_share
-        stations, share = stations[share > 0], share[share > 0]
-        rotation, held = orient_options(nominal, tool_x, stations, build_options(problem, stations))
-        k, wrench = len(stations), problem.wrench
-        g = len(held) // k
-        bound = np.empty(len(shifts))
-        at_once = max(1, BATCH // (k * g))
-        for start in range(0, len(shifts), at_once):
-            part = shifts[start : start + at_once]
-            position = nominal.position[stations][None, :, None] + part[:, None, None]
-            position = position.repeat(g, axis=2).reshape(-1, 3)
-            copies = len(part)
-            q = solve_branches(self.arm, position, np.tile(rotation, (copies, 1, 1)), np.tile(held, (copies, 1)))
-            least = self._least(q, np.tile(wrench[stations].repeat(g, axis=0), (len(part), 1)), axes)
-            least = least.reshape(len(part), k, g).min(axis=2)
-            bound[start : start + len(part)] = np.sqrt((share * least**2).sum(axis=1))
-        return np.where(np.isfinite(bound), bound, np.nan)
-
-    def _least(self, q: Array, wrench: Array, axes: Array) -> Array:
-        """Return the least sensitivity over the configurations, infinite where none is usable. Shape (n,). [m]"""
-        room = self.robot.room(self.settings.limit_room)
-        inside = ((q >= self.robot.lower + room) & (q <= self.robot.upper - room)).all(axis=2)
-        rows = np.nonzero(inside)
-        nodes = measure_nodes(
-            self.chain, q[rows], wrench[rows[0]], limits=self.robot.arm_limits,
-            uncertainty=self.settings.known, axes=axes,
-        )  # fmt: skip
-        values = np.full(inside.shape, np.inf)
-        values[rows] = np.where(nodes.dexterity >= self.settings.singularity_margin, nodes.sensitivity, np.inf)
-        return np.asarray(values.min(axis=1))
+    Returns the root mean square over the cut, NaN where a station is out of reach. Shape (c,). [m]
+    """
+    coarse = replace(settings, spin_step=SPIN_STEP, held_steps=HELD_STEPS, axes=job.T_base_part[:3, :3])
+    problem = PostureProblem(robot, nominal, job.tool_x_base, coarse)
+    stations = pick_stations(nominal, STATIONS)
+    share = measure_rungs(nominal, stations, most_step=1.0, reconfigure=False).cut_share
+    stations, share = stations[share > 0], share[share > 0]
+    options = build_options(problem, stations)
+    bound = np.empty(len(shifts))
+    for k, shift in enumerate(shifts):
+        lattice = fill_lattice(problem, stations, options, nominal.position[stations] + shift)
+        least = np.where(lattice.reason == USABLE, lattice.sensitivity, np.inf).min(axis=(1, 2))
+        bound[k] = np.sqrt((share * least**2).sum())
+    return np.where(np.isfinite(bound), bound, np.nan)
 
 
 def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
@@ -240,20 +194,23 @@ def _best_places(ratings: list[Ratings]) -> list[tuple[float, Array, float]]:
 
 
 def _refine(
-    job: Job, rater: Rater, candidates: list[tuple[float, Array, float]], here: Array, axes: tuple[Array, ...]
+    job: Job,
+    robot: Robot,
+    settings: PostureSettings,
+    candidates: list[tuple[float, Array, float]],
+    axes: tuple[Array, ...],
 ) -> list[tuple[float, Array, float]]:
     """Halve the step around the best places, three times; places stay within the grid."""
-    refined = []
+    refined, here = [], job.T_base_part[:3, 3]
     low, high = np.array([v[0] for v in axes]), np.array([v[-1] for v in axes])
     for bound, start, turn in candidates:
-        best, place = bound, start
-        step = job.place.step_mm * 0.5e-3
+        best, place, step = bound, start, job.place.step_mm * 0.5e-3
         moved = _move_job(job, here, turn)
         nominal = load_nominal(moved)
         for _ in range(3):
             around = place + step * np.array(list(product((-1, 0, 1), repeat=3)))
             around = np.unique(np.clip(around, low, high), axis=0)
-            values = rater.rate(nominal, moved.tool_x_base, moved.T_base_part[:3, :3], around - here)
+            values = rate_places(moved, robot, settings, nominal, around - here)
             if np.isfinite(values).any() and np.nanmin(values) < best:
                 best, place = float(np.nanmin(values)), around[int(np.nanargmin(values))]
             step *= 0.5
@@ -266,16 +223,11 @@ def _search_posture(
 ) -> PostureSummary | None:
     """Search the posture with the part at a place; None where nothing leads along the path."""
     moved = _move_job(job, place, turn)
-    request = read_request(moved, robot, errors)
+    settings = read_settings(moved, robot, errors)
     try:
-        return choose_posture_path(request.state(robot, load_nominal(moved), moved.tool_x_base))
+        return choose_posture_path(PostureProblem(robot, load_nominal(moved), moved.tool_x_base, settings))
     except InfeasibleError:
         return None
-
-
-def _rank(posture_choice: PostureSummary) -> float:
-    """Return what places are compared by: the remaining deviation [mm]."""
-    return posture_choice.costs["sensitivity_rms_mm"]
 
 
 def _decide(
@@ -289,13 +241,13 @@ def _decide(
     for bound, place, turn in candidates:
         if any(np.linalg.norm(place - p) < 0.4e-3 * step_mm and turn == t for p, t in tried):
             continue
-        if best is not None and (len(tried) >= TRIED or 1e3 * bound >= _rank(best[0])):
+        if best is not None and (len(tried) >= TRIED or 1e3 * bound >= best[0].costs[RANK]):
             break
         if len(tried) >= 5 * TRIED:
             break
         tried.append((place, turn))
         posture_choice = search(place, turn)
-        if posture_choice is not None and (best is None or _rank(posture_choice) < _rank(best[0])):
+        if posture_choice is not None and (best is None or posture_choice.costs[RANK] < best[0].costs[RANK]):
             best = posture_choice, place, turn
     if best is None:
         raise InfeasibleError(
@@ -307,8 +259,6 @@ def _decide(
 
 def _turned_rotation(job: Job, turn: float) -> tuple[float, float, float]:
     """Return the part's rotation vector with a turn about the vertical on top. [deg]"""
-    from scipy.spatial.transform import Rotation
-
     own = Rotation.from_matrix(job.T_base_part[:3, :3])
     x, y, z = (Rotation.from_rotvec([0.0, 0.0, turn]) * own).as_rotvec(degrees=True)
     return round(float(x), 9), round(float(y), 9), round(float(z), 9)
@@ -331,47 +281,26 @@ ASSUMED = np.array([0.45, 0.0, 0.15])
 ROUND = 0.01
 
 
-@dataclass(frozen=True)
-class FirstPlace:
-    """A place, and whether the arm was tried there.
+def find_first_place(job: Job, robot: Robot) -> tuple[Array, bool] | None:
+    """Find a position of the part (3,) [m] from which the arm reaches the path of a job, wherever that has its part.
 
-    Attributes:
-        position: Origin of the part, base frame. Shape (3,). [m]
-        tried: Whether the arm was found to reach stations of the path there.
-
-    """
-
-    position: Array
-    tried: bool
-
-
-def find_first_place(job: Job, robot: Robot) -> FirstPlace | None:
-    """Find a position of the part in whose surroundings the arm reaches the path of a job; None where none is found.
-
-    Where its part stands in the job does not matter.
+    Also tells whether it was tried; None where none is found.
 
     Raises:
         InputError: If the toolpath cannot be read as the job has it.
     """
-    nominal = load_nominal(job)
+    nominal, here = load_nominal(job), job.T_base_part[:3, 3]
     cut = nominal.position[~nominal.rapid]
-    middle = 0.5 * (cut.min(axis=0) + cut.max(axis=0))
-    here = job.T_base_part[:3, 3]
-    rater = Rater(robot, read_request(job, robot).settings)
-    if rater.arm.solver is None:
-        return FirstPlace(_round(here + ASSUMED * robot.longest_reach - middle), tried=False)
+    away = here - 0.5 * (cut.min(axis=0) + cut.max(axis=0))
+    if build_arm(robot).solver is None:
+        return np.round((away + ASSUMED * robot.longest_reach) / ROUND) * ROUND, False
     out, up = (robot.longest_reach * shares for shares in (OUT, UP))
     places = np.stack(np.meshgrid(out, [0.0], up, indexing="ij"), axis=-1).reshape(-1, 3)
-    bound = rater.rate(nominal, job.tool_x_base, job.T_base_part[:3, :3], places - middle).reshape(len(OUT), len(UP))
-    reached = np.isfinite(bound)
+    bound = rate_places(job, robot, read_settings(job, robot), nominal, places + away - here)
+    reached = np.isfinite(bound).reshape(len(OUT), len(UP))
     if not reached.any():
         return None
-    from scipy.ndimage import distance_transform_edt
-
-    depth = distance_transform_edt(np.pad(reached, 1))[1:-1, 1:-1]
-    best = min(np.argwhere(depth == depth.max()).tolist(), key=lambda cell: float(bound[tuple(cell)]))
-    return FirstPlace(_round(here + np.array([out[best[0]], 0.0, up[best[1]]]) - middle), tried=True)
-
-
-def _round(place: Array) -> Array:
-    return np.asarray(np.round(place / ROUND) * ROUND)
+    depth = distance_transform_edt(np.pad(reached, 1))[1:-1, 1:-1].ravel()
+    deepest = np.flatnonzero(depth == depth.max())
+    best = places[deepest[bound[deepest].argmin()]]
+    return np.round((away + best) / ROUND) * ROUND, True

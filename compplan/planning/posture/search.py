@@ -2,12 +2,11 @@
 
 The cost of a way is a sum over its nodes and edges:
 
-    sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2 + w_c c_i)
+    sum_i omega_i (w_s s_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2 + w_c c_i)
         + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i + w_e p_i),
 
-k the inverse condition number, c omega the
-share of the cut (for the first two and the last) or of the path, dsigma the share of the
-path of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
+k the inverse condition number, omega the share of the cut (for the first) or of the path, dsigma the share of the path
+of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
 joint takes, r the share of the programmed time by which it is too short for joints at half their rates, and p what the
 motion of the joints costs in accuracy (`compplan.planning.posture.motion`). A change of configuration within the cut
 passes a singularity and costs w_g once.
@@ -45,47 +44,28 @@ TIE = 1e-12
 
 @dataclass(frozen=True)
 class Rungs:
-    """What lies between and on the stations, apart from the nodes themselves.
+    """What lies between and on the stations, apart from the nodes themselves."""
 
-    Attributes:
-        cut_share: Share of the cut that a station stands for. Shape (k,).
-        path_share: Share of the path that it stands for. Shape (k,).
-        sigma: Share of the path of each edge, at least a little, times (L / l)^2. Shape (k - 1,).
-        feed_time: Programmed time of each edge. Shape (k - 1,). [s]
-        most_motion: Greatest motion of a joint on each edge; infinite where the arm may change its configuration.
-            Shape (k - 1,). [rad]
-        cut_edge: Share of the cut that each edge is. Shape (k - 1,).
-        settle: Time in which the feed of each edge goes 100 mm. Shape (k - 1,). [s]
-        price: What motion of joints costs in accuracy, or None.
-
-    """
-
-    cut_share: Array
-    path_share: Array
-    sigma: Array
-    feed_time: Array
+    cut_share: Array  #: Share of the cut that a station stands for. Shape (k,).
+    path_share: Array  #: Share of the path that it stands for. Shape (k,).
+    sigma: Array  #: Share of the path of each edge, at least a little, times (L / l)^2. Shape (k - 1,).
+    feed_time: Array  #: Programmed time of each edge. Shape (k - 1,). [s]
+    #: Greatest motion of a joint on each edge; infinite where the arm may change its configuration. Shape (k - 1,).
+    #: [rad]
     most_motion: Array
-    cut_edge: Array
-    settle: Array
-    price: MotionPrice | None = None
+    cut_edge: Array  #: Share of the cut that each edge is. Shape (k - 1,).
+    settle: Array  #: Time in which the feed of each edge goes 100 mm. Shape (k - 1,). [s]
+    price: MotionPrice | None = None  #: What motion of joints costs in accuracy, or None.
 
 
 @dataclass(frozen=True)
 class Line:
-    """A way through the graph.
+    """A way through the graph."""
 
-    Attributes:
-        option: Option at each station. Shape (k,).
-        slot: Slot at each station. Shape (k,).
-        q: Joint positions at each station, full turns counted. Shape (k, nq). [rad or m]
-        cost: Total cost. [mm^2]
-
-    """
-
-    option: NDArray[np.int_]
-    slot: NDArray[np.int_]
-    q: Array
-    cost: float
+    option: NDArray[np.int_]  #: Option at each station. Shape (k,).
+    slot: NDArray[np.int_]  #: Slot at each station. Shape (k,).
+    q: Array  #: Joint positions at each station, full turns counted. Shape (k, nq). [rad or m]
+    cost: float  #: Total cost. [mm^2]
 
 
 def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool) -> Rungs:
@@ -120,8 +100,7 @@ def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: f
 def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
     """Cost every node, infinite where it cannot be used: shape (k, g, b) [mm^2]."""
     cut, path = rungs.cut_share[:, None, None], rungs.path_share[:, None, None]
-    cost = cut * 1e6 * (weights.sensitivity * lattice.sensitivity**2 + weights.deviation * lattice.deviation**2)
-    cost = cost + path * weights.limits * lattice.limits
+    cost = cut * 1e6 * weights.sensitivity * lattice.sensitivity**2 + path * weights.limits * lattice.limits
     if weights.dexterity > 0:
         cost = cost + path * weights.dexterity * (0.1 / np.maximum(lattice.dexterity, 1e-3)) ** 2
     if weights.singularity > 0:

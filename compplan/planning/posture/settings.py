@@ -1,4 +1,4 @@
-"""What the choice of a posture may vary, and what it is chosen for."""
+"""What the choice of a posture may vary, what it is chosen for, and the choice along one path as a problem."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.planning.posture.clearance import measure_margin
+from compplan.planning.posture.collision_scene import CollisionScene, read_scene
 from compplan.planning.posture.costs import ErrorModel, ModelScatter
 from compplan.planning.posture.motion import MotionFigures, list_plays
 from compplan.robot import Array, Robot
@@ -24,55 +26,39 @@ if TYPE_CHECKING:
 Margin = Callable[[Array, NDArray[np.int_]], Array]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PostureSettings:
-    """What the search may vary and what it weighs.
+    """What the search may vary and what it weighs."""
 
-    Attributes:
-        free_spin: Whether the rotation about the tool axis is free.
-        configuration: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
-        start: Joint positions to start near, or None. [rad or m]
-        preset: "accurate", "error_band", "smooth" or "fast".
-        compares: Whether the preset was asked for by name: finished postures are then measured beside those of others.
-        weights: Weights in place of the preset's, see `compplan.planning.posture.costs.Weights`.
-        uncertainty: How well wrench and compliance are known.
-        spin_step: Step of the grid of rotations about the tool axis. [rad]
-        lead: How far the tool axis may lean along the travel. [rad]
-        lean: How far it may lean across the travel. [rad]
-        held_steps: Grid positions of each extra axis (a rail), where there is one; of several together at most thrice
-            as many.
-        stations: Waypoints that the graph is built at, at most; those between follow.
-        singularity_margin: Inverse condition number below which a posture counts as singular and costs steeply.
-        limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
-        limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
-        most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
-        motion: What the motion of joints does to accuracy.
-        errors: What the promise knows of the robot, in place of `uncertainty`; None for other presets.
-
-    """
-
-    free_spin: bool = True
+    search: bool = True  #: Whether the graph chooses; else one configuration and the tool's x as programmed are kept.
+    free_spin: bool = True  #: Whether the rotation about the tool axis is free.
+    #: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
     configuration: dict[str, str] = field(default_factory=dict)
-    start: tuple[float, ...] | None = None
-    preset: str = "accurate"
+    start: Array | None = None  #: Joint positions to start near, or None. Shape (nq,). [rad or m]
+    preset: str = "accurate"  #: "accurate", "error_band", "smooth" or "fast".
+    #: Whether the preset was asked for by name: finished postures are then measured beside those of others.
     compares: bool = False
-    weights: dict[str, float] = field(default_factory=dict)
+    #: How well wrench and compliance are known.
     uncertainty: ModelScatter = field(default_factory=ModelScatter)
-    spin_step: float = float(np.radians(5.0))
-    lead: float = 0.0
-    lean: float = 0.0
-    held_steps: int = 9
-    stations: int = 240
+    spin_step: float = float(np.radians(5.0))  #: Step of the grid of rotations about the tool axis. [rad]
+    lead: float = 0.0  #: How far the tool axis may lean along the travel. [rad]
+    lean: float = 0.0  #: How far it may lean across the travel. [rad]
+    held_steps: int = 9  #: Grid positions of each extra axis (a rail); of several together at most thrice as many.
+    stations: int = 240  #: Waypoints that the graph is built at, at most; those between follow.
+    #: Inverse condition number below which a posture counts as singular and costs steeply.
     singularity_margin: float = 0.03
-    limit_margin: float = float(np.radians(10.0))
+    limit_margin: float = float(np.radians(10.0))  #: Distance to a joint limit below which a posture costs. [rad or m]
+    #: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
     limit_room: float = float(np.radians(2.0))
+    #: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
     most_step: float = float(np.radians(20.0))
-    motion: MotionFigures = field(default_factory=MotionFigures)
+    motion: MotionFigures = field(default_factory=MotionFigures)  #: What the motion of joints does to accuracy.
+    #: What the 95 % band knows of the robot, in place of `uncertainty`; None for other presets.
     errors: ErrorModel | None = None
-
-    def count_positions(self, axes: int) -> int:
-        """Return the grid positions of each of several extra axes, at least 3."""
-        return self.held_steps if axes < 2 else max(3, int((3 * self.held_steps) ** (1.0 / axes) + 1e-9))
+    #: Axes in whose components the wrench errs, as columns in base axes (the part's). Shape (3, 3).
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    scene: CollisionScene | None = None  #: What may touch what, or None.
+    clearance: float = 0.0  #: Distance from part and fixture that is asked for. [m]
 
     @property
     def known(self) -> ModelScatter | ErrorModel:
@@ -82,24 +68,12 @@ class PostureSettings:
 
 @dataclass(frozen=True)
 class PostureProblem:
-    """The choice of a posture along a path, as every step of the search has it.
+    """The choice of a posture along a path, as every step of the search has it."""
 
-    Attributes:
-        robot: The robot with its tool.
-        nominal: Toolpath in the base frame, with its predicted wrench.
-        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        settings: What may vary and what it is chosen for.
-        axes: Axes in whose components the wrench errs, as columns in base axes (the part's). Shape (3, 3).
-        margin: By how much postures keep clear, or None where nothing is in the way.
-
-    """
-
-    robot: Robot
-    nominal: Toolpath
-    tool_x: Array
-    settings: PostureSettings
-    axes: Array = field(default_factory=lambda: np.eye(3))
-    margin: Margin | None = None
+    robot: Robot  #: The robot with its tool.
+    nominal: Toolpath  #: Toolpath in the base frame, with its predicted wrench.
+    tool_x: Array  #: Where x of the TCP points at spin 0, base axes. Shape (3,).
+    settings: PostureSettings  #: What may vary and what it is chosen for.
 
     @cached_property
     def chain(self) -> Chain:
@@ -112,6 +86,12 @@ class PostureProblem:
         return build_arm(self.robot)
 
     @property
+    def margin(self) -> Margin | None:
+        """By how much postures keep clear, None where nothing is in the way."""
+        scene, wanted = self.settings.scene, self.settings.clearance
+        return None if scene is None else lambda q, waypoints: measure_margin(scene, q, wanted)
+
+    @property
     def wrench(self) -> Array:
         """Predicted wrench, zero where the path carries none. Shape (n, 6). [N, N m]"""
         wrench = self.nominal.wrench
@@ -119,39 +99,36 @@ class PostureProblem:
 
 
 def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureSettings:
-    """Take the settings from a job's tables [plan] and [posture], and for the preset "error_band" what is known.
+    """Take the settings from a job's tables, and for the preset "error_band" what is known of the robot.
 
     A wrench that is given in tool axes would turn with the tool: the rotation then stays where the job has it.
+
+    Raises:
+        InputError: If a mesh that the job names is missing or cannot be read.
     """
     words = job.plan.configuration.model_dump(exclude_none=True)
-    table = job.posture
-    start = job.plan.start_deg
+    start = None if job.plan.start_deg is None else np.asarray(job.plan.start_deg, float)
     if start is not None and len(start) == robot.nq:
-        scales = np.where(robot.prismatic, 1e-3, np.pi / 180)
-        start = tuple(float(value) for value in np.asarray(start) * scales)
+        start = np.where(robot.prismatic, start * 1e-3, np.radians(start))
+    motion, widths = MotionFigures(), list_plays(robot)[~robot.prismatic]
+    if widths.any():  # gear error and the rest are assumed
+        source = "assumed, lost motion of the robot folder"
+        motion = MotionFigures(lost=float(widths.max()), source=source, stated=True)
+    if errors is not None:  # both are errors of the band: motion pays for inertia alone
+        motion = motion._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the 95 % band")
+    table = job.posture
     return PostureSettings(
         free_spin=job.plan.rotate_about_tool_axis and getattr(job.process, "frame", "part") != "tool",
         configuration=words,
         start=start,
         preset=table.preset,
         compares="preset" in table.model_fields_set,
-        weights=dict(table.weights),
         lead=float(np.radians(table.lead_deg)),
         lean=float(np.radians(table.lean_deg)),
         limit_margin=float(np.radians(table.limit_margin_deg)),
-        motion=_read_motion(robot) if errors is None else _leave_to_band(_read_motion(robot)),
+        motion=motion,
         errors=errors,
+        axes=job.T_base_part[:3, :3],
+        scene=read_scene(job, robot),
+        clearance=0.0 if job.collision is None else job.collision.clearance_mm * 1e-3,
     )
-
-
-def _leave_to_band(figures: MotionFigures) -> MotionFigures:
-    """Gear error and lost motion are errors of the promise: motion pays for inertia alone."""
-    return figures._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the 95 % band")
-
-
-def _read_motion(robot: Robot) -> MotionFigures:
-    """Take lost motion from the folder's effects where it has any; gear error and the rest are assumed."""
-    widths = list_plays(robot)[~robot.prismatic]
-    if not widths.any():
-        return MotionFigures()
-    return MotionFigures(lost=float(widths.max()), source="assumed, lost motion of the robot folder", stated=True)

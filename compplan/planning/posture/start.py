@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from compplan.errors import InfeasibleError, InputError
 from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.clearance import ClearanceProfile, measure_clearance
-from compplan.planning.posture.collision_scene import compute_model_loads
-from compplan.planning.posture.configuration import Preference, choose_posture, solve_default_posture
+from compplan.planning.posture.configuration import choose_posture, solve_default_posture
 from compplan.planning.posture.contacts import describe_contact
-from compplan.planning.posture.costs import ErrorModel
 from compplan.planning.posture.follow import follow_from, follow_path
 from compplan.planning.posture.partial import find_partial
-from compplan.planning.posture.settings import PostureProblem, read_settings
-from compplan.planning.posture.summary import PostureRequest, PostureSummary, Start
+from compplan.planning.posture.settings import PostureProblem, PostureSettings
+from compplan.planning.posture.summary import PostureSummary, Start
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CONFIGURATIONS, build_arm, name_configuration
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import Toolpath
-
-if TYPE_CHECKING:
-    from compplan.job.job import Job
-
 
 #: What a robot of four joints cannot do.
 FOUR_JOINTS = (
@@ -35,72 +28,48 @@ FOUR_JOINTS = (
 )
 
 
-#: Costs in words: what is best, what postures were, and what it means that they tie.
-WORDS = {
-    "driven_s": ("the fastest", "timed", "the programmed feed sets the time, not the posture"),
-    "band_mm": ("that with the smallest 95 % band", "measured", "the posture does not set the 95 % band"),
-    "joint_travel_deg": ("that with the least motion", "measured", "the path sets the motion, not the posture"),
-}
+#: By what finished postures are compared, in words.
+COMPARED = {"driven_s": "time", "band_mm": "95 % band", "joint_travel_deg": "joint motion"}
 #: Postures whose measures differ by less than this share tie.
 TIED = 1e-3
 
 
-def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureRequest:
-    """Read what a job asks of the posture; `errors` is what the preset "error_band" counts.
-
-    Raises:
-        InputError: If a mesh that the job names is missing or cannot be read.
-
-    """
-    wanted = 0.0 if job.collision is None else job.collision.clearance_mm * 1e-3
-    return PostureRequest(
-        read_settings(job, robot, errors), job.T_base_part[:3, :3], compute_model_loads(job, robot), wanted
-    )
-
-
-def find_start(
-    robot: Robot, nominal: Toolpath, tool_x: Array, preference: Preference, request: PostureRequest | None
-) -> Start:
+def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings) -> Start:
     """Find where a plan starts, x of the TCP pointing along tool_x (3,) at no rotation about the tool axis.
-
-    `preference` states configuration and start; without a request one configuration and the orientation are kept.
 
     Raises:
         InputError: If the wanted start lies outside the joint limits, or no waypoint is reached.
-
     """
     if robot.nq < 6:
-        return _follow_few_joints(robot, nominal, tool_x, request)
+        return _follow_few_joints(robot, nominal, tool_x, settings)
     note: tuple[str, ...] = ()
-    if request is not None:
-        problem = request.state(robot, nominal, tool_x)
-        stated = preference.start is not None and not robot.prismatic[: robot.nq - 6].all()  # where seven axes stand
-        if stated and (followed := _follow_start(problem, preference, request)):
+    if settings.search:
+        problem = PostureProblem(robot, nominal, np.asarray(tool_x, float), settings)
+        stated = settings.start is not None and not robot.prismatic[: robot.nq - 6].all()  # where seven axes stand
+        if stated and (followed := _follow_start(problem)):
             return followed
         try:
-            return stand(choose_posture_path(problem), nominal, request)
+            return stand(choose_posture_path(problem), nominal, settings)
         except InfeasibleError as error:
             sentence = str(error)
         reason = f"{sentence[0].upper()}{sentence[1:]}."
-        if request.scene is not None:
-            blind = find_start(robot, nominal, tool_x, preference, replace(request, scene=None))
+        if settings.scene is not None:
+            blind = find_start(robot, nominal, tool_x, replace(settings, scene=None))
             if blind.posture_choice is not None:
                 said = f"{reason} The posture is that without anything in the way."
-                return replace(blind, request=request, notes=(said, *blind.notes))
-        instead = _follow_start(problem, preference, request) or find_partial(replace(problem, margin=None), request)
-        if instead is not None:
+                return replace(blind, settings=settings, notes=(said, *blind.notes))
+        if instead := _follow_start(problem) or find_partial(problem):
             return instead
         note = (f"{reason} One configuration is kept instead, and x of the TCP frame points along plan.tool_x all the"
                 " way.",)  # fmt: skip
     rotation = tool_axes(nominal, tool_x)
-    posture = choose_posture(robot, nominal.position, rotation, preference)
-    return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, None, request, note)
+    posture = choose_posture(robot, nominal.position, rotation, words=settings.configuration, start=settings.start)
+    return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, settings, notes=note)
 
 
-def _follow_few_joints(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureRequest | None) -> Start:
+def _follow_few_joints(robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings) -> Start:
     """Follow the path with an arm of four or five joints, along one branch."""
-    arm = build_arm(robot)
-    free = robot.nq == 5 or (request is not None and request.settings.free_spin)
+    arm, free = build_arm(robot), robot.nq == 5 or (settings.search and settings.free_spin)
     q, missed = follow_path(arm, nominal.position, tool_axes(nominal, tool_x), spin_free=free)
     if missed.all():
         least = ", which keep the tool where it points" if robot.nq < 5 else ""
@@ -109,23 +78,23 @@ def _follow_few_joints(robot: Robot, nominal: Toolpath, tool_x: Array, request: 
             "move the part, or check the frames"
         )
     note = (FOUR_JOINTS,) if robot.nq < 5 else ()
-    return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, None, request, note)
+    return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, settings, notes=note)
 
 
-def _follow_start(problem: PostureProblem, preference: Preference, request: PostureRequest) -> Start | None:
+def _follow_start(problem: PostureProblem) -> Start | None:
     """Go on from the job's start by the least motion of all joints; None where that does not lead along the path."""
-    if preference.start is None or request.scene is not None:
-        return None
     robot, nominal, settings = problem.robot, problem.nominal, problem.settings
+    if settings.start is None or settings.scene is not None:
+        return None
     q, missed = follow_from(
-        robot, problem.chain, nominal.position, tool_axes(nominal, problem.tool_x), preference.start,
+        robot, problem.chain, nominal.position, tool_axes(nominal, problem.tool_x), settings.start,
         free_spin=settings.free_spin, most_step=settings.most_step,
     )  # fmt: skip
     if missed.any():
         return None
     told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
-    return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, name_along(robot, q), missed, None, request,
-                 (told,), of_program=True)  # fmt: skip
+    return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, name_along(robot, q), missed, settings,
+                 notes=(told,), of_program=True)  # fmt: skip
 
 
 def name_along(robot: Robot, q: Array) -> dict[str, str]:
@@ -134,28 +103,33 @@ def name_along(robot: Robot, q: Array) -> dict[str, str]:
     return CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())] if len(arm.arm) == 6 else {}
 
 
-def stand(posture_choice: PostureSummary, nominal: Toolpath, request: PostureRequest) -> Start:
+def stand(posture_choice: PostureSummary, nominal: Toolpath, settings: PostureSettings) -> Start:
     """Start where the graph stands."""
-    leaning = request.settings.lead > 0 or request.settings.lean > 0
+    leaning = settings.lead > 0 or settings.lean > 0
     path = replace(nominal, axis=posture_choice.axis) if leaning else nominal
     words = tuple(
         f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
         for waypoint, before, after in posture_choice.changes
     )
-    if told := describe_finished(posture_choice):
-        words += (told,)
+    if len(compared := posture_choice.compared) > 1:
+        cost, unit = COMPARED[posture_choice.compared_by], posture_choice.compared_by.rpartition("_")[2]
+        said = f"the {len(compared)} postures that were compared tie at a {cost} of {min(compared.values()):.4g} {unit}"
+        if max(compared.values()) > (1.0 + TIED) * min(compared.values()):
+            listed = ", ".join(f"{name} {value:.4g} {unit}" for name, value in compared.items())
+            said = f"of the postures that were compared the one of the least {cost} is driven ({listed})"
+        words += (f"Preset {posture_choice.settings.preset}: {said}.",)
     return Start(
         path, posture_choice.q, posture_choice.rotation, posture_choice.configuration, posture_choice.missed,
-        posture_choice, request, words, upright=nominal.axis if leaning else None,
+        settings, posture_choice, words, upright=nominal.axis if leaning else None,
     )  # fmt: skip
 
 
 def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
     """Measure the clearance of a command; also tell the waypoints that come too near, and what is in the way."""
-    if start is None or start.request is None or start.request.scene is None:
+    if start is None or start.settings.scene is None:
         return None, {}
-    wanted = start.request.wanted
-    profile = measure_clearance(start.request.scene, q, wanted)
+    wanted = start.settings.clearance
+    profile = measure_clearance(start.settings.scene, q, wanted)
     near = {
         int(waypoint): f"clearance ({describe_contact(contact)})"
         for waypoint, contact in zip(profile.computed, profile.contacts, strict=True)
@@ -171,33 +145,8 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
 
     None where the graph chose it already, or it cannot be kept.
     """
-    if start.posture_choice is None or start.request is None or start.posture_choice.instead_of is not None:
+    if start.posture_choice is None or start.posture_choice.instead_of is not None:
         return None
-    request = start.request
-    posture_choice = solve_default_posture(request.state(robot, nominal, tool_x), start.posture_choice)
-    return None if posture_choice is None else stand(replace(posture_choice, instead_of=None), nominal, request)
-
-
-def describe_finished(posture_choice: PostureSummary) -> str:
-    """Say what the postures come to that were compared, "" where none were."""
-    if len(posture_choice.compared) < 2:
-        return ""
-    values, unit = posture_choice.compared.values(), posture_choice.compared_by.rpartition("_")[2]
-    best, done, tied = WORDS[posture_choice.compared_by]
-    head = f"Preset {posture_choice.settings.preset}: "
-    if max(values) <= (1.0 + TIED) * min(values):
-        said = f"{'take' if unit == 's' else 'come to'} {min(values):.4g} {unit}, within 0.1 %"
-        return f"{head}the {len(values)} postures that were {done} {said}; {tied}."
-    listed = ", ".join(f"{name} {value:.4g} {unit}" for name, value in posture_choice.compared.items())
-    return f"{head}{best} of the postures that were {done} is driven ({listed})."
-
-
-def compare_postures(robot: Robot, start: Start, tool_x: Array) -> tuple[dict[str, float], dict[str, float]] | None:
-    """Return costs of the graph's way and of the plain posture; None where either is not known."""
-    posture_choice, request = start.posture_choice, start.request
-    if posture_choice is None or request is None:
-        return None
-    if posture_choice.plain is not None:
-        return posture_choice.instead_of or posture_choice.costs, posture_choice.plain
-    plain = solve_default_posture(replace(request, scene=None).state(robot, start.nominal, tool_x), posture_choice)
-    return None if plain is None else (posture_choice.costs, plain.costs)
+    problem = PostureProblem(robot, nominal, tool_x, start.settings)
+    posture_choice = solve_default_posture(problem, start.posture_choice)
+    return None if posture_choice is None else stand(replace(posture_choice, instead_of=None), nominal, start.settings)

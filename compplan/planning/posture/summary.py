@@ -1,4 +1,4 @@
-"""What the choice of a posture returns: the posture, its costs, and the map behind it."""
+"""What the choice of a posture returns: the posture, its costs, the map behind it, and where a plan starts."""
 
 from __future__ import annotations
 
@@ -9,94 +9,65 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.clearance import measure_margin
-from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.planning.posture.costs import Weights, draw_errors, error_columns, measure_nodes
 from compplan.planning.posture.lattice import COLLISION, SINGULAR, USABLE, Lattice, Options
 from compplan.planning.posture.motion import measure_inertia_error, measure_travel_error
 from compplan.planning.posture.search import Line
 from compplan.planning.posture.settings import Margin, PostureProblem, PostureSettings
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath, pick_even
 
 
 @dataclass(frozen=True)
 class PostureMap:
-    """Path length against rotation about the tool axis, at the configuration, extra axes and lean of the chosen line.
+    """Path length against rotation about the tool axis, at the extra axes and lean of the chosen line."""
 
-    Attributes:
-        length: Distance travelled at each station. Shape (k,). [m]
-        waypoint: Waypoint of each station. Shape (k,).
-        spin: Rotations about the tool axis. Shape (g,). [rad]
-        sensitivity: NaN where there is no solution. Shape (k, g). [m]
-        reason: Index into `compplan.planning.posture.lattice.REASONS`. Shape (k, g).
-        dexterity: Inverse condition number. Shape (k, g).
-        chosen: Rotation of the chosen line. Shape (k,). [rad]
-        held: Positions of the extra axes along the chosen line. Shape (k, h). [m or rad]
-        held_grid: Grid positions of the first extra axis, or empty. Shape (r,). [m or rad]
-        held_sensitivity: Least sensitivity over all rotations against the first extra axis. Shape (k, r). [m]
-        q: Joint positions, NaN where there is no solution. Shape (k, g, nq). [rad or m]
-        fixed_sensitivity: Root mean square along the cut with x of the TCP kept where the job has it, in the best
-            single configuration; NaN where none leads along the path. [m]
-
-    """
-
-    length: Array
-    waypoint: NDArray[np.int_]
-    spin: Array
-    sensitivity: Array
-    reason: NDArray[np.int8]
-    dexterity: Array
-    chosen: Array
-    held: Array
-    held_grid: Array
-    held_sensitivity: Array
-    q: Array
+    length: Array  #: Distance travelled at each station. Shape (k,). [m]
+    waypoint: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
+    spin: Array  #: Rotations about the tool axis. Shape (g,). [rad]
+    sensitivity: Array  #: NaN where there is no solution. Shape (k, g). [m]
+    reason: NDArray[np.int8]  #: Index into `compplan.planning.posture.lattice.REASONS`. Shape (k, g).
+    chosen: Array  #: Rotation of the chosen line. Shape (k,). [rad]
+    held: Array  #: Positions of the extra axes along the chosen line. Shape (k, h). [m or rad]
+    held_grid: Array  #: Grid positions of the first extra axis, or empty. Shape (r,). [m or rad]
+    held_sensitivity: Array  #: Least sensitivity over all rotations against the first extra axis. Shape (k, r). [m]
+    q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, nq). [rad or m]
+    #: Root mean square along the cut with x of the TCP kept where the job has it, in the best single configuration; NaN
+    #: where none leads along the path. [m]
     fixed_sensitivity: float
 
 
 @dataclass(frozen=True)
-class PostureSummary:
-    """How the robot stands along a path before anything is corrected.
+class PostureTrace:
+    """How the robot stands at every waypoint, unloaded."""
 
-    Attributes:
-        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-        rotation: Orientation of the TCP frame, leads and leans included. Shape (n, 3, 3).
-        spin: Rotation about the tool axis, counted on through full turns. Shape (n,). [rad]
-        lead: Lean of the tool axis along the travel. Shape (n,). [rad]
-        lean: Lean of the tool axis to the left of the travel. Shape (n,). [rad]
-        configuration: Shoulder, elbow and wrist along most of the path.
-        changes: Where the configuration changes: first waypoint afterwards, words before, words after.
-        weights: What each criterion was worth.
-        settings: What was asked for.
-        costs: What the posture costs, by criterion, with the unit in the key.
-        map: What the search saw.
-        missed: Waypoints where the posture could not be followed. Shape (n,).
-        keeps_margin: Whether some way along the path keeps the asked distance from joint limits.
-        plain: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
-        instead_of: Costs of the graph's way where the plain posture was preferred to it, or None.
-        compared: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
-        compared_by: The cost that they were compared by, such as "driven_s".
+    q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+    rotation: Array  #: Orientation of the TCP frame, z out of the tool, leads and leans included. Shape (n, 3, 3).
+    spin: Array  #: Rotation about the tool axis, counted on through full turns. Shape (n,). [rad]
+    lead: Array  #: Lean of the tool axis along the travel. Shape (n,). [rad]
+    lean: Array  #: Lean of the tool axis to the left of the travel. Shape (n,). [rad]
+    missed: NDArray[np.bool_]  #: Waypoints where the posture could not be followed from station to station. Shape (n,).
 
-    """
 
-    q: Array
-    rotation: Array
-    spin: Array
-    lead: Array
-    lean: Array
-    configuration: dict[str, str]
+@dataclass(frozen=True)
+class PostureSummary(PostureTrace):
+    """How the robot stands along a path before anything is corrected, and what that costs."""
+
+    configuration: dict[str, str]  #: Shoulder, elbow and wrist along most of the path.
+    #: Where the configuration changes: first waypoint afterwards, words before, words after.
     changes: tuple[tuple[int, str, str], ...]
-    weights: Weights
-    settings: PostureSettings
-    costs: dict[str, float]
-    map: PostureMap
-    missed: NDArray[np.bool_]
-    keeps_margin: bool = True
+    weights: Weights  #: What each criterion was worth.
+    settings: PostureSettings  #: What was asked for.
+    costs: dict[str, float]  #: What the posture costs, by criterion, with the unit in the key.
+    map: PostureMap  #: What the search saw.
+    keeps_margin: bool = True  #: Whether some way along the path keeps the asked distance from joint limits.
+    #: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
     plain: dict[str, float] | None = None
+    #: Costs of the graph's way where the plain posture was preferred to it, or None.
     instead_of: dict[str, float] | None = None
+    #: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
     compared: Mapping[str, float] = field(default_factory=dict)
-    compared_by: str = ""
+    compared_by: str = ""  #: The cost that they were compared by, such as "driven_s".
 
     @property
     def axis(self) -> Array:
@@ -145,7 +116,7 @@ def measure_remaining(problem: PostureProblem, q: Array) -> tuple[float, float]:
     if not len(rows):
         return 0.0, 0.0
     rows = pick_even(rows, 400)
-    spread = error_columns(problem.chain, q[rows], problem.wrench[rows], problem.settings.known, problem.axes)
+    spread = error_columns(problem.chain, q[rows], problem.wrench[rows], problem.settings.known, problem.settings.axes)
     weight = share[rows] / share[rows].sum()
     expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
     lengths = np.linalg.norm(spread @ draw_errors(spread.shape[2]), axis=1)
@@ -166,7 +137,7 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
     chain, robot, nominal, settings = problem.chain, problem.robot, problem.nominal, problem.settings
     nodes = measure_nodes(
-        chain, q, problem.wrench, limits=robot.arm_limits, uncertainty=settings.uncertainty, axes=problem.axes,
+        chain, q, problem.wrench, limits=robot.arm_limits, uncertainty=settings.uncertainty, axes=settings.axes,
         margin=settings.limit_margin,
     )  # fmt: skip
     share = cut_shares(nominal)
@@ -219,7 +190,6 @@ def slice_map(
         spin=coarse.options.spin[0].reshape(spins, positions, tilts)[:, 0, 0],
         sensitivity=cut(coarse.sensitivity),
         reason=cut(coarse.reason),
-        dexterity=cut(coarse.dexterity),
         chosen=np.broadcast_to(fine.spin, (k, fine.spin.shape[1]))[pick],
         held=np.broadcast_to(fine.held, (k, *fine.held.shape[1:]))[pick],
         held_grid=held_grid,
@@ -244,124 +214,35 @@ def mark_collisions(picture: PostureMap, margin: Margin, stride: int = 2) -> Pos
     return replace(picture, reason=reason)
 
 
-@dataclass(frozen=True)
-class PostureRequest:
-    """What a job asks of the posture.
-
-    Attributes:
-        settings: What the search may vary and what it weighs.
-        axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3).
-        scene: What may touch what, or None.
-        wanted: Clearance that is asked for. [m]
-
-    """
-
-    settings: PostureSettings
-    axes: Array
-    scene: CollisionScene | None = None
-    wanted: float = 0.0
-
-    def state(self, robot: Robot, nominal: Toolpath, tool_x: Array) -> PostureProblem:
-        """State the choice of the posture along a path, x of the TCP pointing along tool_x (3,) at spin 0."""
-        scene, wanted = self.scene, self.wanted
-        margin = None if scene is None else lambda q, waypoints: measure_margin(scene, q, wanted)
-        return PostureProblem(robot, nominal, np.asarray(tool_x, float), self.settings, self.axes, margin)
-
-
 class Easing(NamedTuple):
-    """How a run goes beside the fastest one, so that the arm rings less where its band is widest.
+    """How a run goes beside the fastest one, so that the arm rings less where its band is widest."""
 
-    Attributes:
-        window: Windows of smoothing as a share of those that plans have.
-        places: Places along the toolpath, waypoints counted from 0. Shape (k,).
-        slower: Factor by which the run is slower there; accelerations fall with its square. Shape (k,).
-
-    """
-
-    window: float
-    places: Array
-    slower: Array
-
-
-@dataclass(frozen=True)
-class Bettered:
-    """What the program of time, posture and promise made of the posture that the graph chose.
-
-    Attributes:
-        time: Time of the run before and after, nothing corrected. [s]
-        band: Widest 95 % band before and after, nothing corrected. [mm]
-        least_time: Time of the programmed feed, of rapid moves, and of smoothing at both ends of every run. [s]
-        origin: Where it started: "search" (the posture search) or "programmed" (x of the tool as programmed).
-        steps: Iterations of the program.
-        names: What was free: "spin", "lead", "lean", or extra axes.
-
-    """
-
-    time: tuple[float, float]
-    band: tuple[float, float]
-    least_time: float
-    origin: str
-    steps: int
-    names: tuple[str, ...]
-
-    def describe(self) -> dict[str, object]:
-        """Describe it for plan.json."""
-        return {
-            "free": list(self.names), "start": self.origin, "steps": self.steps,
-            "time_s": {"graph": self.time[0], "program": self.time[1]},
-            "band_p95_max_mm": {"graph": self.band[0], "program": self.band[1]},
-            "least_time_s": self.least_time,
-        }  # fmt: skip
-
-    def sentence(self, pace: Easing | None = None) -> str:
-        """Say it in a sentence; `pace` is how the run goes beside the fastest one."""
-        (before, after), (wide, narrow) = self.time, self.band
-        most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
-        eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
-        eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
-        head = f"Posture and speed are of one program ({', '.join(self.names)} free)"
-        if not self.steps:
-            posture = {"search": "the posture of the search",
-                       "programmed": "one configuration with x of the tool as programmed"}[self.origin]  # fmt: skip
-            head = f"Posture and speed are chosen together ({posture})"
-        return (f"{head}: run {before:.4g} -> {after:.4g} s "
-                f"(the programmed feed takes {self.least_time:.4g} s), widest 95 % band {wide:.3g} -> "
-                f"{narrow:.3g} mm, before correction{eased}.")  # fmt: skip
+    window: float  #: Windows of smoothing as a share of those that plans have.
+    places: Array  #: Places along the toolpath, waypoints counted from 0. Shape (k,).
+    slower: Array  #: Factor by which the run is slower there; accelerations fall with its square. Shape (k,).
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where a plan starts.
+    """Where a plan starts."""
 
-    Attributes:
-        nominal: The path, its tool axis leaning as chosen.
-        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-        rotation: Wanted orientation of the TCP frame. Shape (n, 3, 3).
-        configuration: Shoulder, elbow and wrist along most of the path.
-        missed: Waypoints that are not reached. Shape (n,).
-        posture_choice: What the graph chose, or None where it found nothing (or was not asked).
-        request: What was asked for, or None.
-        notes: What a user should know, one sentence each.
-        of_program: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
-        mend: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
-        bettered: What the program made of the graph's posture, None where that is kept.
-        pace: How the run goes beside the fastest one, None where it is that.
-        aside: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
-        upright: Tool axis as programmed where `nominal` leans, None where it does not. Shape (n, 3).
-
-    """
-
-    nominal: Toolpath
-    q: Array
-    rotation: Array
-    configuration: Mapping[str, str]
-    missed: NDArray[np.bool_]
+    nominal: Toolpath  #: The path, its tool axis leaning as chosen.
+    q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+    rotation: Array  #: Wanted orientation of the TCP frame. Shape (n, 3, 3).
+    configuration: Mapping[str, str]  #: Shoulder, elbow and wrist along most of the path.
+    missed: NDArray[np.bool_]  #: Waypoints that are not reached. Shape (n,).
+    settings: PostureSettings  #: What was asked for.
+    #: What the graph chose, or None where it found nothing (or was not asked).
     posture_choice: PostureSummary | None = None
-    request: PostureRequest | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: What a user should know, one sentence each.
+    #: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
     of_program: bool = False
-    mend: str = ""
-    bettered: Bettered | None = None
-    pace: Easing | None = None
+    mend: str = ""  #: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
+    #: What the program of posture and speed made of the graph's posture, as plan.json holds it; None where that is
+    #: kept.
+    program: Mapping[str, Any] | None = None
+    pace: Easing | None = None  #: How the run goes beside the fastest one, None where it is that.
+    #: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
     aside: Array | None = None
+    #: Tool axis as programmed where `nominal` leans, None where it does not. Shape (n, 3).
     upright: Array | None = None

@@ -8,7 +8,7 @@ from compplan.planning.strategies import iterated_mirror
 from compplan.planning.strategies.online import Answer
 from compplan.planning.task import PlanTask
 from compplan.statics.elastic import loaded_compliance
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 
 words = "force sensor"
 

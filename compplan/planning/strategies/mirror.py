@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.planning.task import Command, PlanTask, attain, check_limits
+from compplan.planning.task import Command, PlanTask, attain_rows, check_limits
 from compplan.robot import Array
 from compplan.statics.ik import build_arm, refine_ik
 
@@ -27,7 +27,7 @@ def mirror_deviation(task: PlanTask, q: Array, position: Array, rotation: Array)
 
     Returns new joint positions, commanded positions and orientations, and the greatest deviation mirrored. [m]
     """
-    attained = attain(task, q)
+    attained = attain_rows(task, q, np.arange(len(q)), slope=False)
     moved = task.compensated[:, None]
     away = np.where(moved, attained.position - task.position, 0.0)
     turn = Rotation.from_matrix(attained.rotation @ np.swapaxes(task.rotation, 1, 2)).as_rotvec()

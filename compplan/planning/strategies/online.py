@@ -71,32 +71,21 @@ def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> 
 
 @dataclass(frozen=True)
 class Answer:
-    """A strategy at work; n waypoints, nq joints.
+    """A strategy at work; n waypoints, nq joints."""
 
-    Attributes:
-        name: Name of the strategy.
-        knows: What it knows, in words.
-        measures: What it measures, in words.
-        commands: What it commands, in words.
-        q: Command at the expected reading. Shape (n, nq). [rad or m]
-        feedback: Which reading the axes are held by: "motor", "link" or "combined" (`compplan.statics.encoders`).
-        beta: Share of combined feedback. Shape (nq,).
-        gain: Change of the command per measured wrench at the tip, base axes; None without a force sensor.
-            Shape (n, nq, 6). [rad/N, rad/(N m)]
-        expected: The wrench expected. Shape (n, 6). [N, N m]
-        touched: The part as it was found by touching, at the posture of the strategy, or None.
-
-    """
-
-    name: str
-    knows: str
-    measures: str
-    commands: str
-    q: Array
+    name: str  #: Name of the strategy.
+    knows: str  #: What it knows, in words.
+    measures: str  #: What it measures, in words.
+    commands: str  #: What it commands, in words.
+    q: Array  #: Command at the expected reading. Shape (n, nq). [rad or m]
+    #: Which reading the axes are held by: "motor", "link" or "combined" (`compplan.statics.encoders`).
     feedback: str = "motor"
-    beta: Array | None = None
+    beta: Array | None = None  #: Share of combined feedback. Shape (nq,).
+    #: Change of the command per measured wrench at the tip, base axes; None without a force sensor. Shape (n, nq, 6).
+    #: [rad/N, rad/(N m)]
     gain: Array | None = None
-    expected: Array | None = None
+    expected: Array | None = None  #: The wrench expected. Shape (n, 6). [N, N m]
+    #: The part as it was found by touching, at the posture of the strategy, or None.
     touched: TouchedPart | None = None
 
     @property

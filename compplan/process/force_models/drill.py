@@ -13,16 +13,11 @@ with k_a the push against the feed, k_t and k_e along the cutting speed. The chi
 conventional point (so textbooks say [Ghosh, Mallik]), and a thinned web takes four fifths of that away (assumed). While
 the point enters or leaves, the lips count by the length that is in the material, the chisel edge by whether the middle
 of the point is. The forces of the lips across the axis cancel. Valid for moves along the axis.
-
-The second opinion is the relation of Shaw and Oxford as Machinery's Handbook prints it (31st edition, p. 1152: SI
-units, chisel edge of 0.03 D where the web is thinned), K_d a constant of the material:
-
-    thrust = 0.05 K_d f^0.8 D^0.8 B + 0.007 K_d D^2 J N      torque = 2.5e-5 K_d f^0.8 D^1.8 A N m
 """
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,13 +53,6 @@ DRILLED = {
     "cast_iron_pearlitic": (1.88, "cast iron of 224 HB"),
     "aluminium_cast": (1.01, "assumed: that of aluminium of 100 HB"),
 }  # fmt: skip
-#: K_d of the second opinion (from general knowledge of the handbook's table 6, assumed).
-HANDBOOK = {
-    "al6061_t6": 7000.0, "al6082_t6": 7000.0, "al7075_t6": 7000.0, "aluminium_cast": 7000.0, "c45": 24000.0,
-    "low_carbon_steel": 24000.0, "low_alloy_steel_300hb": 31000.0, "cast_iron_pearlitic": 14000.0,
-}  # fmt: skip
-#: Its factors A, B and J of a thinned point.
-TURN, PUSH, PRESS = 1.000, 1.100, 0.001
 
 
 def drill_coefficients(material: str) -> Coefficients:
@@ -74,13 +62,6 @@ def drill_coefficients(material: str) -> Coefficients:
         (TANGENTIAL * constant, 0.0, AXIAL * constant), (EDGE * constant, 0.0, 0.0), EXPONENT, SCATTER, (0.02, 0.5),
         f"{SOURCE}, K = {constant:g}: {words}", words.startswith("assumed"),
     )  # fmt: skip
-
-
-def ask_handbook(material: str, diameter: float, feed: float) -> tuple[float, float]:
-    """Return thrust [N] and torque [N m] in full cut by the handbook's relation, diameter and feed a turn in mm."""
-    constant = HANDBOOK[material]
-    thrust = 0.05 * constant * (feed * diameter) ** 0.8 * PUSH + 0.007 * constant * diameter**2 * PRESS
-    return thrust, 2.5e-5 * constant * feed**0.8 * diameter**1.8 * TURN
 
 
 def shape_drilling(found: Engagement, lips: int) -> MillingShape:
@@ -106,7 +87,6 @@ def shape_drilling(found: Engagement, lips: int) -> MillingShape:
 class DrillProcess(CuttingTable):
     """A drill: thrust and torque of lips and chisel edge that stand opposite each other."""
 
-    steady: ClassVar[bool] = True
     model: Literal["drill"]
     point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
 
@@ -146,18 +126,6 @@ class DrillProcess(CuttingTable):
         first = int(np.argmax(aside))
         return [f"The drill moves sideways in material at {aside.sum()} waypoints, the first {first}: no force is "
                 "predicted there."]  # fmt: skip
-
-    def ask_another(self, feed_per_tooth: float) -> list[str]:
-        """Say what the handbook's relation gives in full cut at a feed a lip [mm], beside the table's."""
-        if self.material not in HANDBOOK:
-            return []
-        feed, size, constant = self.teeth * feed_per_tooth, self.diameter_mm, DRILLED[self.material][0]
-        own = 570.0 * constant * size * feed**0.85 * (1.0 - CHISEL * THINNED)
-        turn = 0.01 * constant * size**2 * (0.630 + 16.84 * feed)
-        other = ask_handbook(self.material, size, feed)
-        return [f"In full cut at {feed:.3g} mm a turn the table gives {own:.4g} N and {turn:.3g} N m; second opinion, "
-                f"the handbook's relation of Shaw and Oxford: {other[0]:.4g} N and {other[1]:.3g} N m (its constant is "
-                "assumed)."]  # fmt: skip
 
 
 table = DrillProcess

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.io.tomlfile import StrictTable
 from compplan.process.cutter import Cutter
 from compplan.process.cutting import CuttingTable
 from compplan.process.force_models import milling
-from compplan.process.milling import Spindle
 
 words = "end mill in what it meets of the stock"
 cites = milling.cites
 #: Flute length that is assumed where none is given, in diameters.
 FLUTES = 3.0
-#: Helix angle of the ripple; the mean force does not depend on it (assumed). [rad]
-HELIX = float(np.radians(30.0))
 
 
 class ToolModeTable(StrictTable):
@@ -45,10 +41,6 @@ class EndMillProcess(CuttingTable):
                 "is allowed (a ball end mill)"
             )
         return self
-
-    def spindle(self) -> Spindle:
-        """Return how the cutter turns."""
-        return Spindle(self.teeth, self.spindle_rpm / 60.0, HELIX)
 
     def cutter(self) -> Cutter:
         """Return the cutter's shape."""

@@ -12,7 +12,7 @@ weld, not for plunging and dwelling; the ramp of contact stands in for these.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -23,8 +23,6 @@ from compplan.toolpath.toolpath import Toolpath
 
 words = "friction stir weld"
 cites = "Schmidt, Hattel, Wert: Modelling Simul. Mater. Sci. Eng. 12, 143, 2004"
-#: Relative standard deviation that Monte Carlo draws the level with, assumed.
-UNCERTAINTY = 0.2
 #: Traverse and side force as shares of the axial one (assumed).
 TRAVERSE, SIDE = 0.12, 0.05
 
@@ -32,6 +30,7 @@ TRAVERSE, SIDE = 0.12, 0.05
 class FrictionStirProcess(PathForceTable, ContactTable):
     """Mean force of a friction stir weld, see `compplan.process.force_models.friction_stir`."""
 
+    uncertainty: ClassVar[float] = 0.2  #: Relative standard deviation of the level, assumed.
     model: Literal["friction_stir"]
     shoulder_diameter_mm: float = Field(gt=0.0, le=100.0)
     probe_diameter_mm: float = Field(gt=0.0, le=50.0)
@@ -48,11 +47,6 @@ class FrictionStirProcess(PathForceTable, ContactTable):
                 f"below shoulder_diameter_mm = {self.shoulder_diameter_mm:g} is allowed"
             )
         return self
-
-    @property
-    def uncertainty(self) -> float:
-        """Relative standard deviation of the level."""
-        return UNCERTAINTY
 
     @property
     def torque(self) -> float:
@@ -75,7 +69,7 @@ class FrictionStirProcess(PathForceTable, ContactTable):
         return [
             f"Friction stir welding: torque {self.torque:.3g} N m by Schmidt and others (2004), "
             f"shear stress {self.shear_N_mm2:g} N/mm2 and axial force as set in the job; traverse and side "
-            f"force {TRAVERSE:g} and {SIDE:g} of it (assumed); scatter {100 * UNCERTAINTY:g} % (assumed)."
+            f"force {TRAVERSE:g} and {SIDE:g} of it (assumed); scatter {100 * self.uncertainty:g} % (assumed)."
         ]
 
 

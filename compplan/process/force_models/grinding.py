@@ -7,7 +7,7 @@ the tool axis (a disc or pad that lies on the surface).
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -18,8 +18,6 @@ from compplan.toolpath.toolpath import Toolpath
 
 words = "grinding or sanding"
 cites = "Malkin, Guo: Grinding Technology, 2nd edition, 2008"
-#: Relative standard deviation that Monte Carlo draws the level with, assumed.
-UNCERTAINTY = 0.25
 #: Tangential by normal force, assumed.
 RATIO = 0.45
 
@@ -27,14 +25,10 @@ RATIO = 0.45
 class GrindingProcess(PathForceTable):
     """Mean force of grinding or sanding, see `compplan.process.force_models.grinding`."""
 
+    uncertainty: ClassVar[float] = 0.25  #: Relative standard deviation of the level, assumed.
     model: Literal["grinding"]
     normal_N: float = Field(gt=0.0, le=1e4)
     direction: Literal["against", "along"] = "against"
-
-    @property
-    def uncertainty(self) -> float:
-        """Relative standard deviation of the level."""
-        return UNCERTAINTY
 
     def wrench_along(self, nominal: Toolpath) -> Array:
         """Return the wrench on the tool at every waypoint, path axes; none while it is lifted off. Shape (n, 6)."""

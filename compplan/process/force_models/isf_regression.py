@@ -20,7 +20,7 @@ over a depth of the tool's radius (assumed).
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -33,15 +33,12 @@ from compplan.toolpath.toolpath import Toolpath
 
 words = "incremental sheet forming from sheet, tool and path"
 cites = "Aerens, Eyckens, Van Bael, Duflou: Int. J. Adv. Manuf. Technol. 46, 969, 2010"
+#: Friction of the tool on the sheet, assumed.
+FRICTION = 0.1
 #: Range that the regression is taken to hold in.
 VALID = {
     "thickness": (0.8, 2.0), "tool_diameter": (10.0, 25.0), "step_down": (0.25, 2.0), "wall_angle": (20.0, 65.0)
 }  # fmt: skip
-#: Relative standard deviation of the level, assumed: .15 of the regression and .2 of the reading of h. Twice of it
-#: holds a step-down of up to 80 scallop heights, 80^0.09 = 1.48.
-UNCERTAINTY = 0.25
-#: Friction of the tool on the sheet, assumed.
-FRICTION = 0.1
 #: Walls are steeper than this. [rad]
 FLATTEST = float(np.radians(8.0))
 #: A neighbouring contour lies this far below, in steps down.
@@ -51,16 +48,14 @@ NEXT_CONTOUR = (0.6, 1.4)
 class IsfRegressionProcess(PathForceTable):
     """Force of incremental sheet forming from sheet, tool and path."""
 
+    #: Relative standard deviation of the level, assumed: .15 of the regression and .2 of the reading of h. Twice of it
+    #: holds a step-down of up to 80 scallop heights, 80^0.09 = 1.48.
+    uncertainty: ClassVar[float] = 0.25
     model: Literal["isf_regression"]
     thickness_mm: float = Field(gt=0.0, le=10.0)
     tool_diameter_mm: float = Field(gt=0.0, le=100.0)
     tensile_N_mm2: float = Field(ge=20.0, le=3000.0)
     wall_side: Literal["left", "right"] = "right"
-
-    @property
-    def uncertainty(self) -> float:
-        """Relative standard deviation of the level."""
-        return UNCERTAINTY
 
     def wrench_along(self, nominal: Toolpath) -> Array:
         """Return the wrench on the forming tool at every waypoint, path axes; none while it is lifted off. (n, 6)

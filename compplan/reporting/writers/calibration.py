@@ -17,7 +17,7 @@ from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.robot.calibration import find_format, universal_robots
 from compplan.robot.calibration.geometry import turn_zeros
-from compplan.simulation.calibration_loss import POSES, compute_losses
+from compplan.simulation.predict import POSES, compute_losses
 
 
 def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]:

@@ -21,11 +21,12 @@ from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.job import Job
+from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones, describe_unfollowed
-from compplan.planning.result import Plan, replace_said, summarise_plan
+from compplan.planning.result import Plan, summarise_plan
 from compplan.reporting.writers.recording import write_plan_cell
 from compplan.robot import Array
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.events import ENDING, Event, find_halts
 from compplan.toolpath.toolpath import WRENCH_HEADERS
@@ -118,9 +119,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
 
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     found = compare_written(folder, tables, Path(robot), wanted, arm_with)
-    if not found.breaches and not found.notes:
-        return plan
-    return replace_said(plan, (*plan.notes, *found.notes), (*plan.breaches, *found.breaches))
+    return plan.add_checks((*state_breaches(found.breaches, "read back"), *state_notes(found.notes)))
 
 
 def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
@@ -264,7 +263,7 @@ def note_programs(plan: Plan) -> Plan:
     notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
     notes += [note] if plan.executed is not None and (note := plan.executed.say()) else []
     notes += describe_unfollowed(plan.job.output, carries=bool(plan.task.robot.carrying))
-    return replace_said(plan, (*plan.notes, *notes))
+    return plan.add_checks(state_notes(notes))
 
 
 def make_program(plan: Plan) -> Program:
@@ -310,7 +309,7 @@ def make_program(plan: Plan) -> Program:
     asked = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
     return replace(
         program, tolerance=output.bound_fit(plan.task.tolerance), coarser=coarser, corner_shift=shift, asked=asked,
-        cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines, splines=output.splines,
+        cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines,
         pieces=_shift_pieces(plan, before, after), **zones,
     )  # fmt: skip
 
@@ -323,7 +322,7 @@ def _shift_pieces(plan: Plan, before: int, after: int) -> Pieces:
     last = before + len(plan.task)
     whole = np.r_[np.arange(before), ends + before, last + np.arange(after)]
     kinds = np.r_[np.full(before, LINE), np.where(kind >= 0, kind + before, kind), np.full(after, LINE)]
-    return {(True, False): (whole, kinds)}
+    return {True: (whole, kinds)}
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:

@@ -45,7 +45,7 @@ LEAST_SHARE = 0.25
 
 def write_plan_cell(plan: Plan, folder: Path, kept: NDArray[np.bool_]) -> None:
     """Write cell.json and deviation.csv of a plan; `kept` are the rows that joints.csv holds."""
-    scene = plan.task.start.request.scene if plan.task.start is not None and plan.task.start.request else None
+    scene = None if plan.task.start is None else plan.task.start.settings.scene
     meshes = [_describe_mesh(*entry) for entry in (() if scene is None else scene.meshes)]
     more = {
         "tolerance_mm": 1e3 * plan.task.tolerance,
@@ -75,7 +75,7 @@ def write_deviation(plan: Plan, path: Path, kept: NDArray[np.bool_]) -> None:
     """Write deviation.csv; `kept` are the rows that joints.csv holds."""
     n, wrong = len(plan.task), plan.mismatch
     softer, promise = np.full((n, 3), np.nan), np.full(n, np.nan)
-    softer[wrong.rows] = wrong.deviation
+    softer[wrong.cut] = wrong.deviation[wrong.cut]
     if plan.promise is not None:
         promise[plan.promise.cut] = plan.promise.radius[plan.promise.cut]
     before, after = len(plan.approach.q), len(plan.retract.q)

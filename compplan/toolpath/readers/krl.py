@@ -1,10 +1,13 @@
-"""KUKA KRL programs (.src, with positions in the .dat beside them): LIN, CIRC, SPLINE and PTP in a base frame."""
+"""KUKA KRL programs (.src, with positions in the .dat beside them): LIN, CIRC, SPLINE and PTP in a base frame.
+
+Statements run in their order, loops whose bounds are numbers pass by pass, programs that are called where they stand.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.krl_flow import CALL, KrlFlow
-from compplan.toolpath.readers.lines import count_lines
-from compplan.toolpath.readers.moves import FARTHEST, CamFile
+from compplan.toolpath.readers.cnc.flow import END, CncProgram
+from compplan.toolpath.readers.lines import count_lines, read_bounded, split_lines
+from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.robot_moves import NUMBER, RobotProgram, make_pose, split_fields
+from compplan.toolpath.readers.robot_moves import NUMBER, RobotProgram, check_coordinate, make_pose, split_fields
 
 name = "krl"
 suffixes = (".src", ".sub")
@@ -38,6 +41,14 @@ CLOSES = re.compile(r"(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b")
 BAS = re.compile(r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)")
 PLACE, ANGLES, AXES = ("X", "Y", "Z"), ("A", "B", "C"), tuple(f"A{number}" for number in range(1, 7))
 EXTERNAL = tuple(f"E{number}" for number in range(1, 7))
+#: A loop whose bounds are numbers, a call, the head of a program.
+FOR = re.compile(r"FOR\s+([A-Z]\w*)\s*=\s*([-+]?\d+)\s+TO\s+([-+]?\d+)(?:\s+STEP\s+([-+]?\d+))?\s*$")
+CALL = re.compile(r"([A-Z_]\w{0,60})\s*\((.*)\)\s*$")
+HEAD = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(")
+#: Data of a module that every program of the controller sees; greatest number of data files that are looked into.
+PUBLIC = re.compile(r"DEFDAT\s+\w+\s+PUBLIC\b")
+SHARED = re.compile(r"(?:DECL\s+)?GLOBAL\s+(?:DECL\s+)?(?:CONST\s+)?\w+\s+(\w+)")
+MOST_FILES = 200
 #: Statements that say nothing about the path.
 SILENT = re.compile(
     r"DECL|INT|REAL|BOOL|CHAR|EXT|INTERRUPT|GLOBAL|WAIT|HALT|CONTINUE|TRIGGER|SIGNAL|RETURN|BRAKE|PULSE|ENDFCT|ENUM|STRUC|"
@@ -58,8 +69,8 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     The path stands in the base that is in force at the first position. PTP moves are rapid.
     """
     reader = _KrlReader(file, options)
-    reader.flow.run(text)
-    return reader.moves.log.finish(file, "krl", "mm", count_lines(text))
+    reader.run(text)
+    return reader.robot.log.finish(file, "krl", "mm", count_lines(text))
 
 
 def read_pose(numbers: Mapping[str, float]) -> Array:
@@ -68,54 +79,177 @@ def read_pose(numbers: Mapping[str, float]) -> Array:
     return make_pose(np.array([numbers[key] for key in PLACE]), turn.as_matrix())
 
 
+def clean_line(raw: str) -> str:
+    """Return a statement in capitals, without its comment."""
+    text = raw.partition(";")[0].strip()
+    return "" if text.startswith("&") else text.upper()
+
+
+def find_beside(file: Path, *suffixes: str) -> Sequence[str]:
+    """Return the lines of the file of this name with one of these suffixes, none without any."""
+    beside = next((path for suffix in suffixes if (path := file.with_suffix(suffix)).is_file()), None)
+    return split_lines(read_bounded(beside)) if beside else ()
+
+
 class _KrlReader:
     """Follow a program statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.program = RobotProgram(file, options)
-        self.options, self.moves, self.note = options, self.program.moves, self.program.note
-        self.flow = KrlFlow(self.program, self.carry_out, self.assign)
+        self.options, self.robot = options, RobotProgram(file, options)
+        self.flow, self.note = self.robot.flow, self.robot.note
+        self.flow.run_line = self._run_line
         self.feed = 0.0
+        #: Speed of the move at hand alone. [mm/s]
         self.own: float | None = None
-        self.frames: dict[str, Array] = {"$NULLFRAME": np.eye(4)}
         self.base: Array | None = None
         self.base_name = ""
         self.placed = False
-        self.positions: dict[str, str] = {}
+        #: Positions and frames by name, as texts; values of the counters of loops; the first call that is not read.
+        self.positions = {"$NULLFRAME": "{X 0}"}
+        self.counters: dict[str, int] = {}
+        self.called = ""
         self.last: dict[str, float] = {}
         self.spline: list[Array] | None = None
 
-    def carry_out(self, statement: str) -> None:
+    def run(self, text: str) -> None:
+        """Carry out the first program of the file."""
+        self._load_shared(text.upper())
+        with self.flow.guard():
+            self._load_data(self.flow.file)
+            self.flow.run(self._find_programs(split_lines(text), self.flow.file))
+
+    def _load_shared(self, text: str) -> None:
+        """Keep the GLOBAL positions of public .dat files beside the program that its text names."""
+        own = self.flow.file.stem.lower()
+        data = sorted(path for path in self.flow.file.parent.glob("*.[dD][aA][tT]") if path.stem.lower() != own)
+        keepers: dict[str, str] = {}
+        for path in data[:MOST_FILES]:
+            lines = [clean_line(raw) for raw in split_lines(read_bounded(path))]
+            if not any(PUBLIC.match(line) for line in lines[:50]):
+                continue
+            names = {found.group(1) for line in lines if "GLOBAL" in line and (found := SHARED.match(line))}
+            names = {name for name in names if re.search(rf"(?<!\w){name}(?!\w)", text)}
+            for name in sorted(names & keepers.keys()):
+                raise self.flow.error(f"{name} stands in {keepers[name]} and in {path.name}, both public; keep one")
+            keepers.update(dict.fromkeys(names, path.name))
+            whole = [line for line in lines if "=" in line and re.split(r"[\s\[=.]", line)[0] in names]
+            for line in whole + [line for line in lines if "=" in line and "GLOBAL" in line]:
+                self._assign(line)
+        if keepers:
+            files = ", ".join(sorted(set(keepers.values())))
+            self.robot.log.note(f"positions of other files are read: {files}", 1)
+
+    def _load_data(self, file: Path) -> None:
+        """Keep the positions and frames that the .dat file beside a program declares."""
+        for raw in find_beside(file, ".dat", ".DAT"):
+            self._assign(clean_line(raw))
+
+    def _find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
+        """Find DEF NAME() in a file; return its first program."""
+        first: CncProgram | None = None
+        for index, raw in enumerate(lines):
+            if "DEF" in raw.upper() and (head := HEAD.match(clean_line(raw))):
+                found = self.flow.programs[head.group(1)] = CncProgram(lines, index + 1, len(lines), file)
+                first = first or found
+        return first or CncProgram(lines, 0, len(lines), file)
+
+    def _run_line(self, program: CncProgram, index: int) -> int:
+        """Carry out a statement; return the next one, or END."""
+        raw = program.lines[index]
+        statement, comment = clean_line(raw), raw.partition(";")[2].strip()
+        if comment and not re.match(r"(END)?FOLD\b|%\{", comment, re.IGNORECASE):  # folds are the editor's
+            self.robot.log.happen("comment", self.flow.line, text=comment)
+        if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.robot.blocks):
+            return END
+        if self.counters:
+            statement = self._fill_in(statement)
+        if statement[:3] == "FOR" and not self.robot.blocks and (loop := FOR.match(statement)):
+            return self._run_for(program, index, *loop.groups())
+        if statement:
+            self._carry_out(statement)
+        return index + 1
+
+    def _run_for(self, program: CncProgram, index: int, counter: str, first: str, last: str, step: str | None) -> int:
+        """Carry out a loop whose bounds are known, pass by pass; return the next line, or END."""
+        by = int(step or 1)
+        if by == 0:
+            raise InputError("FOR with STEP 0 never ends")
+        end, outer = self._find_end(program, index, counter) + 1, self.counters.get(counter)
+        for value in range(int(first), int(last) + (1 if by > 0 else -1), by):
+            self.counters[counter] = value
+            if self.flow.run(CncProgram(program.lines, index + 1, end, program.file)):
+                return END
+        self.counters.pop(counter, None)
+        if outer is not None:
+            self.counters[counter] = outer
+        return end
+
+    def _find_end(self, program: CncProgram, first: int, counter: str) -> int:
+        """Return the line of the ENDFOR of a loop, which neither leaves early nor sets its counter."""
+        depth = 0
+        for index in range(first, program.last):
+            statement = clean_line(program.lines[index])
+            depth += statement.startswith("FOR ") - statement.startswith("ENDFOR")
+            if depth == 0:
+                return index
+            if statement == "EXIT" or (index > first and re.match(rf"{counter}\s*=(?!=)", statement)):
+                raise InputError(f"the loop ends where {statement[:24]!r} says; write its moves out in a row")
+        raise InputError("FOR has no ENDFOR")
+
+    def _fill_in(self, statement: str) -> str:
+        """Return a statement with the counters of loops as numbers, where they stand as indices or bounds."""
+        for counter, value in self.counters.items():
+            place = rf"(?<=\[)\s*{counter}\s*(?=\])|(?<![\w.$\[]){counter}(?![\w.\[])(?!\s*=)"
+            statement = re.sub(place, str(value), statement)
+        return statement
+
+    def _call(self, statement: str, called: str) -> None:
+        """Carry out a program of the file, or NAME.src beside it; note calls of others."""
+        programs, file = self.flow.programs, self.flow.file
+        for word in (called, called.lower()) if called not in programs else ():
+            beside = file.with_name(f"{word}.src")
+            if called not in programs and (lines := find_beside(beside, ".src", ".SRC")):
+                self._find_programs(lines, beside)
+        if called not in programs:
+            self.called = self.called or f"{statement[:24]} in line {self.flow.line}"
+            self.note(f"call of {called[:24]}() is not read: it is neither here nor beside the file")
+            self.robot.ask(statement)
+            return
+        if programs[called].file != file:
+            self._load_data(programs[called].file)
+        self.robot.call(called, f"{called}()")
+
+    def _carry_out(self, statement: str) -> None:
         if OPENS.match(statement):
-            self.program.blocks += 1
+            self.robot.blocks += 1
         elif CLOSES.match(statement):
-            self.program.blocks = max(0, self.program.blocks - 1)
+            self.robot.blocks = max(0, self.robot.blocks - 1)
         elif re.match(r"GOTO\b", statement):
             raise InputError("GOTO is not read; write the moves out in a row")
         elif re.match(r"ASY?S?PTP\b|ASYPTP\b", statement):
             raise InputError("ASYPTP (external axes on their own) is not read; write positions with E1 .. E6")
         elif MOTION.match(statement) and not re.match(r"\w+\s*(=|\()", statement):
-            self.program.check_row(statement)
+            self.robot.check_row(statement)
             self._move(statement)
-        elif BAS.match(statement):
-            self._set_up(*BAS.match(statement).groups())  # type: ignore[union-attr]
-        elif self._switch(statement) or self.assign(statement) or SILENT.match(statement) or statement.endswith(":"):
+        elif setting := BAS.match(statement):
+            self._set_up(*setting.groups())
+        elif self._switch(statement) or self._assign(statement) or SILENT.match(statement) or statement.endswith(":"):
             pass
-        elif CALL.match(statement):
-            self.flow.call(statement)
+        elif call := CALL.match(statement):
+            self._call(statement, call.group(1))
         else:
             self.note(f"statement {statement.split()[0][:20]} is not read")
 
     def _switch(self, statement: str) -> bool:
         """Carry out a statement that waits, stops or sets a signal; return whether it is one."""
         output, waits = OUTPUT.match(statement), WAITS.match(statement)
-        return self.program.switch(
+        return self.robot.switch(
             statement, output=(output.group(1), output.group(2) == "TRUE") if output else None,
             wait=float(waits.group(1)) if waits else None, halts=statement == "HALT",
             asked=ASKED.match(statement) is not None,
         )  # fmt: skip
 
-    def assign(self, statement: str) -> bool:
+    def _assign(self, statement: str) -> bool:
         """Carry out an assignment; return whether it is one."""
         found = ASSIGN.match(statement)
         if not found or MOTION.match(statement):
@@ -127,34 +261,32 @@ class _KrlReader:
             self._set_system(target, statement, value)
         elif whole in ("$BASE", "$TOOL"):
             raise InputError(f"a part of {whole} is set ({statement[:30]}); write the whole frame")
-        elif whole in self.positions or whole in self.frames:
+        elif whole in self.positions:
             self._set_position(whole, part, value)
-        elif target.startswith("BASE_DATA[") and not self.program.blocks:
-            self.frames[target] = self._frame(value)
-        elif AGGREGATE.match(value) and not target.startswith("$") and not self.program.blocks:
+        elif (target.startswith("BASE_DATA[") or AGGREGATE.match(value)) and target[0] != "$" and not self.robot.blocks:
             self.positions[target] = value
+            if target.startswith("BASE_DATA["):
+                self._numbers(value)
         return True
 
     def _set_position(self, name: str, part: str, value: str) -> None:
         """Give a position or a frame that is known another value, or forget it where the value is not known."""
-        position, frame = self.positions.pop(name, None), self.frames.pop(name, None)
-        if self.program.blocks:
+        position = self.positions.pop(name)
+        if self.robot.blocks:
             return
-        if position is not None and not part and (AGGREGATE.match(value) or value in self.positions):
+        if not part and (AGGREGATE.match(value) or value in self.positions):
             self.positions[name] = self.positions.get(value, value)
-        elif frame is not None and not part and (AGGREGATE.match(value) or value in self.frames):
-            self.frames[name] = self.frames[value] if value in self.frames else self._frame(value)
-        elif position is not None and part and re.fullmatch(NUMBER, value):
+        elif part and re.fullmatch(NUMBER, value):
             numbers = {**self._numbers(position), part: float(value)}
             self.positions[name] = "{" + ",".join(f"{key} {number!r}" for key, number in numbers.items()) + "}"
 
     def _set_system(self, target: str, statement: str, value: str) -> None:
-        if self.program.blocks and target != "$TOOL":
+        if self.robot.blocks and target != "$TOOL":
             raise InputError(f"{target} is set in a loop or a branch; write the program out")
         if target == "$BASE":
             self._use_base(value.strip())
-        elif target == "$TOOL" and self.moves.pose is not None:
-            self.moves.note_tool()
+        elif target == "$TOOL" and self.robot.pose is not None:
+            self.robot.note_tool()
         elif target == "$IPO_MODE" and "TCP" in value:
             raise InputError("$IPO_MODE=#TCP (the part in the robot's hand) is not read")
         elif target.startswith("$VEL") and re.search(r"\bCP\b", statement):
@@ -171,23 +303,22 @@ class _KrlReader:
             self.feed = float(value) * 1e3
         elif word == "BASE":
             self._use_base("$NULLFRAME" if value.strip() == "0" else f"BASE_DATA[{value.strip()}]")
-        elif word == "TOOL" and self.moves.pose is not None:
-            self.moves.note_tool()
+        elif word == "TOOL" and self.robot.pose is not None:
+            self.robot.note_tool()
 
     def _use_base(self, value: str) -> None:
         """Put a base in force; the path stays in the one that was in force at its first position."""
-        known = self._frame(value) if value.startswith("{") else self.frames.get(value)
+        text = value if value.startswith("{") else self.positions.get(value)
+        known = None
+        if text is not None:
+            known = read_pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **self._numbers(text)})
         if not self.placed:
             self.base, self.base_name = known, value
             return
         if known is None and self.base is None and value == self.base_name:
             return
-        self.moves.change_frame(self.base, known, f"base changes from {self.base_name or 'the one before'} to {value}")
+        self.robot.change_frame(self.base, known, f"base changes from {self.base_name or 'the one before'} to {value}")
         self.base, self.base_name, self.last = known, value, {}
-
-    def _frame(self, value: str) -> Array:
-        numbers = self._numbers(value)
-        return read_pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **numbers})
 
     def _numbers(self, text: str) -> dict[str, float]:
         """Return the numbers of {X 1,Y 2,..}."""
@@ -201,9 +332,8 @@ class _KrlReader:
             if not item or item.group(1) in numbers:
                 text = inside[place : place + 20].strip()
                 raise InputError(f"position {text!r} is not read, expected numbers by name, each once")
-            numbers[item.group(1)] = 0.0 if item.group(2).startswith("'") else float(item.group(2))
-            if not abs(numbers[item.group(1)]) < FARTHEST:
-                raise InputError(f"coordinate {item.group(0).strip(' ,')}, less than {FARTHEST:g} is allowed")
+            number = 0.0 if item.group(2).startswith("'") else float(item.group(2))
+            numbers[item.group(1)] = check_coordinate(number, item.group(0).strip(" ,"))
             place = item.end()
         return numbers
 
@@ -262,23 +392,23 @@ class _KrlReader:
         if kind == "ENDSPLINE":
             poses, self.spline = self.spline, None
             if poses:
-                self.moves.spline(poses, self._speed())
+                self.robot.spline(poses, self._speed())
             return
         if self.spline is not None and kind != "SPL":
             raise InputError(f"{kind} within SPLINE is not read, only SPL is")
         parts = split_fields(rest, "{", "}")
         named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
         if kind in ("PTP", "SPTP") and named and named.group(0) not in self.positions:
-            self.note(f"joint move to {named.group(0)[:24]} is left out: it is not known here or in the .dat file")
-            self.moves.lose()
+            unknown = named.group(0)[:24]
+            self.robot.lose(f"joint move to {unknown} is left out: it is not known here or in the .dat file")
             return
         numbers = self._target(parts[0])
         if kind in ("PTP", "SPTP") and numbers.keys() & set(AXES):
-            self.moves.lose_joint_move()
+            self.robot.lose()
         elif kind in ("PTP", "SPTP"):
-            self.moves.rapid(self._pose(numbers))
+            self.robot.rapid(self._pose(numbers))
         elif kind in ("LIN", "SLIN"):
-            self.moves.straight(self._pose(numbers), self._speed())
+            self.robot.straight(self._pose(numbers), self._speed())
         elif kind == "SPL":
             if self.spline is None:
                 raise InputError("SPL outside of SPLINE is not read")
@@ -294,11 +424,11 @@ class _KrlReader:
             raise InputError("circle has no middle position")
         words = re.search(rf"\bCA\s*=?\s*({NUMBER})", " ".join(parts))
         angle = math.radians(float(words.group(1))) if words else None
-        self.moves.circle(middle, self._pose(self._target(parts[0])), self._speed(), angle=angle)
+        self.robot.circle(middle, self._pose(self._target(parts[0])), self._speed(), angle=angle)
 
     def _speed(self) -> float:
         feed = self.feed if self.own is None else self.own
         if feed <= 0.0:
-            where = f", {self.flow.called} may set it" if self.flow.called else ""
+            where = f", {self.called} may set it" if self.called else ""
             self.note(f"cutting moves before any speed $VEL.CP have none{where}; state it with feed_mm_s (--feed)")
         return feed

@@ -14,9 +14,9 @@ from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.lines import LONGEST_LINE, count_lines, split_lines
-from compplan.toolpath.readers.moves import FARTHEST, CamFile
+from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.robot_moves import NUMBER, RobotProgram, make_pose, split_fields
+from compplan.toolpath.readers.robot_moves import NUMBER, RobotProgram, check_coordinate, make_pose, split_fields
 
 name = "rapid"
 suffixes = (".mod", ".modx", ".prg", ".sys")
@@ -63,7 +63,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """
     reader = _RapidReader(file, options)
     reader.run(text)
-    return reader.moves.log.finish(file, "rapid", "mm", count_lines(text))
+    return reader.robot.log.finish(file, "rapid", "mm", count_lines(text))
 
 
 def split_statements(text: str) -> Iterator[tuple[int, str]]:
@@ -100,10 +100,9 @@ class _RapidReader:
     """Follow a module statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.program = RobotProgram(file, options)
-        self.options, self.moves, self.note = options, self.program.moves, self.program.note
+        self.options, self.robot = options, RobotProgram(file, options)
         self.data: dict[tuple[str, str], str] = {}
-        self.flow = self.program.flow
+        self.flow, self.note = self.robot.flow, self.robot.note
         self.flow.run_line = self._run_line
         self.wobj = self.tool = ""
         self.first = np.eye(4)
@@ -144,43 +143,43 @@ class _RapidReader:
     def _carry_out(self, statement: str) -> bool:
         """Carry out a statement; return whether the procedure ends."""
         if statement.startswith("!"):
-            self.moves.log.happen("comment", self.flow.line, text=statement[1:].strip())
+            self.robot.log.happen("comment", self.flow.line, text=statement[1:].strip())
         elif OPENS.match(statement):
-            self.program.blocks += 0 if re.match(r"IF\b(?!.*\bTHEN$)", statement) else 1
+            self.robot.blocks += 0 if re.match(r"IF\b(?!.*\bTHEN$)", statement) else 1
             if "MOVE" in statement:
                 raise InputError(f"{statement[:30]!r} holds a move in a branch; write the moves out in a row")
             if re.search(r"\b(SETDO|SET|RESET|PULSEDO|STOP)\b", statement):
-                self.program.ask(statement)
+                self.robot.ask(statement)
         elif CLOSES.match(statement):
-            self.program.blocks = max(0, self.program.blocks - 1)
+            self.robot.blocks = max(0, self.robot.blocks - 1)
         elif MOVE.match(statement):
-            self.program.check_row(statement)
+            self.robot.check_row(statement)
             self._move(*MOVE.match(statement).groups())  # type: ignore[union-attr]
         elif REFUSED.match(statement):
             raise InputError(f"{statement.split()[0][:20]} is not read and may move the tool or its frame")
         elif self._switch(statement) or self._assign(statement):
             pass
-        elif re.match(r"(RETURN|EXIT)\b", statement) and not self.program.blocks:
+        elif re.match(r"(RETURN|EXIT)\b", statement) and not self.robot.blocks:
             return True
         elif (called := statement.split()[0]) in self.flow.programs:
-            self.program.call(called, called)
+            self.robot.call(called, called)
         elif not SILENT.match(statement) and not statement.startswith("ELSE"):
             self.note(f"statement {statement.split()[0][:20]} is not read")
-            self.program.ask(statement)
+            self.robot.ask(statement)
         return False
 
     def _switch(self, statement: str) -> bool:
         """Carry out a statement that waits, stops or sets a signal or the speed; return whether it is one."""
         output, waits, velset = (pattern.match(statement) for pattern in (OUTPUT, WAITS, VELSET))
         if statement.startswith("VELSET"):
-            if velset is None or self.program.blocks:
+            if velset is None or self.robot.blocks:
                 raise InputError(f"{statement[:30]!r} changes the speed and is not read, expected two numbers in a row")
             self.share, self.fastest = float(velset.group(1)) / 100.0, float(velset.group(2))
             return True
         signal = None
         if output:
             signal = output.group(1) or output.group(4), output.group(2) == "1" or output.group(3) == "SET"
-        return self.program.switch(
+        return self.robot.switch(
             statement, output=signal, wait=float(waits.group(1)) if waits else None,
             halts=re.match(r"STOP\b", statement) is not None, asked=ASKED.match(statement) is not None,
         )  # fmt: skip
@@ -193,16 +192,16 @@ class _RapidReader:
         name, part, value = found.groups()
         kind = next((kind for kind in ("ROBTARGET", "WOBJDATA", "SPEEDDATA") if (kind, name) in self.data), None)
         if kind is not None:
-            if part or self.program.blocks or not value.startswith("["):
+            if part or self.robot.blocks or not value.startswith("["):
                 raise InputError(f"{name} changes on the way ({statement[:30]}) and is not read; write the values out")
             self.data[kind, name] = value
         elif ("TOOLDATA", name) in self.data:
-            self.moves.note_tool()
+            self.robot.note_tool()
         return True
 
     def _move(self, word: str, rest: str) -> None:
         if word in ("MOVEABSJ", "MOVEEXTJ"):
-            self.moves.lose_joint_move()
+            self.robot.lose()
             return
         fields = split_fields(POINT_ID.sub("", re.sub(r"^\s*CONC\s*,", "", rest)))
         circle = word.startswith(("MOVEC", "TRIGGC"))
@@ -215,27 +214,27 @@ class _RapidReader:
         self._use_wobj(switches)
         tool = fields[min(count + 2 + word.startswith("TRIGG"), len(fields) - 1)].partition("\\")[0].strip()
         if self.tool and tool != self.tool:
-            self.moves.note_tool()
+            self.robot.note_tool()
         self.tool = tool
         poses = [self._target(field) for field in fields[:count]]
         self._carry_over(word, fields, poses, circle=circle)
         if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
-            self.program.ask(f"{word} {','.join(fields[count + 1 :])}")
+            self.robot.ask(f"{word} {','.join(fields[count + 1 :])}")
         elif word.endswith("DO") and len(fields) >= count + 5:
             state = float(fields[-1].strip() not in ("0", "LOW"))
-            self.moves.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
+            self.robot.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
 
     def _carry_over(self, word: str, fields: list[str], poses: list[Array], *, circle: bool) -> None:
         """Carry out the motion of a move."""
         if word.startswith(("MOVEJ", "TRIGGJ")):
-            self.moves.rapid(poses[0])
+            self.robot.rapid(poses[0])
         elif circle:
-            self.moves.circle(poses[0][:3, 3], poses[1], self._speed(fields[2]))
+            self.robot.circle(poses[0][:3, 3], poses[1], self._speed(fields[2]))
         elif fields[1].strip() == "VMAX":
             self.note("straight moves at vmax are read as rapid ones")
-            self.moves.rapid(poses[0])
+            self.robot.rapid(poses[0])
         else:
-            self.moves.straight(poses[0], self._speed(fields[1]))
+            self.robot.straight(poses[0], self._speed(fields[1]))
 
     def _use_wobj(self, switches: str) -> None:
         """Put a work object in force; the path stays in the one of the first move."""
@@ -248,7 +247,7 @@ class _RapidReader:
             self._work_object(wobj)
             return
         one, other = self._work_object(self.wobj), self._work_object(wobj)
-        self.moves.change_frame(one, other, f"work object changes from {self.wobj} to {wobj}")
+        self.robot.change_frame(one, other, f"work object changes from {self.wobj} to {wobj}")
         self.wobj = wobj
 
     def _work_object(self, wobj: str) -> Array | None:
@@ -316,9 +315,7 @@ class _RapidReader:
 
     def _coordinate(self, word: str) -> float:
         number = self._number(word)
-        if not abs(number) < FARTHEST:
-            raise InputError(f"coordinate {number:g} mm, less than {FARTHEST:g} mm is allowed")
-        return number
+        return check_coordinate(number, f"{number:g} mm")
 
     def _speed(self, field: str) -> float:
         """Return the speed of the tip in mm/s, after VelSet."""

@@ -72,8 +72,8 @@ class Flow:
         except ValueError as fault:
             raise self.error(str(fault)) from None
 
-    def run(self, program: CncProgram, start: int | None = None) -> None:
-        """Carry out a program from a line on up to its end."""
+    def run(self, program: CncProgram, start: int | None = None) -> bool:
+        """Carry out a program from a line on up to its end; return whether a line ended it."""
         kept, self.calls = self.call, self.calls + 1
         self.call = Call(program, self.calls)
         index, last, run_line = program.first if start is None else start, program.last, self.run_line
@@ -86,6 +86,7 @@ class Flow:
             if index < 0 or self.over:
                 break
         self.call = kept
+        return index < 0
 
     def run_program(self, name: str, program: CncProgram, times: float, start: int | None = None) -> None:
         """Carry out a subprogram so many times."""

@@ -8,15 +8,21 @@ they are not, and it says what an unknown cause looks like.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
-from compplan.diagnosis.data.shared import ROUNDING
+from compplan.diagnosis.data.shared import ROUNDING, STEPS, rank_evidence
+from compplan.diagnosis.evidence.evidence import FIRST_STEPS, START, Prior, find_posterior
+from compplan.diagnosis.evidence.likelihood import Hyper
+from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations
 from compplan.diagnosis.evidence.proposals import LEAST_RANGE
+from compplan.diagnosis.search.search import WORTHWHILE, Model, Search, add_claim
+from compplan.diagnosis.search.state import Fit
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Signature
 from compplan.effects.tool_frame import tool_twists
@@ -24,17 +30,6 @@ from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
 UNMODELLED = "unmodelled"
-#: Effects whose errors follow the same as an unmodelled one, by the first words of what that follows (theory).
-MAKERS = {
-    "its own angle": ("transmission_error", "gravity_compensator"),
-    "time": ("thermal_drift", "frame_shift", "tool_shift"),
-    "the weight of the links": ("gravity_sag", "payload"),
-    "the moments on it": ("link_compliance", "joint_stiffness", "stiffness_nonlinearity"),
-    "load and direction": ("backlash",),
-    "the posture alone": ("link_geometry", "joint_offset"),
-    "the force": ("wrench_scale", "wrench_bias", "base_compliance"),
-    "its speed": ("tracking_lag", "time_skew"),
-}
 TURNS = AXES[3:]
 
 
@@ -75,19 +70,6 @@ def unmodelled_signatures(at: Linearization) -> list[Signature]:
 def describe_unmodelled(joint: str | None, driver: str) -> str:
     """Say in words what an unmodelled error depends on."""
     return f"an error {'' if joint is None else f'of {joint} '}that follows {driver}"
-
-
-def names_alike(driver: str, joint: str | None, effect: str, place: str | None) -> bool:
-    """Tell whether a named effect makes an error that follows the same: what is left of that kind is left beside it.
-
-    Args:
-        driver: What the unmodelled error depends on.
-        joint: Its joint, or None.
-        effect: Name of the effect.
-        place: Its joint, or None.
-    """
-    makers = next((names for word, names in MAKERS.items() if driver.startswith(word)), ())
-    return effect in makers and (joint is None or place is None or joint == place)
 
 
 def _offer(
@@ -250,3 +232,115 @@ def past_load(time: Array, load: Array, tau: float) -> Array:
 def _times(twists: Array, curves: Array) -> Array:
     """Multiply every twist with every curve. Shape (n, 6, a), (n, c) -> (n, 6, a c)."""
     return (twists[:, :, :, None] * curves[:, None, None, :]).reshape(len(twists), 6, -1)
+
+
+Indices = NDArray[np.int_]
+
+
+@dataclass(frozen=True, eq=False)
+class RevisedProbabilities:
+    """Claims of a fit, re-estimated with unmodelled errors.
+
+    Attributes:
+        search: The search whose prior holds unmodelled errors.
+        model: The remaining claims, with the posterior of all columns.
+        classes: What each loose class follows, in the order of the posterior's last `log_tau`.
+        members: Columns of each loose class.
+    """
+
+    search: Search
+    model: Model
+    classes: tuple[str, ...]
+    members: tuple[Indices, ...]
+
+
+def foreign_signatures(fit: Fit) -> list[Signature]:
+    """List the unmodelled errors, without those that another one contains."""
+    found = []
+    for signature in unmodelled_signatures(fit.at):
+        form, driver = signature.form, str(signature.axis)
+        inside = form in ("degree 1", "degree 2", "frame", "joints", "link")
+        inside |= form == "linear" and driver.startswith("an unknown force")
+        # links that bend about the axis of their load are an effect of the vocabulary, unless it is left out
+        inside |= form == "bending" and "link_compliance" not in fit.problem.without
+        if not inside:
+            found.append(signature)
+    return found
+
+
+def class_of(signature: Signature) -> tuple[str, str]:
+    """Return what a class follows, and "scale" for a scale error; joints share a class."""
+    driver = str(signature.axis)
+    if driver.startswith("the angle of"):
+        driver = "the angles of other joints"
+    if driver.startswith("the load on"):
+        driver = "the load on other joints"
+    return driver, "scale" if signature.form == "scale" else ""
+
+
+def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text: None) -> RevisedProbabilities:
+    """Re-estimate the claims of a fit with unmodelled errors in the model."""
+    fresh = foreign_signatures(fit)
+    old = fit.search.equations
+    equations = extend_normal_equations(old, fresh)
+    kinds = list(dict.fromkeys(class_of(s) for s in fresh))
+    numbers = range(len(old.signatures), len(equations.signatures))
+    members = tuple(
+        equations.join_columns(n for n in numbers if class_of(equations.signatures[n]) == kind) for kind in kinds
+    )
+    prior = _loosen(fit, equations, members)
+    hyper = fit.model.posterior.hyper
+    hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))
+    odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
+    search = Search(equations, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
+    model = _search_again(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
+    if model.claims:
+        # several claims together may fit one unmodelled error: start once more without claims, classes one noise floor
+        grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
+        other = _search_again(search, search.model([], grown, steps=FIRST_STEPS))
+        model = other if other.score > model.score + WORTHWHILE else model
+    return RevisedProbabilities(search, model, tuple(driver for driver, _ in kinds), members)
+
+
+def _loosen(fit: Fit, equations: NormalEquations, members: Sequence[Indices]) -> Prior:
+    """Extend a prior by the classes of unmodelled errors, in units of the noise floor."""
+    old = fit.search.prior
+    count, classes = equations.p - len(old.slab), len(fit.model.posterior.hyper.log_tau)
+    background = np.concatenate([old.background, np.full(count, -1)])
+    floor = np.sqrt(3.0) * fit.noises["position"].sigma
+    spread = np.concatenate([old.spread, np.full(count, floor)])
+    for number, columns in enumerate(members):
+        background[columns] = classes + number
+    free = np.concatenate([old.free, np.zeros(count, bool)])
+    loose = np.arange(classes + len(members)) >= classes
+    return Prior(background, spread, free, np.zeros(equations.p), loose)
+
+
+def _search_again(search: Search, model: Model) -> Model:
+    """Remove claims that unmodelled errors explain as well, and add those whose evidence this raises."""
+    while True:
+        here = search.model(model.claims, model.posterior.hyper, fit=False)
+        best = _leave_out(search, here)
+        if best.score <= here.score:
+            best = add_claim(search, model)
+            if best.score < model.score + WORTHWHILE:
+                return model
+        fitted = search.model(best.claims, best.posterior.hyper, steps=STEPS)
+        if fitted.score <= model.score:
+            return model
+        model = fitted
+
+
+def _leave_out(search: Search, model: Model) -> Model:
+    """Return the best model with one claim less, unmodelled errors fitted anew."""
+    loose = search.prior.loose
+    hyper = model.posterior.hyper
+    grown = replace(hyper, log_tau=np.where(loose, np.maximum(hyper.log_tau, 0.0), hyper.log_tau))
+    best = replace(model, score=-np.inf)
+    for out in model.claims:
+        rest = search.without(model.claims, out)
+        held, start = search.model(rest, hyper, fit=False), search.model(rest, grown, fit=False)
+        posterior = find_posterior(search.equations, search.prior_of(rest), grown, steps=STEPS)
+        score = start.score - start.posterior.log_evidence + posterior.log_evidence
+        best = max(best, held, Model(tuple(rest), posterior, score), key=lambda m: rank_evidence(m.score))
+    return best

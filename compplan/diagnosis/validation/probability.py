@@ -1,0 +1,228 @@
+"""Probability of a claim: a logistic map of its margin, its spurious-fit probability and its residual similarity.
+
+A true cause explains its whole error. A wrong effect of the same joint, frame or tool leaves part of it, and that part
+moves the target in the same directions. With m_i the motion of the target by the claim at row i, u_i its unit vector,
+r_i the residual of claims and small errors, and F the 95 % point of Fisher's F(n, (c - 1) n) for n poses and c values a
+row (three of a position),
+
+    similarity^2 = max(sum (u_i . r_i)^2 - F / (c - 1) sum |r_i - (u_i . r_i) u_i|^2, 0) / sum |m_i|^2,
+
+the share of its motion that is left along it beyond chance: the largest of every channel in which the claim moves more
+than the noise, with and without the unmodelled errors in the residual, since these may fit the rest of a wrong effect.
+
+A vocabulary of hundreds of effects explains part of any smooth error. Errors that no effect makes are drawn: a wave,
+step, kink or parabola of one or two quantities that the campaign varies, along a direction of the base or of the tool,
+or as a rotation of a link; the best effect explains the share e of their squares, frames and other claims fitted beside
+it. With E = (squares explained - number of parameters) / (squares that the other claims leave - noise) of a claim,
+P(e >= E) over the draws is its spurious-fit probability.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit, fdtri
+
+from compplan.diagnosis.data.channels import group_poses
+from compplan.diagnosis.data.shared import LEVEL, NEGLIGIBLE, ROUNDING, SAMPLE, SEED
+from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.normal_equations import project_out
+from compplan.diagnosis.search.search import Claim
+from compplan.diagnosis.search.state import Fit
+from compplan.diagnosis.validation.unmodelled import RevisedProbabilities
+from compplan.effects.linearization import AXES, Linearization
+from compplan.measurement.observations import along as take_along
+from compplan.robot import Array
+
+#: Largest probability of a claim (assumed: one campaign in a hundred has a cause outside every model here).
+MOST_SURE = 0.99
+#: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
+TEMPER = 2.0
+#: The map from evidence to log odds, fitted by penalised logistic regression to claims of development campaigns and of
+#: parts of measured ones (assumed: that study is not kept; python -m benchmarks ablation prints the map of a suite):
+#: constant; weights of the margin (arsinh of it over its scale) and of minus the logarithms of spurious-fit probability
+#: and residual similarity. No weight may be negative. The margin accounts for the number of parameters.
+CONSTANT, WEIGHTS = -3.49, np.array([0.57, 0.69, 0.83])
+#: Margins beyond this count by their logarithm alone (assumed).
+MARGIN_SCALE = 5.0
+#: Spurious-fit probabilities and similarities outside these ranges tell no more: beside a larger cause a high one says
+#: nothing about this claim (assumed).
+SPURIOUS_RANGE, SIMILARITY_RANGE = (NEGLIGIBLE, 0.15), (0.1, 1.0)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Evidence for a claim.
+
+    Attributes:
+        margin: Log posterior odds against the best model without it, unmodelled errors in both.
+        plain: The same without unmodelled errors.
+        floors: Motion that it explains, in noise floors.
+        part: Motion that it explains over the gap.
+        left: Residual beyond the noise floor over the gap.
+        spurious: Spurious-fit probability (`rate_spurious_fits`).
+        similarity: Residual along the claim's own motion beyond chance, over that motion (`rate_similarities`).
+    """
+
+    margin: float
+    plain: float
+    floors: float
+    part: float
+    left: float
+    spurious: float
+    similarity: float
+
+    def to_table(self) -> dict[str, float]:
+        """Return what diagnosis.json holds."""
+        return {key: round(float(value), 4) for key, value in asdict(self).items()}
+
+
+def features_of(evidence: Evidence) -> Array:
+    """Return what the map weighs: margin, spurious-fit probability, residual similarity. Shape (3,)."""
+    margin = np.arcsinh(min(evidence.margin, evidence.plain) / MARGIN_SCALE)
+    spurious = np.log(np.clip(evidence.spurious, *SPURIOUS_RANGE))
+    return np.array([margin, -spurious, -np.log(np.clip(evidence.similarity, *SIMILARITY_RANGE))])
+
+
+def calibrate_probability(evidence: Evidence) -> float:
+    """Return the probability of a claim."""
+    odds = CONSTANT + WEIGHTS @ features_of(evidence)
+    return float(np.clip(expit(odds), 0.0, MOST_SURE))
+
+
+def rate_similarities(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
+    """Return the residual similarity of every claim."""
+    equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
+    foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
+    result = dict.fromkeys(doubt.model.claims, 0.0)
+    group = group_poses(fit.problem.campaign)
+    for channel, design, rest in zip(equations.source, equations.designs, equations.left(values), strict=True):
+        if rest.shape[1] == 1:
+            continue
+        left, pose = rest + design[..., foreign] @ values[foreign], group[channel.rows]
+        for claim, found in result.items():
+            columns = equations.columns(claim.signature)
+            motion = design[..., columns] @ values[columns]
+            if channel.name == "position" or np.mean(np.sum(motion**2, axis=1)) > rest.shape[1]:
+                both = [measure_similarity(part, motion, pose) for part in (left, rest)]
+                result[claim] = max(found, *both)
+    return result
+
+
+def measure_similarity(left: Array, motion: Array, pose: NDArray[np.int_]) -> float:
+    """Return the residual (r, c) along a motion (r, c) beyond chance, over the motion; 0 where nothing moves."""
+    length = np.linalg.norm(motion, axis=1)
+    moves = length > ROUNDING * length.max(initial=0.0)
+    if not moves.any():
+        return 0.0
+    along = np.einsum("ni,ni->n", left[moves], motion[moves] / length[moves, None])
+    across = np.sum(left[moves] ** 2) - along @ along
+    poses = len(np.unique(pose[moves]))
+    others = left.shape[1] - 1
+    beyond = along @ along - across / others * fdtri(poses, others * poses, LEVEL)
+    return float(np.sqrt(max(beyond, 0.0) / np.sum(motion[moves] ** 2)))
+
+
+#: Phase of a drawn error over one standard deviation of what it follows (assumed: from nearly straight to a wave that a
+#: few dozen poses just resolve). [rad]
+ROUGHNESS = (0.5, 1.0, 2.0)
+
+
+def rate_spurious_fits(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
+    """Return the spurious-fit probability of every claim."""
+    if not doubt.model.claims:
+        return {}
+    equations = doubt.search.equations
+    total, p = equations.channels[0].total, equations.p
+    drawn, length = draw_errors(fit), np.maximum(np.sqrt(np.diag(total.gram)), 1e-12)
+    # products of the columns, of unit length, with the drawn errors and, last, the observations
+    against = np.column_stack([equations.designs[0].reshape(-1, p).T @ drawn, total.against]) / length[:, None]
+    squares = np.diag(np.append(np.sum(drawn**2, axis=0), total.square))
+    gram = np.block([[total.gram / np.outer(length, length), against], [against.T, squares]])
+    blocks = [equations.columns(number) for number in doubt.search.candidates]
+    values = np.array([len(block) for block in blocks])[:, None]
+    frames, result = equations.columns_named(REGISTRATION), dict[Claim, float]()
+    for claim in doubt.model.claims:
+        others = equations.join_columns(n for n in doubt.model.signatures if n != claim.signature)
+        beside = np.union1d(others, frames).astype(int)
+        left = project_out(gram, beside)
+        squares, count = np.maximum(np.diag(left), 0.0), total.count - len(beside)
+        columns = equations.columns(claim.signature)
+        explained = explain_squares(left, [columns], np.array([len(left) - 1]))[0, 0] - len(columns)
+        share = explained / max(float(squares[-1]) - min(float(count), float(squares[-1])), 1e-12)
+        # errors that frames and other claims explain nearly whole show nothing
+        kept = p + np.flatnonzero(squares[p:-1] > (1.0 - LEVEL) * np.diag(gram)[p:-1])
+        shares = explain_squares(left, blocks, kept) / squares[kept]
+        # k parameters explain k of the squares of anything; what is left of an error explained whole is rounding
+        best = (1.0 - (1.0 - shares) * count / np.maximum(count - values, 1.0)).max(axis=0, initial=0.0)
+        result[claim] = float((np.sum(best >= min(share, 1.0 - np.sqrt(ROUNDING))) + 0.5) / (len(kept) + 1.0))
+    return result
+
+
+def draw_errors(fit: Fit) -> Array:
+    """Draw errors that no effect makes, of one rms each in units of the noise. Shape (values, SAMPLE)."""
+    at, channel = fit.at, fit.search.equations.source[0]
+    rows, rng = channel.rows, np.random.default_rng(SEED)
+    followed = list_followed(at, rows)
+    directions = [(joint.name, axis) for joint in at.robot.actuated for axis in AXES[3:]]
+    rotation = at.attained.frames.tcp_rotation[rows]
+    drawn: list[Array] = []
+    while len(drawn) < SAMPLE:
+        phases = [_pick(rng, followed) * rng.choice(ROUGHNESS) for _ in range(rng.integers(1, 3))]
+        kind, direction = rng.integers(3), rng.normal(size=3)
+        if kind == 0:
+            moved = np.broadcast_to(direction, (len(rows), 3))
+        elif kind == 1:
+            moved = rotation @ direction
+        else:
+            moved = at.parent_twist(*directions[int(rng.integers(len(directions)))])[rows, :3]
+        if channel.direction is not None:
+            moved = take_along(channel.direction, np.asarray(moved))
+        error = (_shape(rng, np.sum(phases, axis=0))[:, None] * moved / channel.sigma).reshape(-1)
+        size = float(np.sqrt(np.mean(error**2)))
+        if size > ROUNDING:
+            drawn.append(error / size)
+    return np.stack(drawn, axis=1)
+
+
+def list_followed(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
+    """List what a drawn error may follow, by kind, standardised. Shapes (r, k)."""
+    campaign = at.campaign
+    kinds = [np.nan_to_num(campaign.q), at.point, np.arange(len(campaign), dtype=float)[:, None]]
+    kinds.append(np.nan_to_num(at.own_load))
+    if campaign.load_varies:
+        kinds.append(np.nan_to_num(at.scene.wrench[:, :3]))
+    found = []
+    for values in (kind[rows] for kind in kinds):
+        spread = values.std(axis=0)
+        seen = spread > ROUNDING
+        if seen.any():
+            found.append((values[:, seen] - values[:, seen].mean(axis=0)) / spread[seen])
+    return found
+
+
+def _pick(rng: np.random.Generator, followed: Sequence[Array]) -> Array:
+    kind = followed[int(rng.integers(len(followed)))]
+    return np.asarray(kind[:, rng.integers(kind.shape[1])])
+
+
+def _shape(rng: np.random.Generator, phase: Array) -> Array:
+    """Draw a wave, a step, a kink or a parabola."""
+    wave = np.sin(phase + rng.uniform(0.0, 2.0 * np.pi))
+    return [wave, np.sign(wave), np.abs(phase - rng.normal()), phase**2][int(rng.integers(4))]
+
+
+def explain_squares(gram: Array, blocks: Sequence[NDArray[np.int_]], errors: NDArray[np.int_]) -> Array:
+    """Return the squares of some columns that each block of others explains. Shape (blocks, errors)."""
+    result = np.zeros((len(blocks), len(errors)))
+    for size in {len(block) for block in blocks}:
+        numbers = [n for n, block in enumerate(blocks) if len(block) == size]
+        own = np.stack([blocks[n] for n in numbers])
+        # columns have unit length: what is left of one that the others hold is rounding
+        inner = gram[own[:, :, None], own[:, None, :]] + ROUNDING * np.eye(size)
+        against = gram[own[:, :, None], errors]
+        result[numbers] = np.einsum("nsc,nsc->nc", against, np.linalg.solve(inner, against))
+    return result
