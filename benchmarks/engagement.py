@@ -14,10 +14,9 @@ import time
 
 import numpy as np
 
-from compplan.process.cutter import Cutter
-from compplan.process.engagement import Engagement
+from compplan.process.cutting import shape_milling
+from compplan.process.engagement import Cutter, Engagement
 from compplan.process.engagement_search import find_engagement
-from compplan.process.milling import shape_milling
 from compplan.process.stock import build_block
 
 CUBE = 0.0625  # mm: depths and widths of the straight cuts are whole cubes

@@ -11,12 +11,12 @@ from compplan.diagnosis.data.shared import LISTED, rank_number, rms_length
 from compplan.diagnosis.results.delivery import deliver_robot
 from compplan.diagnosis.results.posterior import state_sizes
 from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
-from compplan.diagnosis.results.verdict import MOST_MARGIN, Finding, Verdict, check_calibration, reach_verdict, unname
+from compplan.diagnosis.results.verdict import NAMING, Finding, Verdict, check_calibration, reach_verdict, unname
 from compplan.diagnosis.search.fit import fit_effects
-from compplan.diagnosis.search.search import TRIED, Claim, distinct_places
+from compplan.diagnosis.search.search import SEARCH, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
 from compplan.diagnosis.validation.held_out import Folds, make_folds
-from compplan.diagnosis.validation.probability import MOST_SURE
+from compplan.diagnosis.validation.probability import MAP
 from compplan.diagnosis.validation.sparse import add_gear_waves
 from compplan.diagnosis.validation.unmodelled import RevisedProbabilities, revise_probabilities
 from compplan.effects import Effect, robot_effects, solve_model_poses
@@ -85,7 +85,7 @@ def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None
 def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict:
     """Put conventions that were found beforehand first among the findings."""
     beforehand = problem.fixed[known:]
-    found = tuple(Finding(e, MOST_SURE, float("inf"), MOST_MARGIN, (), 1.0, -1) for e in beforehand)
+    found = tuple(Finding(e, MAP.most_sure, float("inf"), NAMING.most_margin, (), 1.0, -1) for e in beforehand)
     if not found:
         return verdict
     status = {"none": "explained", "unknown": "partly_explained"}.get(verdict.status, verdict.status)
@@ -127,7 +127,7 @@ def _conclude(
         robot=problem.robot, updated=first.robot(problem.robot, known), fit=fit,
         doubt=doubt, verdict=verdict, gap=gap, candidates=rank_candidates(fit, verdict, folds), residual_before=before,
         residual_after=first.residual, registration=first.state.registration, outliers=fit.outliers,
-        delivery=first, sizes=sizes, noise=fit.noises["position"].source,
+        delivery=first, equations=folds.fit.search.equations, sizes=sizes, noise=fit.noises["position"].source,
     )  # fmt: skip
 
 
@@ -174,7 +174,7 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
             continue
         probability[finding.effect.place] = finding.probability
         chosen[finding.effect.place] = Claim(finding.signature, finding.size)
-        for rival in finding.rivals[:TRIED]:
+        for rival in finding.rivals[: SEARCH.tried]:
             left = 1.0 - finding.probability
             probability.setdefault(rival.place, 0.5 * finding.probability if rival.alike else 0.5 * left * rival.share)
     alone = search.model([], hyper, fit=False)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.controllers.writers import WRITERS
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.job.called_tools import CalledTool
 from compplan.job.names import STRATEGIES
 from compplan.process.force_models import FORCE_MODELS, ForceModel

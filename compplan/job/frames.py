@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable, Vector3

@@ -5,6 +5,9 @@ Each table of the file is a model here. Keys carry their units; properties are S
 
 from __future__ import annotations
 
+import re
+import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,6 +15,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_validator
 
 from compplan.errors import InputError
+from compplan.io.provenance import note_input
 from compplan.io.tables import Array
 from compplan.io.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, Words, check_table, read_toml
 from compplan.job.frames import LONGEST_PATH, PartTable, PositionerTable, ToolTable
@@ -34,6 +38,8 @@ from compplan.toolpath.toolpath import Toolpath
 
 #: Words of [plan] keep: the posture of the job's own robot, or the best one; else a file.
 KEEP_ROBOT, KEEP_NOTHING = "robot", "nothing"
+#: Text that --set takes without quotes.
+BARE_WORD = re.compile(r"[\w./-]+")
 #: Default corner rounding as a share of the tolerance.
 ROUNDED = 0.25
 #: Greatest length of a name.
@@ -320,13 +326,14 @@ def check_job(
     return job
 
 
-def load_job(path: str | Path, robot: str | None = None, keep: str | None = None) -> Job:
+def load_job(path: str | Path, robot: str | None = None, keep: str | None = None, changes: Sequence[str] = ()) -> Job:
     """Read a job file.
 
     Args:
         path: The file.
         robot: Robot folder or shipped robot in place of the job's; relative to the working directory.
         keep: Replaces [plan] keep; relative to the working directory.
+        changes: Keys in place of the file's, such as "plan.tolerance_mm=0.05" (--set).
 
     Raises:
         InputError: With file and line or key, if it is invalid.
@@ -339,12 +346,40 @@ def load_job(path: str | Path, robot: str | None = None, keep: str | None = None
     if suffix == ".csv":
         raise InputError("is a table, expected a job that ends in .toml", file=path)
     data = read_toml(path)
+    changed = [_change_key(data, change) for change in changes]
     own = data.get("robot")
     if robot is not None:
         data["robot"] = str(find_robot_folder(robot).resolve())
     if keep is not None and isinstance(data.setdefault("plan", {}), dict):
         data["plan"]["keep"] = keep if keep in (KEEP_ROBOT, KEEP_NOTHING) else str(Path(keep).resolve())
-    job = check_job(data, path)
+    try:
+        job = check_job(data, path)
+    except InputError as error:
+        if any(re.match(rf"{re.escape(key)}(?![\w])", str(error.where or "")) for key in changed):
+            raise InputError(error.message, where=f"--set {error.where}") from None
+        raise
     if robot is not None and isinstance(own, str):
         job._own_robot = own
     return job
+
+
+def _change_key(data: dict[str, Any], change: str) -> str:
+    """Set a key of a job's tables, "plan.tolerance_mm=0.05", and return its name; a bare word is text."""
+    key, sign, text = (part.strip() for part in change.partition("="))
+    *tables, last = key.split(".")
+    if not sign or not all((*tables, last)):
+        raise InputError(f"--set is {change!r}, expected KEY=VALUE such as plan.tolerance_mm=0.05")
+    try:
+        (value,) = tomllib.loads(f"value = {text}").values()
+    except ValueError:
+        if not BARE_WORD.fullmatch(text):
+            raise InputError(f"is {text!r}, expected a TOML value", where=f"--set {key}") from None
+        value = text
+    table = data
+    for name in tables:
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            raise InputError(f"{name!r} is no table of the job", where=f"--set {key}")
+    table[last] = value
+    note_input(Path(f"--set {change}"), change.encode())
+    return key

@@ -22,12 +22,9 @@ from compplan.learning.candidates import (
     find_touching,
     list_candidates,
     list_fixtures,
-    see_distances,
-    sight_candidates,
 )
 from compplan.learning.design import Choice, Design, choose_measurements, find_idle, order_poses
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.distance import band_radius
 from compplan.measurement.observations import DISTANCE, Observations
 from compplan.measurement.pose_selection import learn_rows
 from compplan.planning.plan import Plan
@@ -69,10 +66,6 @@ class PoseCampaign:
     log: int  #: Rows of the partial log that counted.
     notes: tuple[str, ...]  #: What a user has to know, one sentence each.
 
-    def model_part(self, covariance: Array) -> float:
-        """Return the root mean square band of the parameters alone. [m]"""
-        return model_part(self.design, covariance)
-
     @property
     def stands(self) -> tuple[Fixture, ...]:
         """Where the instrument stands; none for a tracker, which stands anywhere."""
@@ -90,7 +83,9 @@ def design_campaign(
     """
     task, robot = plan.task, plan.robot
     announce("the path and what is known")
-    solids, lowest = _scene_of(plan), float(task.position[:, 2].min())
+    solids = None if task.start is None else task.start.settings.scene
+    solids = build_scene(robot) if solids is None else solids
+    lowest = float(task.position[:, 2].min())
     known, scene, rows, notes = _stage_purpose(plan, equipment, lowest, solids)
     # poses narrow the robot alone: what of the force goes with it counts as apart
     touched = task.touched if equipment.purpose == PATH else None
@@ -103,20 +98,23 @@ def design_campaign(
     announce("postures")
     postures, sights = find_postures(robot, plan.q, lowest, solids, equipment.seed), None
     if equipment.instrument != TRACKER and len(postures):
-        postures, sights = put_up(robot, equipment, postures, task.position[task.cut].mean(axis=0), lowest, solids)
+        places = PLACES[equipment.instrument] if equipment.places is None else equipment.places
+        length = LENGTHS.get(equipment.instrument, 0.0) if equipment.length is None else equipment.length
+        middle = task.position[task.cut].mean(axis=0)
+        postures, sights = find_touching(robot, postures, middle, lowest, equipment.instrument, places, length, solids)
     if len(postures) < count:
         raise InputError(
             f"the arm finds {len(postures)} postures to measure in, {count} are asked for; check limits and collisions"
         )
     candidates = list_candidates(robot, postures, equipment.weights, equipment.pull, known.unknowns)
     if sights is not None:
-        candidates = sight_candidates(candidates, sights)
+        candidates = replace(candidates, sights=sights.repeat(len(candidates) // len(sights.kind)))
     announce("choice")
     design, start, candidates, choice, more = _choose(design, start, candidates, count)
     notes += more + _ask_for_load(design, equipment, choice.covariance, task.wrench[task.cut, :3])
     chosen = candidates.take(choice.rows)
     order, touching = order_poses(robot, chosen.q, chosen.start, chosen.wrench, plan.q[0], solids)
-    again = np.r_[order, order[0]]
+    again, after = np.r_[order, order[0]], known.with_covariance(choice.covariance)
     return PoseCampaign(
         plan=plan,
         equipment=equipment,
@@ -125,7 +123,7 @@ def design_campaign(
         choice=choice,
         design=design,
         start=start,
-        rest=_find_rest(design, known, choice.covariance),
+        rest=lead_unknowns(design.path, after, split_covariance(design.path, after)),
         touching=touching,
         log=used,
         notes=tuple(notes),
@@ -145,15 +143,6 @@ def _stage_purpose(
     # loads as they come on the path: the fit has to hold under them, too
     wrench = task.wrench[np.linspace(0, len(task.wrench) - 1, len(reach)).astype(int)]
     return known, build_path_model(robot, reach, equipment.loaded * wrench), np.ones(len(reach), bool), [known.source]
-
-
-def put_up(
-    robot: Robot, equipment: Equipment, postures: Array, middle: Array, lowest: float, solids: CollisionScene
-) -> tuple[Array, Observations]:
-    """Put the instrument of a shop up about the path; return postures in which it sees the tip, and what it sees."""
-    places = PLACES[equipment.instrument] if equipment.places is None else equipment.places
-    length = LENGTHS.get(equipment.instrument, 0.0) if equipment.length is None else equipment.length
-    return find_touching(robot, postures, middle, lowest, equipment.instrument, places, length, solids)
 
 
 def _choose(
@@ -196,9 +185,10 @@ def add_places(design: Design, start: Array, sights: Observations, tip: Array, c
     design = replace(design, places=len(sights.names))
     wide = design.start.copy()
     wide[: len(start), : len(start)] = start
-    rows, variance = see_distances(sights.known, sights.start_places(tip), len(wide))
-    for row, own in zip(rows, variance, strict=True):
-        wide = learn_rows(wide, row[None], float(own))
+    places = sights.start_places(tip)
+    slopes = sights.known.slopes(places).reshape(len(sights.known), 3 * len(places))
+    for row, sigma in zip(slopes, sights.known.sigma, strict=True):
+        wide = learn_rows(wide, np.pad(row, (len(wide) - len(row), 0))[None, None], float(sigma) ** 2)
     return design, wide
 
 
@@ -228,7 +218,7 @@ def _ask_for_load(design: Design, equipment: Equipment, covariance: Array, force
             " similar forces were measured"
         ]
     rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
-    left, rest = model_part(design, covariance), model_part(design, covariance * np.outer(rigid, rigid))
+    left, rest = design.model_band(covariance), design.model_band(covariance * np.outer(rigid, rigid))
     if rest**2 > 0.5 * left**2:
         return []
     return [
@@ -262,24 +252,6 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
         )
     p = len(design.start)
     return learn_rows(own.start, rows, design.noise)[:p, :p], len(use), said
-
-
-def model_part(design: Design, covariance: Array) -> float:
-    """Return the root mean square along the path of the band that parameters alone make. [m]"""
-    band = band_radius(design.model(covariance))
-    return float(np.sqrt(np.mean(band**2)))
-
-
-def _find_rest(design: Design, known: Uncertainty, covariance: Array) -> tuple[tuple[str, float], ...]:
-    after = known.with_covariance(covariance)
-    return lead_unknowns(design.path, after, split_covariance(design.path, after))
-
-
-def _scene_of(plan: Plan) -> CollisionScene:
-    start = plan.task.start
-    if start is not None and start.settings.scene is not None:
-        return start.settings.scene
-    return build_scene(plan.robot)
 
 
 def parse_weights(text: str) -> tuple[float, ...]:

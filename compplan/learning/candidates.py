@@ -10,7 +10,7 @@ every place is met more than once. What each kind tells stands in `compplan.meas
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -292,12 +292,6 @@ def _choose_place(offered: Array, chosen: Array, middle: Array) -> int:
     return int(np.linalg.norm(offered[:, None] - chosen, axis=2).min(axis=1).argmax())
 
 
-def sight_candidates(candidates: Candidates, sights: Observations) -> Candidates:
-    """Give candidates what is seen of them: as many times as they stand under different loads, from different sides."""
-    times = len(candidates) // len(sights.kind)
-    return replace(candidates, sights=sights.take(np.tile(np.arange(len(sights.kind)), times)))
-
-
 def observe_rows(rows: Array, sights: Observations, point: Array) -> Array:
     """Return what sights of c contacts see of parameters, frames and places. Shape (m, 3, P + 3 c).
 
@@ -305,10 +299,3 @@ def observe_rows(rows: Array, sights: Observations, point: Array) -> Array:
     """
     places = -sights.place_slopes().reshape(len(rows), 3, -1)
     return along(sights.directions(point, sights.start_places(point)), np.concatenate([rows, places], axis=2))
-
-
-def see_distances(known: KnownDistances, places: Array, size: int) -> tuple[Array, Array]:
-    """Return what known distances say of a state of `size` numbers that ends with the places, and their variances."""
-    slopes = known.slopes(places).reshape(len(known), 3 * len(places))
-    rows = np.hstack([np.zeros((len(known), size - 3 * len(places))), slopes])
-    return rows[:, None, :], known.sigma**2

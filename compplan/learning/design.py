@@ -105,6 +105,10 @@ class Design:
         """Return the 95 % band along the path with a covariance of the state. Shape (k,). [m]."""
         return band_radius(self.model(covariance) + self.beside)
 
+    def model_band(self, covariance: Array) -> float:
+        """Return the root mean square along the path of the band that parameters alone make. [m]"""
+        return float(np.sqrt(np.mean(band_radius(self.model(covariance)) ** 2)))
+
     @property
     def floor(self) -> Array:
         """Return the band where every parameter is known exactly. Shape (k,). [m]."""

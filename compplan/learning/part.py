@@ -16,10 +16,9 @@ from compplan.io.display import Curve, Curves, Shown
 from compplan.io.quantities import format_length
 from compplan.io.tables import Table
 from compplan.job.job import Job
-from compplan.job.noise import EXPANSION
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
-from compplan.learning.model_update import ModelUpdate, Own, expect_deviations, learn_part, take_blocks
+from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, take_blocks
 from compplan.learning.plausibility import POSSIBLE, explain_points
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
 from compplan.learning.scan import Surface
@@ -33,14 +32,14 @@ from compplan.planning.result import Plan
 from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, read_learned_force
 from compplan.robot import Array, Robot, load_robot
-from compplan.robot.pose import fit_displacement, rigid_columns, see_position
+from compplan.robot.pose import fit_displacement, see_position
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
-from compplan.uncertainty.motion import read_placement, shift_part
+from compplan.uncertainty.motion import read_placement
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     apply_wrench_to_model,
@@ -54,8 +53,6 @@ from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
 
 #: Places along the path that a lesson is kept at, at most; waypoints nearer to the path than this are reached. [m, rad]
 MOST_PLACES, REACHED = 5000, 1e-6
-#: How far a part that was fitted may have stood off, per axis: as good as not known. [m]
-FITTED = 0.01
 #: What to do about a part that is off as a whole: nobody can tell its clamping from the robot.
 WHOLE_PART = (
     "--align best_fit takes that off, [noise] part_frame_mm of the job allows for how parts are clamped, --align datum"
@@ -79,7 +76,7 @@ class LearnedPart(Shown):
     length: Array  #: Length of the path at its rows. Shape (k,). [m]
     before: Plan  #: The plan that was cut.
     after: Plan  #: The plan that follows.
-    residual: Residual  #: What the next program takes off beside the robot's model.
+    residual: Residual | None  #: What the next program takes off beside the robot's model; None: nothing.
     learned: tuple[Learned, ...]  #: Parameters that moved most for their width.
     notes: tuple[str, ...]  #: What a user has to know, one sentence each.
     travel: Transfer  #: What other paths are told.
@@ -90,7 +87,7 @@ class LearnedPart(Shown):
         """Where the path wants the tip at the waypoints of the next program, nothing taken off. Shape (n, 3). [m]."""
         task = self.after.task
         length = np.interp(task.origin, np.arange(len(self.path)), self.path.arc_length)
-        return np.asarray(task.position + self.residual.at(length))
+        return np.asarray(task.position + (0.0 if self.residual is None else self.residual.at(length)))
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the results of the update and the prediction for the next part."""
@@ -131,17 +128,14 @@ class CutPath:
     #: The part as the robot found it by touching, or None where its frame is absolute.
     touched: TouchedPart | None = None
 
-    def with_values(self, values: Array, force: Array) -> ForwardModel:
-        """Return the scene with values of the robot's parameters, shape (p,), and shares of the force, shape (4,)."""
-        return apply_wrench_to_model(vary_model(self.scene, self.known.unknowns, values), force, self.force)
-
     def exact(self, values: Array, force: Array) -> Array:
         """Return the motion of the tip by values of parameters and force. Shape (k, 3). [m]"""
         return self.tip(values, force, self.slopes.rows) - self.slopes.tip
 
     def tip(self, values: Array, force: Array, rows: NDArray[np.int_]) -> Array:
         """Return the tip with values of parameters and force, relative to the part frame found. Shape (k, 3). [m]"""
-        position = tip_of(self.with_values(values, force), rows)
+        varied = vary_model(self.scene, self.known.unknowns, values)
+        position = tip_of(apply_wrench_to_model(varied, force, self.force), rows)
         if self.touched is None:
             return position
         touch = stage_touch(self.touched)
@@ -195,14 +189,17 @@ def learn_from_part(
     whole = read_force_spread(job)
     cut = linearise_cut(before, wanted, whole.of_all())
     slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
-    gathered, own = gather_points(matched, length), own_of(job, slopes, whole, matched)
+    gathered, fitted = gather_points(matched, length), matched.motion is not None
+    own = state_own(job.noise, job.T_base_part[:3, 3], slopes, whole, fitted=fitted)
     left_open = None if old is None else interpolate(length, old.length, old.open)
     expected = expect_deviations(slopes, known, gathered, own, left_open)
     if not sure:
         band = band_radius(take_blocks(expected, len(gathered.row)))
         ask_possible(points, gathered, band, wanted, job.T_base_part, in_base=in_base, whole=not matched.scanned)
     allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
-    stood = "" if allowed else ask_stood(points, gathered, slopes.tip, job, expected, asked=align is None and not sure)
+    stood, beyond = ("", False) if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3], expected)
+    if beyond and align is None and not sure:
+        raise points.error(f"{stood}; was the part there? {WHOLE_PART}")
     learn = partial(learn_part, slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
     lesson = learn(left_open)
     # what the path left open stands for robot and force there: other paths are told what these say alone
@@ -220,29 +217,9 @@ def learn_from_part(
     after = with_band(after, lesson, slopes, known) if residual is not None else after
     return LearnedPart(
         job, robot, others.robot, lesson, matched, wanted, slopes, length, before, after,
-        residual or leave_path(length, lesson, before.task.q_start[slopes.rows]),
-        tuple(list_learned(known, wide.values, others.held)),
+        residual, tuple(list_learned(known, wide.values, others.held)),
         _list_notes(lesson, others.travel, matched, wanted, stood), others.travel, others.force,
     )  # fmt: skip
-
-
-def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
-    """Return what stays with the path where nothing is taken off it: nothing, and how open the update leaves it.
-
-    length, (k,) [m], and q, (k, nq) [rad or m]: at the rows of the update.
-    """
-    return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.model.size), q, lesson.open)
-
-
-def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:
-    """State what the measured part and the next one have of their own, as far as the job or the force says it."""
-    placed, tip = read_placement(job.noise), slopes.tip
-    columns = rigid_columns(tip, tip.mean(axis=0))
-    free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
-    clamped = None if placed is None else shift_part(tip, job.T_base_part[:3, 3], placed)
-    warm = job.noise.temperature_K * EXPANSION if "temperature_K" in job.noise.model_fields_set else 0.0
-    fitted = None if matched.motion is None else columns * np.repeat(free, 3)
-    return state_own(tip, slopes.shared[:, :, 0], spread, clamped, fitted, warm)
 
 
 def _list_notes(
@@ -253,18 +230,6 @@ def _list_notes(
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
     told = (travel.reason, *([f"{stood}: learned as an error of the robot"] if stood else [])) if lesson.taken else ()
     return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
-
-
-def ask_stood(points: Table, gathered: Gathered, tip: Array, job: Job, expected: Array, *, asked: bool) -> str:
-    """Say how the part stood off as a whole, "" where it did not.
-
-    Raises:
-        InputError: If it did beyond what robot, force and clamping explain, and that is asked about.
-    """
-    stood, beyond = describe_whole(gathered, tip, job.T_base_part[:3, :3], expected)
-    if beyond and asked:
-        raise points.error(f"{stood}; was the part there? {WHOLE_PART}")
-    return stood
 
 
 def ask_possible(

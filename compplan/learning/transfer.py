@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from compplan.errors import ConvergenceError
 from compplan.job.job import Job
 from compplan.job.loading import find_learned_force
+from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.learning.gathered_points import Gathered
 from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, condition
 from compplan.learning.representable import apply_update
@@ -25,12 +26,16 @@ from compplan.measurement.distance import band_radius
 from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, LearnedPartTable, add_part, find_axes
 from compplan.robot import Array, Robot
+from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.ik import build_arm, pose_error, refine_ik
-from compplan.uncertainty.band import linearise_path, split_covariance
+from compplan.uncertainty.band import Slopes, linearise_path, split_covariance
+from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model, pick_rows, tip_of
 from compplan.uncertainty.shrinkage import shrink_alike
 
+#: How far a part that was fitted may have stood off, per axis: as good as not known. [m]
+FITTED = 0.01
 #: Stretches that a part is dealt to.
 STRETCHES = 4
 #: What a step has to leave, at most, of what is left without it (assumed: less is no lesson for another path).
@@ -83,25 +88,24 @@ def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
     return Transfer(force or (robot and pushes), robot, reason, (float(rms[0]), float(rms[1]), float(rms[2])))
 
 
-def state_own(
-    tip: Array, level: Array, spread: ForceSpread, clamped: Array | None, fitted: Array | None, warm: float
-) -> Own:
-    """State what a part has of its own: its force, how it is clamped, how warm the arm is.
+def state_own(noise: NoiseTable, origin: Array, slopes: Slopes, spread: ForceSpread, *, fitted: bool) -> Own:
+    """State what the measured part and the next one have of their own: force, clamping, warmth of the arm.
 
-    Args:
-        tip: Where the tip goes. Shape (k, 3). [m]
-        level: Motion of the tip by the level that all parts share, one standard deviation. Shape (k, 3). [m]
-        spread: Uncertainty of the force.
-        clamped: Motion of the part by how it is clamped, columns of one standard deviation. Shape (k, 3, c). [m]
-        fitted: The same of the measured part where a best fit took its motion off.
-        warm: Growth of the arm from part to part, one standard deviation, relative.
+    noise: [noise] of the job; origin: of the part frame, (3,) [m]; fitted: whether a best fit took the motion of the
+    measured part off.
     """
+    placed, tip = read_placement(noise), slopes.tip
     ratio = spread.scatter / spread.common if spread.common > 0.0 else 0.0
-    force = ratio * level[:, :, None]
-    clamped = np.zeros((len(tip), 3, 0)) if clamped is None else clamped
+    force = ratio * slopes.shared[:, :, :1]
+    clamped = np.zeros((len(tip), 3, 0)) if placed is None else shift_part(tip, origin, placed)
+    moved = clamped
+    if fitted:
+        free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
+        moved = rigid_columns(tip, tip.mean(axis=0)) * np.repeat(free, 3)
+    warm = noise.temperature_K * EXPANSION if "temperature_K" in noise.model_fields_set else 0.0
     heat = warm * tip[:, :, None] if warm > 0.0 else np.zeros((len(tip), 3, 0))
-    part = [force, clamped if fitted is None else fitted, heat]
-    return Own(np.concatenate(part, axis=2), np.concatenate([force, clamped, heat], axis=2), ratio)
+    part, following = (np.concatenate([force, place, heat], axis=2) for place in (moved, clamped))
+    return Own(part, following, ratio)
 
 
 def learn_force(
@@ -115,16 +119,9 @@ def learn_force(
 ) -> tuple[LearnedForce, Array]:
     """Turn an update into what other paths are told of the force; also return its shares that they are told, (4,).
 
-    Its direction travels where it is fixed in base or part; where it goes with the path it stays with the path.
-
-    Args:
-        lesson: The update.
-        spread: Uncertainty of the force before.
-        old: What was known of it, or None.
-        process: The [process] of the job.
-        R_base_part: Part axes seen from the base. Shape (3, 3).
-        job: Name of the job.
-        kept: Parameters that the robot folder is told, too; none where it is told nothing. Shape (p,).
+    Its direction travels where it is fixed in base or part; where it goes with the path it stays with the path. spread:
+    uncertainty of the force before; R_base_part: part axes seen from the base, (3, 3); kept: parameters that the robot
+    folder is told, too, (p,).
     """
     axes, told = find_axes(process), lesson.force.copy()
     scale = 1.0 if old is None else old.level
@@ -230,14 +227,9 @@ def check_generalisation(
 ) -> tuple[bool, str]:
     """Try an updated robot on copies of the path, moved along each base axis to where the arm reaches.
 
-    Returns whether it holds there, and what the copies say; "" where none is reached.
-
-    Args:
-        task: The task that was cut, with the robot of the folder before.
-        taught: The updated robot, with the tool of the job.
-        known: What was known of the robot.
-        shares: What is told of the force, in standard deviations of level and turns. Shape (4,).
-        spread: Uncertainty of the force before.
+    task: as it was cut, with the robot of the folder before, of which `known` and `spread` were known; taught: with the
+    tool of the job; shares: what is told of the force, (4,). Returns whether it holds there, and what the copies say;
+    "" where none is reached.
     """
     rows = pick_rows(task.cut, ROWS)
     wrench, every = task.wrench[rows], np.ones(len(rows), bool)

@@ -79,6 +79,10 @@ class Observations:
         picked = {name: getattr(self, name)[rows] for name in ("kind", "contact", "origin", "direction", "value")}
         return replace(self, **picked)
 
+    def repeat(self, times: int) -> Observations:
+        """Return the rows so many times, one after the other."""
+        return self.take(np.tile(np.arange(len(self.kind)), times))
+
     def without(self, rows: NDArray[np.bool_]) -> Observations:
         """Forget what some rows saw. Shape of `rows`: (n,)."""
         return replace(self, kind=np.where(rows, POSITION, self.kind), contact=np.where(rows, -1, self.contact))

@@ -67,8 +67,6 @@ LEAN = float(np.radians(0.05))
 SAMPLE = 1e-3
 #: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
-
-
 #: Severities: the plan is not confirmed; it has to be settled before the machine moves; a remark.
 STOP, SETTLE, REMARK = "stop", "settle", "note"
 

@@ -108,7 +108,32 @@ class Comparison(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what compare.json holds."""
-        return summarise_comparison(self)
+        nominal, *others = self.cells
+        strategies: dict[str, dict[str, Any]] = {}
+
+        def describe(cell: str, strategy: str) -> dict[str, float]:
+            figures = self.evaluations[cell][strategy].figures
+            return {f"{key}_mm": value for key, value in figures.items()}
+
+        for strategy, command in self.commands.items():
+            mismatch = [{"cell": cell.name, **describe(cell.name, strategy)} for cell in others]
+            strategies[strategy] = {**describe(nominal.name, strategy), "status": command.status,
+                                    "under_mismatch": mismatch}  # fmt: skip
+            if (drawn := self.drawn) is not None:
+                median, most = drawn.median(strategy), drawn.most(strategy)
+                ends = [1e3 * end for end in drawn.interval[strategy]]
+                strategies[strategy]["drawn_rms_mm"] = {"median": median * 1e3, "median_ci95": ends, "p95": most * 1e3}
+        return {
+            "schema": 1,
+            "name": self.name,
+            "robot": self.task.robot.name,
+            "waypoints": len(self.task),
+            "cell": nominal.name,
+            "judge": self.judge,
+            **({"drawn_from": self.drawn.source} if self.drawn is not None else {}),
+            "strategies": strategies,
+            "made_by": describe_origin(),
+        }
 
 
 def compare_task(
@@ -136,32 +161,3 @@ def compare_task(
                 held = build_simulated_robot(hold_robot(cell.robot, online[strategy].spring_gain), cell.name)
             evaluations.setdefault(cell.name, {})[strategy] = evaluate_run(task, command.q, held)
     return Comparison(name, task, cells, commands, evaluations)
-
-
-def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
-    """Return the content of compare.json."""
-    nominal, *others = comparison.cells
-    strategies = {}
-    for strategy, evaluation in comparison.evaluations[nominal.name].items():
-        mismatch = []
-        for cell in others:
-            figures = comparison.evaluations[cell.name][strategy].figures
-            mismatch.append({"cell": cell.name, **{f"{key}_mm": value for key, value in figures.items()}})
-        figures = {f"{key}_mm": value for key, value in evaluation.figures.items()}
-        status = comparison.commands[strategy].status
-        strategies[strategy] = {**figures, "status": status, "under_mismatch": mismatch}
-        if (drawn := comparison.drawn) is not None:
-            median, most = drawn.median(strategy), drawn.most(strategy)
-            ends = [1e3 * end for end in drawn.interval[strategy]]
-            strategies[strategy]["drawn_rms_mm"] = {"median": median * 1e3, "median_ci95": ends, "p95": most * 1e3}
-    return {
-        "schema": 1,
-        "name": comparison.name,
-        "robot": comparison.task.robot.name,
-        "waypoints": len(comparison.task),
-        "cell": nominal.name,
-        "judge": comparison.judge,
-        **({"drawn_from": comparison.drawn.source} if comparison.drawn is not None else {}),
-        "strategies": strategies,
-        "made_by": describe_origin(),
-    }

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.planning.posture.follow import reach_tip_and_axis
 from compplan.planning.posture.settings import PostureSettings
-from compplan.planning.task import PlanTask, differentiate_equations, pose_equations
+from compplan.planning.task import PlanTask
 from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
-from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.statics.chain import Chain, locate_frames
 from compplan.statics.elastic import locate_loaded, solve_equilibrium
-from compplan.statics.ik import middle_of_limits
+from compplan.statics.ik import build_arm, middle_of_limits
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
-from compplan.statics.stiffness import AttainedPose, chunk_rows
 from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm
@@ -29,8 +29,6 @@ POSTURES = 25
 DAMPING = 0.03
 #: Window over which the load of inertia is averaged before it is compensated, in periods of the lowest mode.
 FOLLOWED = 0.5
-#: Newton steps from a command to where its links go: half a millimetre becomes a nanometre in two.
-LINK_STEPS = 2
 #: Shortest and longest time over which motion is smoothed. [s]
 SHORTEST, LONGEST = 0.02, 0.3
 
@@ -138,24 +136,13 @@ def follow_links(task: PlanTask, q: Array) -> Array:
     """Return where the links of an arm go whose loaded tool follows the path. Shape (n, nq). [rad or m]
 
     They are those of a stiff arm with its tool on the path, turned about its axis as the command q (n, nq) turns it: a
-    command may use the free rotation, and then that moves masses which q_start leaves where they are. Newton steps from
-    the command that move the joints least.
+    command may use the free rotation, and then that moves masses which q_start leaves where they are.
     """
-    links = task.q_start.copy()
-    if not task.redundant:
-        return links
-    rows = np.flatnonzero(task.compensated & ~task.missed)
-    for part in chunk_rows(len(rows), task.chain):
-        some = rows[part]
-        here = q[some]
-        for _ in range(LINK_STEPS):
-            frames = locate_frames(task.chain, here)
-            stiff = AttainedPose(frames.tcp_position, frames.tcp_rotation, joint_jacobian(task.chain, frames))
-            columns = differentiate_equations(task, stiff, some) * ~task.stays
-            normal = columns @ np.swapaxes(columns, 1, 2) + 1e-14 * np.eye(columns.shape[1])
-            missed = pose_equations(task, stiff, some)[..., None]
-            here = here - (np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed))[..., 0]
-        links[some] = here
+    links, rows = task.q_start.copy(), np.flatnonzero(task.compensated & ~task.missed)
+    if task.redundant and len(rows):
+        links[rows] = reach_tip_and_axis(
+            build_arm(task.robot), q[rows], task.position[rows], task.rotation[rows], spin_free=task.spin_free
+        )[0]
     return links
 
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,21 +124,11 @@ def describe_unfollowed(output: OutputTable, *, carries: bool) -> list[str]:
     return [carried] * bool(moves)
 
 
-@dataclass(frozen=True)
-class ReachedPath:
-    """What a controller makes of a command.
+class ReachedPath(NamedTuple):
+    """What a controller makes of a command; the last three as of `ExecutedPath`."""
 
-    Args:
-        q: Joints that the drives reach. Shape (k, nq). [rad or m]
-        place: The place of each in the waypoints. Shape (k,).
-        duration: [s]
-        smaller: Corners with a smaller zone than the language's.
-        pieces: Ends and kinds of the written moves, or None.
-
-    """
-
-    q: Array
-    place: Array
+    q: Array  #: Joints that the drives reach. Shape (k, nq). [rad or m]
+    place: Array  #: The place of each in the waypoints. Shape (k,).
     duration: float
     smaller: int = 0
     pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
@@ -160,12 +150,8 @@ def excess_executed(task: PlanTask, executed: ExecutedPath | None) -> Array | No
 def slow_around(task: PlanTask, timing: Timing, use: Array, slow: Array, turn: int) -> Array:
     """Return factors that make a run slower around waypoints whose drives leave the tolerance. Shape (n,).
 
-    Args:
-        task: The task as it was commanded.
-        timing: Its run.
-        use: Share of the tolerance that each waypoint uses. Shape (n,).
-        slow: Factors so far. Shape (n,).
-        turn: Which time the run is made slower, from 1.
+    `use` is the share of the tolerance that each waypoint uses, `slow` the factors so far, shapes (n,); `turn` counts
+    how often the run is made slower, from 1.
     """
     slower, reach = np.ones(len(task)), REACH * FARTHER ** (turn - 1) * task.smoothing
     far = np.flatnonzero(use > 1.0)
@@ -207,9 +193,8 @@ def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable
         ahead = follow(task, led, time, motion)
         left = _measure(task, q, ahead)
         if inside and left[1] < plain[1] and left[2] < plain[2]:
-            more = ahead.duration, ahead.smaller, ahead.pieces
-            return ExecutedPath(*left, plain[1:], led, True, source, zone, *more)
-    return ExecutedPath(*plain, plain[1:], q, False, source, zone, found.duration, found.smaller, found.pieces)
+            return ExecutedPath(*left, plain[1:], led, True, source, zone, *ahead[2:])
+    return ExecutedPath(*plain, plain[1:], q, False, source, zone, *found[2:])
 
 
 def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Array:
@@ -305,7 +290,7 @@ def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
 
 def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, float, float]:
     """Return how far the executed loaded tip is across the path of the cut: beside each waypoint, 95 %, at most. [m]"""
-    reached, place = followed.q, followed.place
+    reached, place, *_ = followed
     every, effect = np.arange(len(q)), np.zeros((len(q), 3))
     if task.robot.effects:  # what they move the tip by at the waypoints, they move it by beside them
         effect = attain_rows(task, q, every, slope=False).position

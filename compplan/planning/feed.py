@@ -47,7 +47,7 @@ def time_run(
     Returns:
         The task with the feed that was programmed in the end, the run, and sentences for the user.
     """
-    notes: list[str] = []
+    notes, rules = list[str](), None
     if feed_request.constant:
         found = find_constant_feed(task, q)
         if found.waypoint >= 0:
@@ -56,7 +56,6 @@ def time_run(
                 f"held down by the {found.kind} limit of {found.joint} at waypoint {found.waypoint}."
             )
         task = program_feed(task, found.feed)
-    rules = None
     if feed_request.torque:
         rules = TorqueRules(task.robot, q, task.wrench)
         notes += rules.notes

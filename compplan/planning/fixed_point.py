@@ -165,7 +165,7 @@ def _settle(
             task, slow, command = _divide(task, pieces, slow, command, strategy)
             divisions, run, turn = divisions + 1, None, 0
             continue
-        if strategy == "nlp" and (coupled or "nlp" not in command.facts):
+        if strategy == "nlp" and (coupled or not command.nlp):
             progress("compensation: nonlinear program")
             found = _solve_program(found)
         executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
@@ -219,14 +219,14 @@ def _divide(
     task: PlanTask, pieces: NDArray[np.int_], slow: Array, command: Command, strategy: str
 ) -> tuple[PlanTask, Array, Command | None]:
     """Divide moves; slowness and correction go over linearly, a command of `nlp` by Newton steps."""
-    links, before = np.asarray(command.facts.get("links", command.q)), task.origin
+    before = task.origin
     finer = divide_by(task, pieces)
     at = np.interp(finer.origin, before, np.arange(len(before)))
     finer = replace(finer, wrench=interpolate(at, np.arange(len(before)), task.wrench)) if task.follows_feed else finer
     slow = np.interp(at, np.arange(len(before)), slow)
     if strategy != "nlp" or command.failures:
         return finer, slow, None
-    q = finer.q_start + interpolate(at, np.arange(len(before)), links - task.q_start)
+    q = finer.q_start + interpolate(at, np.arange(len(before)), command.links - task.q_start)
     return finer, slow, nlp.correct_command(finer, Command(np.clip(q, task.robot.lower, task.robot.upper)))
 
 
@@ -302,39 +302,32 @@ def _resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
 
 def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     """Tell by how much more than their ends moves stray [m], and into how many pieces that asks to divide them."""
-    task, q, ways = found.task, found.command.q, found.between
-    links = found.command.facts.get("links")
-    if links is not None:  # division mends lost motion in the moves alone that cross it
-        task, q = without_play(task), links
+    task, q, ways = found.task, found.command.links, found.between
+    if np.ndim(found.command.lead):  # division mends lost motion in the moves alone that cross it
+        task = without_play(task)
         ways = measure_between(task, q, found.timing.time)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
     between = Between(*(np.maximum(way - ends, 0.0) for way in ways))
-    if links is not None:
-        crosses = find_crossings(found.command.q, links)
-        for way, whole in zip(between[:2], found.between, strict=False):
-            way[crosses] = np.maximum(way, whole)[crosses]
+    crosses = find_crossings(found.command.q, q)
+    for way, whole in zip(between[:2], found.between, strict=False):
+        way[crosses] = np.maximum(way, whole)[crosses]
     pieces = wanted_pieces(between, task.move_chord)
     pieces[task.nominal.steps < 1e-6] = 1
-    pieces = _even_crossings(found, pieces)
+    pieces = _even_crossings(np.diff(found.timing.time), np.flatnonzero(crosses), pieces)
     for waypoint in found.command.failures:
         pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
     return between.most, pieces
 
 
-def _even_crossings(found: Compensation, pieces: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Divide the neighbours of moves that cross lost motion as finely as these.
+def _even_crossings(step: Array, crossing: NDArray[np.int_], pieces: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Divide the neighbours of moves that cross lost motion as finely as these; step: times of all moves (n - 1,) [s].
 
     A curve through rows of one step in time swings beside a jump by an eighth of it; a short step among long ones
     swings farther than the jump.
     """
-    links = found.command.facts.get("links")
-    if links is None:
-        return pieces
-    step = np.diff(found.timing.time) / pieces
-    crossing = np.flatnonzero(find_crossings(found.command.q, links))
-    more = np.ones_like(pieces)
+    step, more = step / pieces, np.ones_like(pieces)
     for move in crossing.tolist():
         near = np.arange(max(move - EVEN, 0), min(move + EVEN + 1, len(pieces)))
         finer = np.ceil(step[near] / max(step[move], 1e-9) - 0.5).astype(int)

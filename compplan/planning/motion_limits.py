@@ -44,15 +44,8 @@ def measure_smooth_use(
     Slower by a factor f, a run has 1/f of the velocity, 1/f^2 of the acceleration and of what inertia puts on the
     joints, 1/f^3 of the jerk: the greatest of |v|/v_max, (|a|/a_max)^(1/2), (|j|/j_max)^(1/3), of an
     acceleration that is there at once (|a|/CYCLE/j_max)^(1/2), and, with the torque D of
-    inertia and S of weight and force within L, (D / (L - S))^(1/2).
-
-    Args:
-        q: Joint positions. Shape (k, nq). [rad or m]
-        time: Shape (k,). [s]
-        velocity_limits: Limits of each joint, as the next two. Shape (nq,).
-        acceleration_limits: Infinite where there is none.
-        jerk_limits: None where there are none.
-        torques: The joint torques that a motion along the run needs, or None.
+    inertia and S of weight and force within L, (D / (L - S))^(1/2). Positions (k, nq), times (k,) [s], limits (nq,);
+    `torques`: those that a motion along the run needs, or None.
     """
     rows = np.flatnonzero(np.r_[True, np.diff(time) > AT_ONCE])
     if len(rows) < 2:

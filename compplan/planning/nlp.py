@@ -95,20 +95,22 @@ class PathProgram:
     offsets: tuple[int, int, int, int, int]
 
 
-_KEPT: list[tuple[tuple[Any, ...], PathProgram]] = []
+_KEPT: dict[tuple[Any, ...], PathProgram] = {}
 
 
 def build_nlp(problem: PlanningProblem) -> PathProgram:
     """Build the program of a problem, or find one that differs by numbers alone."""
+    if problem.timed:
+        return _build(problem)
+    weights = tuple(np.asarray(value).tobytes() for cost in problem.costs for value in vars(cost).values())
     key = (len(problem), problem.spin_free, problem.axis_free, problem.turn is None, problem.released is None,
-           problem.timed, tuple(map(str, problem.limits)), tuple(map(str, problem.costs)), problem.runs)  # fmt: skip
-    for known, program in _KEPT:
-        same = known == key and program.problem.chain is problem.chain and not problem.timed
-        if same and all(_same(a, b) for a, b in zip(problem.costs, program.problem.costs, strict=True)):
-            return program
-    program = _build(problem)
-    _KEPT.insert(0, (key, program))
-    del _KEPT[KEPT:]
+           *map(str, (*problem.limits, *problem.costs)), weights)  # fmt: skip
+    program = _KEPT.get(key)
+    if program is None or program.problem.chain is not problem.chain:
+        program = _build(problem)
+        while len(_KEPT) >= KEPT:
+            _KEPT.pop(next(iter(_KEPT)))
+        _KEPT[key] = program
     return program
 
 
@@ -337,10 +339,3 @@ def _pack(problem: PlanningProblem) -> Array:
 def _flat(rotation: Array) -> Array:
     """Flatten (k, 3, 3) column by column, as CasADi reads it."""
     return np.swapaxes(rotation, 1, 2).reshape(len(rotation), 9)
-
-
-def _same(one: Any, other: Any) -> bool:
-    """Tell whether two costs hold the same numbers."""
-    return type(one) is type(other) and all(
-        np.array_equal(value, vars(other)[name]) for name, value in vars(one).items()
-    )

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.joint_convention import load_controller
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import load_controller, locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
@@ -63,7 +62,7 @@ def list_notes(
         last.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():
         last.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
-    if conflict := command.facts.get("nlp", {}).get("conflict"):
+    if conflict := command.nlp.get("conflict"):
         last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     last.append(describe_depth_limit(task, command.q))
     last.append(describe_jerk(task.robot))
@@ -287,8 +286,6 @@ def _find_file(folder: Path, text: str) -> Path | None:
 
 #: Times of smoothing around a rest in which the tool gains its speed, and around a limit to which that reaches.
 FROM_REST, FROM_LIMIT = 3.0, 1.0
-#: A run that keeps above this share of a level stays at it.
-STAYS = 0.9
 #: Stretches that a sentence lists.
 LISTED = 5
 
@@ -299,44 +296,13 @@ def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
     return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
 
 
-def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
-    """Find spans of waypoints where limits lower the feed; starting up and coming to rest do not count."""
-    lowered = timing.lowered & ~task.nominal.rapid
-    rest = task.nominal.rapid | task.lead | np.isin(np.arange(len(task)), (0, len(task) - 1))
-    middle = np.r_[timing.time[0], 0.5 * (timing.time[1:] + timing.time[:-1])]  # of the move that a share is of
-    spans = []
-    for begin, end in group_waypoints(np.flatnonzero(lowered).tolist()):
-        first, last, rows = begin, end, slice(begin, end + 1)
-        if rest[max(begin - 1, 0) : begin + 1].any():
-            still = timing.time[begin if rest[begin] else begin - 1]
-            first += count_starting(timing.share[rows], middle[rows] - still)
-        if rest[end : end + 2].any():
-            still = timing.time[end if rest[end] else end + 1]
-            last -= count_starting(timing.share[rows][::-1], still - middle[rows][::-1])
-        if first < last:
-            spans.append((first, last))
-    return spans
-
-
-def count_starting(share: Array, away: Array) -> int:
-    """Count the waypoints at which a run starts up from rest: as long as it gets faster and does not stay at a level.
-
-    It stays where it keeps within a tenth of a level for longer than it has taken to come there from rest. Feed as a
-    share of the programmed one and time between the rest and the middle of each move [s] have the shape (k,).
-    """
-    top = int(np.argmax(np.r_[np.diff(share) < 0, True]))
-    rising = np.where(away > 0, share, 0.0)[: top + 1]
-    reached = np.searchsorted(rising, STAYS * rising)
-    stays = away[: top + 1] - away[reached] > np.maximum(away[reached], 0.0)
-    return int(reached[stays].min()) if stays.any() else top
-
-
 def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
-    """Mark the waypoints of the slow spans. Shape (n,)."""
-    slow = np.zeros(len(task), bool)
-    for first, last in find_slow_spans(task, timing):
-        slow[first : last + 1] = True
-    return slow
+    """Mark the waypoints where limits lower the feed; starting up and coming to rest do not count. Shape (n,)."""
+    rest = task.nominal.rapid | task.lead | np.isin(np.arange(len(task)), (0, len(task) - 1))
+    away = _distance(timing.time, rest) > FROM_REST * task.smoothing
+    slow = timing.lowered & ~task.nominal.rapid & away
+    beside = np.r_[False, slow[:-1]] | np.r_[slow[1:], False]  # a single waypoint is rounding of the run
+    return np.asarray(slow & beside)
 
 
 def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.int_]]]:
@@ -369,10 +335,10 @@ def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.in
 
 def describe_causes(task: PlanTask, timing: Timing) -> str:
     """Say at which waypoints the feed is lowered, why, and how far; "" where it is not."""
-    spans = find_slow_spans(task, timing)
-    if not spans:
+    slow = np.flatnonzero(mark_slow(task, timing)).tolist()
+    if not slow:
         return ""
-    count = sum(last - first + 1 for first, last in spans)
+    spans, count = group_waypoints(slow), len(slow)
     listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
     reasons = []
     for words, rows in list_causes(task, timing):

@@ -9,10 +9,10 @@ import numpy as np
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.deflection import DAMPING
 from compplan.planning.task import PlanTask
+from compplan.process.cutting import edge_wrenches
 from compplan.process.engagement import Engagement
 from compplan.process.force_models.end_mill import EndMillProcess, ToolModeTable
 from compplan.process.materials import Coefficients
-from compplan.process.milling import edge_wrenches
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.chain import Chain, jacobian, load_elements, locate_frames

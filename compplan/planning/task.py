@@ -289,7 +289,13 @@ class Command:
     status: str = "solved"  #: "solved" or "infeasible".
     failures: Mapping[int, str] = field(default_factory=dict)  #: Waypoints that fail, and the limit that stops each.
     solve_time: float = 0.0  #: Wall time in the solver. [s]
-    facts: Mapping[str, Any] = field(default_factory=dict)  #: Further numbers worth keeping.
+    nlp: Mapping[str, Any] = field(default_factory=dict)  #: What the nonlinear program came to, as plan.json holds it.
+    lead: Array | float = 0.0  #: What it adds to the positions of the links for lost motion. Shape (n, nq). [rad or m]
+
+    @property
+    def links(self) -> Array:
+        """Joint positions that its links go to. Shape (n, nq). [rad or m]"""
+        return self.q - self.lead
 
 
 def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
@@ -343,13 +349,13 @@ def _crossings(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -
     return pairs if task.spin_free else [*pairs, (y, attained.rotation[:, :, 0])]
 
 
-def check_limits(task: PlanTask, q: Array, facts: Mapping[str, Any] | None = None) -> Command:
+def check_limits(task: PlanTask, q: Array) -> Command:
     """Make a command of joint positions, and name the waypoints that leave a limit or that the arm does not reach."""
     outside = np.maximum(task.robot.lower - q, q - task.robot.upper)
     too_far = measure_correction(task, q) > task.max_correction + AT_CORRECTION
     failing = np.flatnonzero(task.missed | (outside > 1e-9).any(axis=1) | (too_far & task.compensated))
     failures = name_failures(task, q, failing)
-    return Command(q, "infeasible" if failures else "solved", failures, facts=facts or {})
+    return Command(q, "infeasible" if failures else "solved", failures)
 
 
 def measure_correction(task: PlanTask, q: Array) -> Array:

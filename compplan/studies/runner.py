@@ -3,8 +3,8 @@
 A chunk is a fixed range of samples, whatever computes it: the numbers are the same to the last digit with any number of
 workers. Chunks are written as they come; those that a folder holds already are not computed again.
 
-A folder of chunks belongs to one study: `study.json` and every chunk hold the fingerprint of everything that the
-numbers depend on. A folder with finished chunks of another study is refused.
+A folder of chunks belongs to one study: every chunk holds the fingerprint of everything that the numbers depend on. A
+folder with finished chunks of another study is refused.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from zipfile import BadZipFile
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.io.tables import write_text
 from compplan.io.transaction import clear_parts, replace_file
 from compplan.robot import Array
 from compplan.studies.sampling import draw_points
@@ -101,19 +100,13 @@ def evaluate_chunks(
 ) -> tuple[dict[int, ChunkResult], int]:
     """Evaluate chunks of points, using those that a folder holds; return them by number, and how many were found.
 
-    Args:
-        study: The study.
-        chunks: Samples of each chunk.
-        points: Makes the points of a chunk.
-        about: What the points depend on, for telling studies apart.
-        folder: Folder of the chunks, or None.
-        workforce: Who computes.
-        progress: Called with samples done and wanted.
+    chunks: samples of each; points: makes those of a chunk; about: what they depend on, for telling studies apart;
+    progress: called with samples done and wanted.
     """
     store = None if folder is None else ChunkFolder(folder, fingerprint_study(study, about))
     done: dict[int, ChunkResult] = {}
     for number, rows in enumerate(chunks if store else []):
-        found = store.read(number, study.strategies) if store else None
+        found = store.read(number) if store else None
         if found is not None and len(found.rms) == len(rows):
             done[number] = _lighten(found, rows.start)
     reused, total = len(done), chunks[-1].stop
@@ -169,11 +162,7 @@ def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
 
 
 class ChunkFolder:
-    """Chunks of one study in a folder.
-
-    Args:
-        folder: The folder; made if needed.
-        fingerprint: Fingerprint of the study.
+    """Chunks of one study, known by its fingerprint, in a folder; made if needed.
 
     Raises:
         InputError: If the folder cannot be written, or holds finished chunks of another study.
@@ -210,17 +199,11 @@ class ChunkFolder:
         about: dict[str, Any] = {"first": first, "strategies": np.array(strategies), "fingerprint": self.fingerprint}
         with replace_file(self.path(chunk)) as part, part.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **about, **figures)
-        if _read_mark(self.folder / "study.json") != self.fingerprint:
-            write_text(self.folder / "study.json", json.dumps({"schema": 1, "fingerprint": self.fingerprint}) + "\n")
 
-    def read(self, chunk: int, strategies: tuple[str, ...]) -> ChunkResult | None:
+    def read(self, chunk: int) -> ChunkResult | None:
         """Read a chunk back; None where there is none, or where it was cut off."""
-        if not self.path(chunk).is_file():
-            return None
         try:
             with np.load(self.path(chunk), allow_pickle=False) as table:
-                if tuple(table["strategies"]) != strategies or str(table["fingerprint"]) != self.fingerprint:
-                    return None
                 return ChunkResult(**{name: table[column] for name, column in _COLUMNS.items()})
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             return None
@@ -233,15 +216,7 @@ def discard_chunks(folder: Path) -> None:
         InputError: If they cannot be taken away.
     """
     try:
-        for file in (*folder.rglob("chunk-*.npz"), *folder.rglob("study.json")):
+        for file in folder.rglob("chunk-*.npz"):
             file.unlink()
     except OSError as error:
         raise InputError(f"cannot be deleted: {error.strerror}", file=folder) from None
-
-
-def _read_mark(file: Path) -> str | None:
-    """Return the fingerprint in study.json; None where it is no mark."""
-    try:
-        return str(json.loads(file.read_text(encoding="utf-8"))["fingerprint"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None

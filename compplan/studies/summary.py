@@ -92,7 +92,7 @@ def compare_pairs(run: Run) -> list[dict[str, Any]]:
         pairs.append(
             {
                 "strategies": [a, b],
-                "rms_mm": {"mean": mean.value, "ci95": [mean.low, mean.high]},
+                "rms_mm": {"mean": mean.value, "ci95": list(mean[1:])},
                 "second_better": float((difference < 0.0).mean()),
             }
         )
@@ -124,14 +124,10 @@ def _spread(values: Array, replicates: int) -> dict[str, Any]:
         "mean": mean.value,
         "p50": median.value,
         "p95": high.value,
-        "ci95": _ends(mean),
-        "p50_ci95": _ends(median),
-        "p95_ci95": _ends(high),
+        "ci95": list(mean[1:]),
+        "p50_ci95": list(median[1:]),
+        "p95_ci95": list(high[1:]),
     }
-
-
-def _ends(interval: Interval) -> list[float]:
-    return [interval.low, interval.high]
 
 
 class Interval(NamedTuple):

@@ -118,17 +118,7 @@ def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
 
 
 def check_tool_x(nominal: Toolpath, tool_x: Array, file: Path | None = None) -> None:
-    """Refuse an x of the TCP frame that points along the tool axis: a tool that may not rotate cannot have it.
-
-    Args:
-        nominal: The path, base frame.
-        tool_x: Where x of the TCP frame points, base axes. Shape (3,).
-        file: File to name in messages.
-
-    Raises:
-        InputError: If x points along the tool axis at a waypoint.
-
-    """
+    """Refuse an x of the TCP frame, base axes (3,), that points along the tool axis of a path in the base frame."""
     wanted = tool_x / np.linalg.norm(tool_x)
     along = np.flatnonzero(np.linalg.norm(np.cross(nominal.axis, wanted), axis=1) < SIDE)
     if len(along):
@@ -140,16 +130,7 @@ def check_tool_x(nominal: Toolpath, tool_x: Array, file: Path | None = None) -> 
 
 
 def contact_share(nominal: Toolpath, ramp: float) -> Array:
-    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact.
-
-    Args:
-        nominal: The toolpath.
-        ramp: Length over which the wrench grows after contact. [m]
-
-    Returns:
-        Share between 0 and 1. Shape (n,).
-
-    """
+    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact over `ramp` [m]. Shape (n,)."""
     length, n = nominal.arc_length, len(nominal)
     share = np.where(nominal.rapid, 0.0, 1.0)
     index = np.arange(n)

@@ -11,7 +11,7 @@ from commandline import run_command
 from golden_cell import write_job
 
 from compplan.io.notes import Stop
-from compplan.reporting.plan_text import WIDTH, format_plan
+from compplan.reporting.plan_summary import WIDTH, format_plan
 from tests.reporting.test_report import make_plan
 
 PATHS = Path(__file__).parents[2] / "paths"

@@ -16,7 +16,7 @@ from commandline import run_command
 from robot_sources import SOURCES
 
 from compplan.controllers.readback.frames import read_frame, read_part
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.errors import InputError
 from compplan.job.frames import PartTable, ToolTable
 from compplan.job.job import check_job

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
-from program_readers import read_fanuc, read_val3
+from program_readers import read_fanuc, read_rapid, read_val3
 from program_readers import read_krl as read_krl_program
 from scipy.spatial.transform import Rotation
 from script_readers import read_urscript
@@ -18,10 +18,8 @@ from script_readers import read_urscript
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.krl import turn_bits
 from compplan.controllers.writers.program import Post, split_parts
-from compplan.controllers.writers.text import legal_name
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import load_robot
-from compplan.statics.chain import build_chain, locate_frames
 
 NUMBER = r"[-+]?\d+\.?\d*"
 N = 45
@@ -40,84 +38,42 @@ def make_program(robot_name: str, **changes: object) -> Program:
     return replace(program, post=Post(overwrite=True))
 
 
-def read_krl(point: str) -> list[float]:
-    return [float(value) for value in re.findall(rf"[A-Z]\d? ({NUMBER})", point)]
+#: Shipped robots: language, what a main program of joint moves is called, its reader, feed and percent of rapid moves.
+JOINTS = {
+    "kuka_kr270": ("krl", "*_J.src", read_krl_program, None, 20.0),
+    "kuka_kr240_rail": ("krl", "*_J.src", read_krl_program, None, 20.0),
+    "staubli_tx200": ("val3", "*deg", read_val3, None, 20.0),
+    "fanuc_m10ia": ("fanuc_ls", "*DEG.LS", read_fanuc, None, 20.0),
+    "ur10": ("rapid", "*deg.mod", read_rapid, 500.0, None),
+}
 
 
-def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
-    program = make_program("kuka_kr270")
-    files = write_program(program, "krl", tmp_path, most=20)
-    assert {len(file.stem) <= 24 for file in files} == {True}
-    for kind, columns in (("J", 6), ("L", 8)):
-        rows = []
-        for part in (1, 2, 3):
-            ending, point = ("dat", r"^PT\[\d+\]=\{(.*)\}") if kind == "J" else ("src", r"^LIN \{(.*)\}")
-            text = (tmp_path / f"{legal_name(program.name, 21)}_{kind}{part}.{ending}").read_text()
-            points = re.findall(point, text, re.M)
-            assert len(points) <= 20
-            rows += [read_krl(point)[:columns] for point in points]
-        table, kept = np.array(rows), np.full(N, True) if kind == "J" else ~program.alone(linear=True)
-        assert len(table) == kept.sum()
-        if kind == "J":
-            assert np.abs(table - program.joints).max() <= 0.5e-6
+@pytest.mark.parametrize("name", JOINTS)
+def test_programs_in_parts_hold_joints_and_feeds(name: str, tmp_path: Path) -> None:
+    language, pattern, read, feed, percent = JOINTS[name]
+    program = make_program(name)
+    files = write_program(program, language, tmp_path, most=20, any_brand=True)
+    (main,) = tmp_path.glob(pattern)
+    moves = read(main)
+    joints = np.array(
+        [[*(move.external[:1] if program.prismatic.any() else ()), *(move.joints or ())] for move in moves]
+    )
+    assert np.abs(joints - program.joints).max() <= (5e-5 if program.prismatic.any() else 0.5e-6)
+    for move, rapid in zip(moves, program.rapid.tolist(), strict=True):
+        if rapid:
+            assert (move.feed, move.percent) == (feed, percent)
         else:
-            pose = locate_frames(build_chain(load_robot("kuka_kr270")), make_q("kuka_kr270"))
-            assert np.abs(table[:, :3] - pose.tcp_position[kept] * 1e3).max() < 1e-5
-            turned = Rotation.from_euler("ZYX", table[:, 3:6], degrees=True).as_matrix()
-            assert np.abs(turned - pose.tcp_rotation[kept]).max() < 1e-7
-            assert program.status is not None and np.array_equal(table[:, 6], program.status[kept])
-            assert table[:, 7].tolist() == [turn_bits(row) for row in program.joints[kept]]
-    main = (tmp_path / f"{legal_name(program.name, 21)}_L.src").read_text()
-    assert len(re.findall(r"_L\d\(\)", main)) == 3
-    assert "$TOOL={X 0.0000000,Y 0.0000000,Z 0.0000000,A 0.0000000,B 0.0000000,C 0.0000000}" in main
-
-
-def test_krl_programs_of_a_rail_move_the_external_axis(tmp_path: Path) -> None:
-    program = make_program("kuka_kr240_rail")
-    write_program(program, "krl", tmp_path)
-    text = next(tmp_path.glob("*_J1.dat")).read_text()
-    rail = [float(value) for value in re.findall(rf"E1 ({NUMBER})", text)][:N]
-    assert rail == pytest.approx(program.joints[:, 0], abs=1e-4)
-
-
-def test_val3_projects_hold_joints_feeds_and_the_tool(tmp_path: Path) -> None:
-    program = make_program("staubli_tx200")
-    files = write_program(program, "val3", tmp_path, most=20)
-    project = files[0].parent
-    for file in project.iterdir():
-        ElementTree.fromstring(file.read_text())
-    space = {"v": "http://www.staubli.com/robotics/VAL3/Data/2"}
-    root = ElementTree.fromstring(next(project.glob("*.dtx")).read_text())
-    data = {element.get("name"): element for element in root.iterfind(".//v:Data", space)}
-    joints, feeds = [], []
-    for part in (1, 2, 3):
-        points = data[f"jPath{part}"].findall("v:Value", space)
-        assert int(data[f"jPath{part}"].get("size", 0)) == len(points) <= 20
-        joints += [[float(point.get(f"j{index}", "nan")) for index in range(1, 7)] for point in points]
-        feeds += [float(value.get("value", "nan")) for value in data[f"nFeed{part}"].findall("v:Value", space)]
-    assert np.abs(np.array(joints) - program.joints).max() <= 0.5e-6
-    assert np.array(feeds) == pytest.approx(np.where(program.rapid, 0, 20))
-    tool = data["tTool"].find("v:Value", space)
-    assert tool is not None and float(tool.get("z", "nan")) == pytest.approx(275.7)
-    listed = re.findall(r'<Program file="(.*?)"', next(project.glob("*.pjx")).read_text())
-    assert {file.name for file in project.glob("*.pgx")} == set(listed)
-
-
-def test_fanuc_programs_hold_joints_and_feeds(tmp_path: Path) -> None:
-    program = make_program("fanuc_m10ia")
-    files = [file for file in write_program(program, "fanuc_ls", tmp_path, most=20) if "_L" not in file.stem]
-    rows, feeds = [], []
-    for file in files[:-1]:
-        text = file.read_text()
-        moves, positions = text.split("/POS")
-        points = positions.split("P[")[1:]
-        rows += [[float(value) for value in re.findall(rf"J\d= +({NUMBER}) deg", point)] for point in points]
-        feeds += [float(speed or 0) for speed in re.findall(rf":[JL] P\[\d+\] (?:20%|({NUMBER})mm/sec)", moves)]
-        count = re.search(r"LINE_COUNT\s*= (\d+)", text)
-        assert count is not None and int(count.group(1)) == len(re.findall(r"^ *\d+:", moves, re.M))
-    assert np.abs(np.array(rows) - program.joints).max() <= 0.5e-6
-    assert np.array(feeds) == pytest.approx(np.where(program.rapid, 0, 20))
-    assert re.findall(r"CALL (\w+)", files[-1].read_text()) == [file.stem for file in files[:-1]]
+            assert move.feed == 20.0 or (language == "krl" and 1.0 <= (move.percent or 0.0) <= 100.0)
+    calls = {"krl": r"_J\d\(\)", "val3": r"call part\d", "fanuc_ls": r"CALL \w+_\d", "rapid": r"run_\w+_\d;"}[language]
+    assert len(re.findall(calls, (main / "start.pgx" if main.is_dir() else main).read_text())) == 3
+    assert {len(file.stem) <= {"krl": 24, "rapid": 32, "fanuc_ls": 36}.get(language, 36) for file in files} == {True}
+    for file in files if language == "fanuc_ls" else ():
+        count = re.search(r"LINE_COUNT\s*= (\d+)", file.read_text())
+        assert count and int(count[1]) == len(re.findall(r"^ *\d+:", file.read_text().split("/POS")[0], re.M))
+    if main.is_dir():
+        listed = re.findall(r'<Program file="(.*?)"', next(main.glob("*.pjx")).read_text())
+        assert {file.name for file in main.glob("*.pgx")} == set(listed)
+        assert all(ElementTree.fromstring(file.read_text()) is not None for file in main.iterdir())
 
 
 def test_a_fanuc_move_below_a_millimetre_a_second_is_in_the_unit_that_takes_it(tmp_path: Path) -> None:
@@ -137,23 +93,6 @@ def test_the_load_of_a_universal_robot_is_set_by_the_word_of_its_controller(tmp_
         file = write_program(program, "urscript", tmp_path / name)[-1]
         assert f"\n  {word}(2.000, [0.000000, 0.000000, 0.050000])\n" in file.read_text()
         assert read_urscript(file)[-1].load == (2.0, 0.0, 0.0, 50.0)
-
-
-@pytest.mark.parametrize("name", ["ur10", "kuka_kr240_rail"])
-def test_rapid_modules_hold_joints_feeds_and_external_axes(tmp_path: Path, name: str) -> None:
-    program = make_program(name)
-    written = write_program(program, "rapid", tmp_path, most=20, any_brand=True)
-    files = [file for file in written if "_L" not in file.stem]
-    rows = []
-    for file in files[:-1]:
-        rows += re.findall(r"MoveAbsJ \[\[(.*?)\],\[(.*?)\]\],\[([\d.]+),", file.read_text())
-    axes = np.array([[float(value) for value in arm.split(",")] for arm, _, _ in rows])
-    assert np.abs(axes - program.joints[:, ~program.prismatic]).max() <= 0.5e-6
-    if program.prismatic.any():
-        rail = [float(external.split(",")[0]) for _, external, _ in rows]
-        assert rail == pytest.approx(program.joints[:, 0], abs=1e-5)
-    assert [float(speed) for *_, speed in rows] == pytest.approx(np.where(program.rapid, 500, 20))
-    assert len(re.findall(r"run_\w+;", files[-1].read_text())) == len(files) - 1
 
 
 #: Robots that ship, with the form that carries positions and the frame that it counts from, as SOURCES state them:
@@ -194,6 +133,9 @@ def test_positions_lead_back_to_the_poses_of_another_engine(name: str, tmp_path:
         assert np.abs(found[:3, 3] - wanted[:3, 3] * 1e3).max() < 1e-4
         turned = Rotation.from_matrix(found[:3, :3].T @ wanted[:3, :3]).magnitude()
         assert np.degrees(turned) < 1e-5
+        if language == "krl":
+            assert program.status is not None
+            assert move.configuration == (program.status[row], turn_bits(program.joints[row, ~program.outer]))
     assert len(moves) == N
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.controllers.writers.joint_convention import load_controller
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import load_controller, locate_pendant
 from compplan.job.job import load_job
 from compplan.measurement.reading import read_campaign
 from compplan.robot import load_robot

@@ -29,7 +29,7 @@ from compplan.job.job import Job
 from compplan.job.names import EFFECTS
 from compplan.planning.strategies.online import ONLINE, STRATEGIES
 from compplan.process.force_models import FORCE_MODELS
-from compplan.reporting.effect_text import describe_effect
+from compplan.reporting.diagnosis_text import describe_effect
 from compplan.toolpath.readers import READERS
 from tests.cli.test_bad_input import write_job
 from tests.controllers.test_golden_programs import FORMS

@@ -13,6 +13,7 @@ from commandline import run_command
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.job.loading import load_nominal
+from compplan.job.noise import NoiseTable
 from compplan.learning.gathered_points import Gathered
 from compplan.learning.measured_path import match_points, read_measured_points
 from compplan.learning.model_update import learn_part
@@ -128,7 +129,7 @@ def test_a_part_off_as_a_whole_teaches_where_its_run_alone_does_not_explain_it()
     eye = np.tile(np.eye(3), (k, 1, 1))
     for off, taken in ((8e-5, True), (2e-5, False)):
         seen = Gathered(np.arange(k), noise + np.array([0.0, off, 0.0]), eye, np.full(k, 1e-10), np.ones(k, int))
-        own = state_own(tip, np.zeros((k, 3)), ForceSpread(0.0, 0.0, 0.0, "none"), None, None, 0.0)
+        own = state_own(NoiseTable(), tip[0], slopes, ForceSpread(0.0, 0.0, 0.0, "none"), fitted=False)
         lesson = learn_part(slopes, known, seen, lambda values, force: np.tile(values, (k, 1)), own)
         assert lesson.taken == taken, lesson.reason
         if taken:  # what is left open, and the next run: repeatability along three axes

@@ -14,6 +14,7 @@ import pytest
 from compplan.effects import Effect
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
+from compplan.job.noise import NoiseTable
 from compplan.learning.gathered_points import Gathered
 from compplan.learning.model_update import learn_part
 from compplan.learning.part import build_learned
@@ -115,7 +116,7 @@ def test_a_lesson_says_how_force_and_robot_go_together() -> None:
     seen = np.tile([0.0, 3e-4, 0.0], (k, 1)) + 1e-6 * np.random.default_rng(2).standard_normal((k, 3))
     gathered = Gathered(np.arange(k), seen, np.tile(np.eye(3), (k, 1, 1)), np.full(k, 1e-12), np.ones(k, int))
     spread = ForceSpread(0.15, 0.05, 0.0, "assumed", 0.0)
-    own = state_own(slopes.tip, slopes.shared[:, :, 0], spread, None, None, 0.0)
+    own = state_own(NoiseTable(), slopes.tip[0], slopes, spread, fitted=False)
 
     def exact(values: np.ndarray, force: np.ndarray) -> np.ndarray:
         return slopes.model @ values + slopes.shared @ force
@@ -204,7 +205,7 @@ def test_stretches_that_were_left_out_say_what_travels(lift: float, push: float,
     seen = slopes.model[:, :, 0] * lift + np.array([0.0, push, 0.0]) + 3e-6 * rng.standard_normal((k, 3))
     gathered = Gathered(np.arange(k), seen, np.tile(np.eye(3), (k, 1, 1)), np.full(k, 9e-12), np.ones(k, int))
     spread = ForceSpread(np.hypot(0.15, 0.07), 0.05, 0.0, "assumed", 0.07)
-    own = state_own(slopes.tip, slopes.shared[:, :, 0], spread, None, None, 0.0)
+    own = state_own(NoiseTable(), slopes.tip[0], slopes, spread, fitted=False)
 
     def exact(values: np.ndarray, force: np.ndarray) -> np.ndarray:
         return slopes.model @ values + slopes.shared @ force

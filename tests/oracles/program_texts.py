@@ -78,9 +78,6 @@ def read_krl(main: Path) -> list[Target]:
                 feed = 1e3 * float(line[8:])
             elif word == "PTP" and "{" in rest:
                 found.append(Target("joint", None, **axes(rest), tool=tool))
-            elif word == "PTP":  # a loop over an array of the data list
-                data = file.with_suffix(".dat").read_text()
-                found += [Target("joint", None, **axes(text), tool=tool) for text in re.findall(r"^PT\[.*", data, re.M)]
             elif word in ("LIN", "CIRC"):
                 *middle, end = re.findall(r"\{.*?\}", rest)
                 via = (base @ frame(middle[0]))[:3, 3] if middle else None

@@ -72,7 +72,7 @@ def test_the_tip_is_on_the_path_at_its_reversals_too(plan) -> None:
     """Joint 1 has .4 mrad of play; the command crosses it where the link turns, and the approach before the cut."""
     task = plan.task
     assert list_plays(task.robot)[0] == pytest.approx(4e-4)
-    lead = plan.q[:, 0] - plan.command.facts["links"][:, 0]
+    lead = plan.command.lead[:, 0]
     assert np.abs(lead) == pytest.approx(np.full(len(lead), 2e-4), abs=1e-12)
     assert plan.status == "solved" and plan.after.max_deviation < 2e-6
     cross = plan.approach.key_q[-1, 0] - plan.q[0, 0]
@@ -88,7 +88,7 @@ def test_a_move_in_which_a_link_turns_is_divided_until_the_path_does_not_go_on_w
     path = place_toolpath(CircleTable(radius_mm=70, feed_mm_s=10, waypoints=90).generate(), place)
     plan = plan_compensation(replace(robot, effects=(play,)), path, PlanOptions())
     assert plan.status == "solved", plan.explain_failures()
-    crosses = np.abs(np.diff(plan.q[:, 0] - plan.command.facts["links"][:, 0])) > 0.0
+    crosses = np.abs(np.diff(plan.command.lead[:, 0])) > 0.0
     assert crosses.sum() == 2
     assert plan.between.joint[crosses].max() < 2.0 * plan.task.chord
 

@@ -68,7 +68,7 @@ def test_the_command_is_the_solution_of_the_program_at_its_stations(spin_free):
     assert np.abs(found.q[problem.waypoint] - found.stations.q).max() < 1e-6
     command = command_path(task, "nlp")
     assert np.array_equal(command.q, found.q)
-    told = command.facts["nlp"]
+    told = command.nlp
     assert told["solver"] == "ipopt" and told["status"] == "Solve_Succeeded" and told["stations"] == len(problem)
     every = attain_rows(task, found.q, np.arange(len(task)))
     assert np.abs(every.position - task.position).max() < 1e-9

@@ -22,7 +22,7 @@ from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.planning.plan import job_robot, plan_job
 from compplan.reporting.scenes import locate_links
-from compplan.reporting.view.recording import ViewCell, _read_joint, _read_solid
+from compplan.reporting.view.recording import build_cell
 from compplan.reporting.view.scene import locate_chain
 from compplan.reporting.writers.plan import deliver_plan
 from compplan.reporting.writers.recording import summarise_cell
@@ -239,9 +239,7 @@ def test_a_language_that_a_robot_cannot_have_is_refused_before_the_plan(name: st
 def test_the_picture_and_the_viewer_keep_the_ground_still_and_move_table_and_part() -> None:
     robot = read_robot_folder(TABLE)
     content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
-    joints, solids = (tuple(read(entry) for entry in content[key])
-                      for read, key in ((_read_joint, "joints"), (_read_solid, "shapes")))  # fmt: skip
-    cell = ViewCell(joints, solids, content)
+    cell = build_cell(content)
     assert tuple(joint.name for joint in cell.actuated) == robot.joint_names
     q = draw(5, 1)[0][0]
     drawn, seen = locate_links(robot, q), locate_chain(cell, q)

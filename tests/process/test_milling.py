@@ -3,13 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.process.cutter import Cutter
-from compplan.process.engagement import Engagement
+from compplan.process.cutting import shape_milling
+from compplan.process.engagement import Cutter, Engagement
 from compplan.process.engagement_search import find_engagement
 from compplan.process.force_models.drill import DRILLED, DrillProcess
 from compplan.process.force_models.milling import MillingProcess, milling_wrench
 from compplan.process.materials import MATERIALS, Coefficients
-from compplan.process.milling import shape_milling
 from compplan.process.stock import build_block
 
 FLAT = Cutter(5e-3, 0.03)

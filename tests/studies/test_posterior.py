@@ -15,6 +15,7 @@ from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable
 from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.posture.settings import PostureSettings
 from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
 from compplan.studies import study as judging
 from compplan.studies.posterior import count_coordinates
@@ -43,7 +44,7 @@ REST = {
 @pytest.fixture(scope="module")
 def study() -> Study:
     robot, nominal, options = prepare_job(check_job({**JOB, "noise": REST}, "job.toml"))
-    task = build_task(robot, nominal, replace(options, posture=None))
+    task = build_task(robot, nominal, replace(options, posture=PostureSettings(search=False)))
     noise = NoiseTable(**REST)
     return prepare_study(task, noise, ["none"])
 
@@ -85,7 +86,7 @@ def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_fa
     z = np.random.default_rng(1).standard_normal((400, count_coordinates(replace(robot, uncertainty=known))))
     for factor_on in (1.0, 3.0):
         armed = replace(robot, uncertainty=replace(known, calibration=factor_on))
-        task = build_task(armed, nominal, replace(options, posture=None))
+        task = build_task(armed, nominal, replace(options, posture=PostureSettings(search=False)))
         study = prepare_study(task, NoiseTable(**REST), ["none"])
         moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
         scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
@@ -117,7 +118,8 @@ def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too(monk
     together = np.zeros((4, 4))
     together[0, 0] = -0.9 * 0.1 * spring
     force = ForceSpread(0.1, 0.02, 0.0, "process.toml: one part", 0.0, together)
-    task = build_task(replace(robot, uncertainty=known), nominal, replace(options, posture=None))
+    options = replace(options, posture=PostureSettings(search=False))
+    task = build_task(replace(robot, uncertainty=known), nominal, options)
     rest = {key: value for key, value in REST.items() if key not in ("wrench_level", "wrench_direction_deg")}
     study = prepare_study(task, NoiseTable(**rest), ["none"], force=force)
     columns = study.surroundings.factors.columns

@@ -8,8 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from compplan.cli.doctor.installation import Remark
-from compplan.controllers.writers.joint_convention import from_controller, load_controller, locate_link
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import from_controller, load_controller, locate_link, locate_pendant
 from compplan.effects import robot_effects
 from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh

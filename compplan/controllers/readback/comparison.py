@@ -30,7 +30,7 @@ from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.poses import Move, Pose, fanuc_pose
 from compplan.controllers.readback.reported import ReportedProgram, read_words
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
-from compplan.controllers.speeds import LEAST_FEED
+from compplan.controllers.shapes import LEAST_FEED
 from compplan.controllers.writers.joint_convention import (
     Counting,
     believed_robot,

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.controllers.readback.poses import Move
-from compplan.controllers.shapes import find_arc, follow_arc, follow_line
-from compplan.controllers.speeds import HELD, LEAST_FEED, RATIO, SHORT, send_speeds
+from compplan.controllers.shapes import HELD, LEAST_FEED, RATIO, SHORT, find_arc, follow_arc, follow_line, send_speeds
 from compplan.robot import Array
 from compplan.toolpath.corners import STRAYS, measure_beside
 

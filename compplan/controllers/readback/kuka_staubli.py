@@ -6,7 +6,6 @@ whether the robot stops there. A line that a reader does not know stops it. Leng
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -18,11 +17,9 @@ import numpy as np
 
 from compplan.controllers.readback.poses import (
     NUMBER,
-    CodeBlock,
     Move,
     kuka_pose,
     mark_actions,
-    nest_lines,
     read_action,
     read_numbers,
     staubli_poses,
@@ -51,11 +48,10 @@ def _krl_move(line: str) -> tuple[str, str, str | None] | None:
 
 @dataclass
 class _Krl:
-    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP, LIN and CIRC."""
+    """A KRL interpreter for assignments, calls, PTP, LIN and CIRC."""
 
     folder: Path
     values: dict[str, Any] = field(default_factory=lambda: {"$NULLFRAME": dict.fromkeys("XYZABC", 0.0)})
-    whole: set[str] = field(default_factory=set)
     moves: list[Move] = field(default_factory=list)
     carried: bool = False
 
@@ -78,34 +74,14 @@ class _Krl:
         return whole if index is None else f"{whole}[{int(self.evaluate(index))}]"
 
     def assign(self, name: str, text: str) -> None:
-        value = self.evaluate(text)
-        if name.strip() in self.whole:
-            value = float(math.floor(value + 0.5))
-        self.values[self.resolve(name)] = value
+        self.values[self.resolve(name)] = self.evaluate(text)
 
     def call(self, name: str) -> None:
-        data = self.folder / f"{name}.dat"
-        assert not (data.exists() and (self.folder / f"{name}.src").read_bytes().count(b"\r\n") < 2), "CR LF"
-        for line in data.read_text().splitlines() if data.exists() else []:
-            if "=" in line and not line.startswith((";", "&")):
-                self.assign(*line.split("=", 1))
-        text = mark_actions((self.folder / f"{name}.src").read_text(), "krl")
-        lines = [line.split(";")[0].strip() for line in text.splitlines()]
-        body = lines[lines.index(f"DEF {name}()") + 1 : lines.index("END")]
-        self.run(nest_lines(filter(None, body), {"FOR": "ENDFOR", "IF": "ENDIF"}, "ELSE"))
-
-    def run(self, blocks: list[CodeBlock]) -> None:
-        for line, body, other in blocks:
-            if body is None:
-                self.step(line)
-            elif match := re.fullmatch(r"FOR (\w+)=(\w+) TO (\w+)", line):
-                for number in range(int(self.evaluate(match[2])), int(self.evaluate(match[3])) + 1):
-                    self.values[match[1]] = float(number)
-                    self.run(body)
-            else:
-                match = re.fullmatch(rf"IF (.+)>({NUMBER}) THEN", line)
-                assert match, f"unknown line: {line}"
-                self.run(body if self.evaluate(match[1]) > float(match[2]) else other or [])
+        file = self.folder / f"{name}.src"
+        assert file.read_bytes().count(b"\r\n") > 2, "CR LF"
+        lines = [line.split(";")[0].strip() for line in mark_actions(file.read_text(), "krl").splitlines()]
+        for line in filter(None, lines[lines.index(f"DEF {name}()") + 1 : lines.index("END")]):
+            self.step(line)
 
     def step(self, line: str) -> None:
         if moved := _krl_move(line):
@@ -114,8 +90,8 @@ class _Krl:
             self.move(moved[0], point, moved[2], self.evaluate(via) if via else None)
         elif act := read_action(line):
             self.moves.append(act)
-        elif match := re.fullmatch(r"DECL INT ([\w,]+)", line):
-            self.whole |= set(match[1].split(","))
+        elif match := re.fullmatch(r"BAS\(#VEL_PTP,(\d+)\)", line):
+            self.values |= {f"$VEL_AXIS[{axis}]": float(match[1]) for axis in range(1, 7)}
         elif line in ("GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM()", "INTERRUPT ON 3"):
             pass  # what every module of the controller declares: stop messages
         elif line == "BAS(#INITMOV,0)":
@@ -169,8 +145,7 @@ def read_krl(source: Path) -> list[Move]:
 
 
 PLACE = ("x", "y", "z", "rx", "ry", "rz")
-_VAL3_MOVE = re.compile(r"move([jlc])\((?:(\w+)\[(\d+)\],)?(\w+)\[(\w+)\],(\w+),(\w+)\)")
-_VAL3_FEED = re.compile(rf"(\w+)\.tvel=(?:({NUMBER})|(\w+)\[(\w+)\])")
+_VAL3_MOVE = re.compile(r"move([jlc])\((?:(\w+)\[(\d+)\],)?(\w+)\[(\d+)\],(\w+),(\w+)\)")
 _STANDING = np.eye(4)
 
 
@@ -180,11 +155,10 @@ def _val3_tag(element: ElementTree.Element) -> str:
 
 @dataclass
 class _Val3:
-    """A VAL3 interpreter for counting loops, if, calls, movej, movel and movec over the arrays of the .dtx file."""
+    """A VAL3 interpreter for calls, movej, movel and movec over the arrays of the .dtx file."""
 
     folder: Path
     data: dict[str, list[dict[str, str]]]
-    scalars: dict[str, float] = field(default_factory=dict)
     waited: bool = True
     moves: list[Move] = field(default_factory=list)
     places: dict[str, list[Any]] = field(default_factory=dict)
@@ -196,23 +170,8 @@ class _Val3:
         lines = [line.split("//")[0].strip() for line in mark_actions(code, "val3").splitlines()]
         lines = [line for line in lines if line]
         assert (lines[0], lines[-1]) == ("begin", "end")
-        self.run(nest_lines(iter(lines[1:-1]), {"for": "endFor", "if": "endIf"}, "else"))
-
-    def run(self, blocks: list[CodeBlock]) -> None:
-        for line, body, other in blocks:
-            if body is None:
-                self.step(line)
-            elif match := re.fullmatch(r"for (\w+)=(\d+) to (\d+)", line):
-                for number in range(int(match[2]), int(match[3]) + 1):
-                    self.scalars[match[1]] = number
-                    self.run(body)
-            else:
-                match = re.fullmatch(r"if (\w+)\[(\w+)\]>0", line)
-                assert match, f"unknown line: {line}"
-                self.run(body if float(self.element(match[1], match[2])["value"]) > 0 else other or [])
-
-    def element(self, name: str, index: str) -> dict[str, str]:
-        return self.data[name][int(self.scalars[index])]
+        for line in lines[1:-1]:
+            self.step(line)
 
     def place(self, name: str, index: int = 0) -> Any:
         """Return the pose of an element; those of an array are read at once."""
@@ -231,8 +190,8 @@ class _Val3:
     def step(self, line: str) -> None:
         if match := _val3_move(line):
             self.move(*match)
-        elif feed := _val3_feed(line):
-            self.data[feed[0]][0]["tmax"] = feed[1] or self.element(feed[2], feed[3])["value"]
+        elif feed := re.fullmatch(rf"(\w+)\.tvel=({NUMBER})", line):
+            self.data[feed[1]][0]["tmax"] = feed[2]
         elif zone := re.fullmatch(rf"(\w+)\.(leave|reach)=({NUMBER})", line):
             self.data[zone[1]][0][zone[2]] = zone[3]
         elif act := read_action(line):
@@ -247,7 +206,7 @@ class _Val3:
             assert line == "resetMotion()", f"unknown line: {line}"
 
     def move(self, kind: str, vias: str, middle: str, points: str, index: str, mounted: str, way: str) -> None:
-        row = int(index) if index.isdigit() else int(self.scalars[index])
+        row = int(index)
         assert (kind == "c") == bool(vias)
         point, tool, how = self.data[points][row], self.data[mounted][0], self.data[way][0]
         assert tool["fatherId"] == "flange[0]"
@@ -273,13 +232,6 @@ def _val3_move(line: str) -> tuple[str, ...] | None:
     """Return kind, array and index of the point between, of the end, tool and descriptor of a line that moves."""
     match = _VAL3_MOVE.fullmatch(line)
     assert match or not line.startswith("move"), f"unknown line: {line}"
-    return None if match is None else tuple(text or "" for text in match.groups())
-
-
-@lru_cache(maxsize=4096)
-def _val3_feed(line: str) -> tuple[str, ...] | None:
-    """Return descriptor, and number, or array and index, of a line that sets a feed."""
-    match = _VAL3_FEED.fullmatch(line)
     return None if match is None else tuple(text or "" for text in match.groups())
 
 

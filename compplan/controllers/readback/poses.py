@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -123,37 +122,6 @@ def abb_pose(place: list[float], quaternion: list[float]) -> Pose:
 def read_numbers(text: str) -> list[float]:
     """Return the numbers of a text."""
     return [float(number) for number in re.findall(NUMBER, text)]
-
-
-class CodeBlock(NamedTuple):
-    """A line of a program with the lines that it opens, and those that it runs otherwise; None where it opens none."""
-
-    line: str
-    body: list[CodeBlock] | None = None
-    other: list[CodeBlock] | None = None
-
-
-def nest_lines(lines: Iterator[str], ends: Mapping[str, str], otherwise: str) -> list[CodeBlock]:
-    """Return lines nested by the words that open blocks, each with the word that ends its block."""
-    return _nest_until(lines, ends, otherwise, ())[0]
-
-
-def _nest_until(
-    lines: Iterator[str], ends: Mapping[str, str], otherwise: str, until: tuple[str, ...]
-) -> tuple[list[CodeBlock], str]:
-    blocks: list[CodeBlock] = []
-    for line in lines:
-        if line in until:
-            return blocks, line
-        end = ends.get(line.partition(" ")[0])
-        if end is None:
-            blocks.append(CodeBlock(line))
-        else:
-            body, last = _nest_until(lines, ends, otherwise, (end, otherwise))
-            other = _nest_until(lines, ends, otherwise, (end,))[0] if last == otherwise else []
-            blocks.append(CodeBlock(line, body, other))
-    assert not until, f"no {until[0]}"
-    return blocks, ""
 
 
 TEXT = r'"([^"]*)"'

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Protocol
 
 import numpy as np
 
 from compplan.controllers.writers.joint_convention import load_controller
-from compplan.controllers.writers.language import Language
 from compplan.controllers.writers.machine import Wiring, describe_events
 from compplan.controllers.writers.post import describe_cell
 from compplan.controllers.writers.program import Program, build_program
@@ -18,6 +18,20 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.io.notes import Stop
 from compplan.io.plugins import Registry
 from compplan.robot import Robot
+
+
+class Language(Protocol):
+    """What the file of a language offers; MAIN, a `MainForm`, too where it has calls."""
+
+    name: str
+
+    def write(self, program: Program, folder: Path, most: int | None = None) -> list[Path]:
+        """Write a program into a folder, at most `most` points in a file (left out: what controllers take).
+
+        Raises:
+            InputError: If the robot's joints, or what is known of them, do not fit the language.
+        """
+
 
 _OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "own", "csv")
 #: Every language, by the name of its module. It may also say whose controllers

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import MainForm, Part, ProgramForm, WrittenMove, describe_feeds
+from compplan.controllers.writers.language import MainForm, ProgramForm, ProgramPart, WrittenMove, describe_feeds
 from compplan.controllers.writers.machine import Phrases
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines
@@ -101,7 +101,7 @@ def _round_feeds(feed: Array) -> Array:
     return np.where(feed >= SLOW, np.round(feed, 1), slow)
 
 
-def _format_part(part: Part) -> dict[str, str]:
+def _format_part(part: ProgramPart) -> dict[str, str]:
     program, frame = part.program, _user_frame(part)
     configuration = (state_configurations(program) or []) if part.linear and not program.moves_part else []
     arcs = {move.row: number for number, move in enumerate((m for m in part.moves if m.via), len(part.moves) + 1)}
@@ -119,12 +119,12 @@ def _format_part(part: Part) -> dict[str, str]:
     return {f"{part.name}.LS": format_program(part.name, program, frame, body, [*positions, *vias], main)}
 
 
-def _format_calls(part: Part) -> dict[str, str]:
+def _format_calls(part: ProgramPart) -> dict[str, str]:
     text = format_program(part.name, part.program, _user_frame(part), [], [], True, [*part.parts])
     return {f"{part.name}.LS": text}
 
 
-def _user_frame(part: Part) -> int:
+def _user_frame(part: ProgramPart) -> int:
     return int(check_cell(part.program.post, CELL, "FANUC").base or 1) if part.linear else 0
 
 

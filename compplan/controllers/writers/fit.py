@@ -19,13 +19,17 @@ from numpy.typing import NDArray
 from compplan.controllers.shapes import (
     ARC_LENGTH,
     ARC_ROWS,
+    HELD,
+    LEAST_FEED,
+    RATIO,
+    SHORT,
     find_arc,
     find_via,
     follow_arc,
     follow_line,
     is_flat,
+    send_speeds,
 )
-from compplan.controllers.speeds import HELD, LEAST_FEED, RATIO, SHORT, send_speeds
 from compplan.controllers.writers.frames import quaternions
 from compplan.controllers.writers.program import Program
 from compplan.io.tables import Array

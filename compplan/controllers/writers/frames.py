@@ -7,8 +7,7 @@ import warnings
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.joint_convention import locate_link
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import locate_link, locate_pendant
 from compplan.io.tables import Array
 from compplan.robot import Robot
 

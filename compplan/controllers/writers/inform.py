@@ -11,8 +11,8 @@ import numpy as np
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import (
     MainForm,
-    Part,
     ProgramForm,
+    ProgramPart,
     WrittenMove,
     describe_feeds,
     need_six_axes,
@@ -79,16 +79,16 @@ def describe(program: Program) -> list[str]:
     return notes
 
 
-def _format_part(part: Part) -> dict[str, str]:
+def _format_part(part: ProgramPart) -> dict[str, str]:
     moves, main = part.weave([_format_move(part, move) for move in part.moves]), len(part.parts) == 1
     return {f"{part.name}.JBI": format_job(part.program, part.name, _list_points(part), moves, main=main)}
 
 
-def _format_calls(part: Part) -> dict[str, str]:
+def _format_calls(part: ProgramPart) -> dict[str, str]:
     return {f"{part.name}.JBI": format_job(part.program, part.name, [], [], main=True, parts=[*part.parts])}
 
 
-def _format_move(part: Part, move: WrittenMove) -> list[str]:
+def _format_move(part: ProgramPart, move: WrittenMove) -> list[str]:
     place, level = f"C{move.row - part.rows.start:05d}", f"PL={0 if move.stops else BLEND}"
     station = f" +MOVJ E{place}" if part.program.moves_part else ""
     if move.kind != "joint":
@@ -98,7 +98,7 @@ def _format_move(part: Part, move: WrittenMove) -> list[str]:
     return [*note, f"MOVJ {place} VJ={move.percent:.2f} {level}{turned}"]
 
 
-def _list_points(part: Part) -> list[str]:
+def _list_points(part: ProgramPart) -> list[str]:
     """Return the C positions of a job in order, each number once: joint angles, or Cartesian ones in a user frame."""
     program, lines, last = part.program, list[str](), "none yet"
     for number, move in enumerate(part.moves):

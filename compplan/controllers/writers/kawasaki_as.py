@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import MainForm, Part, ProgramForm, change, need_six_axes
+from compplan.controllers.writers.language import MainForm, ProgramForm, ProgramPart, change, need_six_axes
 from compplan.controllers.writers.machine import Phrases
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines
@@ -58,7 +58,7 @@ def name_variables(name: str) -> str:
     return name.replace("_", "")[-LONGEST_VARIABLE:].lstrip("0123456789")
 
 
-def _format_part(part: Part) -> dict[str, str]:
+def _format_part(part: ProgramPart) -> dict[str, str]:
     usual = f"ACCURACY {ACCURACY:.3g} ALWAYS"
     own, stands, lines, joints, places = name_variables(part.whole), {"zone": usual}, [], [], []
     for move in part.moves:
@@ -80,7 +80,7 @@ def _format_part(part: Part) -> dict[str, str]:
     return {f"{part.name}.as": "\n".join([f".PROGRAM {part.name}()", *body, ".END", *lists[0], *lists[1], ""])}
 
 
-def _format_calls(part: Part) -> dict[str, str]:
+def _format_calls(part: ProgramPart) -> dict[str, str]:
     program, load = part.program, ""
     if program.mass is not None:
         x, y, z = (program.centre * 1e3).tolist()

@@ -1,4 +1,4 @@
-"""KUKA KRL: plain lines and arcs (LIN, CIRC), and joint moves (E6AXIS) that .src loops take from .dat arrays."""
+"""KUKA KRL: plain lines and arcs (LIN, CIRC), and joint moves (PTP)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import MainForm, Part, ProgramForm, WrittenMove, change
+from compplan.controllers.writers.language import MainForm, ProgramForm, ProgramPart, WrittenMove, change
 from compplan.controllers.writers.machine import Phrases
-from compplan.controllers.writers.post import CellWords, check_cell, render_own, render_post
+from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines, joint_percent, order_joints
 from compplan.io.tables import Array
 
@@ -58,9 +58,9 @@ FORM = ProgramForm(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME_J.src, which moves the joints, and NAME_L.src, which moves the tool; each calls its parts.
 
-    The joint program repeats the plan waypoint by waypoint, from arrays in .dat files. The linear one has plain motion
-    lines (LIN, CIRC) through the geometry that the controller believes; its positions count from the part frame
-    ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. A rail counts as
+    The joint program repeats the plan waypoint by waypoint, each at a percent of the axis rates. The linear one has
+    plain motion lines (LIN, CIRC) through the geometry that the controller believes; its positions count from the part
+    frame ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. A rail counts as
     coupled: $BASE stands still while it moves; where joints carry the part, $BASE moves with it (EK).
     """
     order_joints(program, ARM, "KRL")
@@ -73,33 +73,26 @@ def turn_bits(arm: Sequence[float]) -> int:
     return sum(1 << axis for axis, value in enumerate(arm) if value < 0.0)
 
 
-def _format_part(part: Part) -> dict[str, str]:
-    """Return a part: lines of motion, or loops over the points of a .dat file, cut where something happens."""
-    program, comments = part.program, head_lines(part.program)
-    if part.linear:
-        lines = [*HEAD, f"DEF {part.name}()", *(f"; {line}" for line in comments), *_fold_lines(_format_moves(part))]
-        return {f"{part.name}.src": "\n".join([*lines, "END", ""])}
-    columns = order_joints(program, ARM, "KRL")
-    words = {
-        "name": part.name, "head": HEAD, "comments": comments, "first": part.rows.start, "last": part.rows.stop - 1,
-        "before": part.before, "loops": list(part.loops()), "rapid_percent": RAPID_PERCENT,
-        "points": [_axis_point(program, move.row, columns, whole=True) for move in part.moves],
-        "speeds": [0.0 if program.rapid[move.row] else move.percent for move in part.moves],
-        "exact": [int(move.stops) for move in part.moves],
-    }  # fmt: skip
-    return {f"{part.name}{ending}": render_own(f"krl_joints{ending}", words) for ending in (".dat", ".src")}
+def _format_part(part: ProgramPart) -> dict[str, str]:
+    comments = [f"; {line}" for line in head_lines(part.program)]
+    lines = [*HEAD, f"DEF {part.name}()", *comments, *_fold_lines(_format_moves(part)), "END", ""]
+    return {f"{part.name}.src": "\n".join(lines)}
 
 
-def _format_moves(part: Part) -> list[str]:
+def _format_moves(part: ProgramPart) -> list[str]:
     """Return the lines of motion of a part, each with what sets its speed and zone where they change."""
     program, stands, lines = part.program, {"zone": WIDE}, []
     columns = order_joints(program, ARM, "KRL")
     for move in part.moves:
-        end = "" if move.stops else " C_DIS"
         if move.kind == "joint":
+            percent = RAPID_PERCENT if program.rapid[move.row] else int(move.percent + 0.5)
             note = "; the configuration changes: a joint move\n" if move.swings else ""
-            lines.append([f"{note}PTP {_axis_point(program, move.row, columns)}{end}"])
+            lines.append([
+                *([] if part.linear else change(stands, "percent", f"BAS(#VEL_PTP,{percent})")),
+                f"{note}PTP {_axis_point(program, move.row, columns)}{'' if move.stops else ' C_PTP'}",
+            ])  # fmt: skip
             continue
+        end = "" if move.stops else " C_DIS"
         zone = "" if move.stops else WIDE if move.zone == np.inf else f"$APO.CDIS={1e3 * move.zone:.3f}"
         lines.append([
             *change(stands, "speed", f"$VEL.CP={move.feed * 1e-3:.6f}"), *change(stands, "zone", zone),
@@ -150,18 +143,18 @@ def describe(program: Program) -> list[str]:
     ]
 
 
-def _external(program: Program, row: int, *, whole: bool = False) -> str:
-    """Return the external axes behind a comma; nothing of an arm without, unless a declared array wants them all."""
+def _external(program: Program, row: int) -> str:
+    """Return the external axes behind a comma; nothing of an arm without."""
     names = program.joint_names
-    if not whole and not set(EXTERNAL) & set(names):
-        return ""
     values = [program.joints[row, names.index(name)] if name in names else 0.0 for name in EXTERNAL]
-    return "".join(f",{name} {value:.4f}" for name, value in zip(EXTERNAL, values, strict=True))
+    return "".join(
+        f",{name} {value:.4f}" for name, value in zip(EXTERNAL, values, strict=True) if {*EXTERNAL} & {*names}
+    )
 
 
-def _axis_point(program: Program, row: int, columns: list[int], *, whole: bool = False) -> str:
+def _axis_point(program: Program, row: int, columns: list[int]) -> str:
     arm = ",".join(f"{name} {program.joints[row, column]:.6f}" for name, column in zip(ARM, columns, strict=True))
-    return f"{{{arm}{_external(program, row, whole=whole)}}}"
+    return f"{{{arm}{_external(program, row)}}}"
 
 
 def _place(values: list[float]) -> str:
@@ -169,7 +162,7 @@ def _place(values: list[float]) -> str:
     return f"X {x:.5f},Y {y:.5f},Z {z:.5f},A {a:.6f},B {b:.6f},C {c:.6f}"
 
 
-def _format_calls(part: Part) -> dict[str, str]:
+def _format_calls(part: ProgramPart) -> dict[str, str]:
     """Return the .src file that sets base, tool and approximation, and calls the parts."""
     program, load = part.program, None
     if program.mass is not None:

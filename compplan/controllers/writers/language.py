@@ -1,11 +1,11 @@
-"""What the file of a language offers, and what all of them share: kinds of programs, parts, moves row by row."""
+"""What the files of all languages share: kinds of programs, their parts, moves row by row."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,19 +17,6 @@ from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import OTHER, ZONES, find_zones
 from compplan.errors import InputError
 from compplan.io.tables import Array, write_text
-
-
-class Language(Protocol):
-    """What the file of a language offers; MAIN, a `MainForm`, too where it has calls."""
-
-    name: str
-
-    def write(self, program: Program, folder: Path, most: int | None = None) -> list[Path]:
-        """Write a program into a folder, at most `most` points in a file (left out: what controllers take).
-
-        Raises:
-            InputError: If the robot's joints, or what is known of them, do not fit the language.
-        """
 
 
 @dataclass(frozen=True)
@@ -61,7 +48,7 @@ class WrittenMove(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Part:
+class ProgramPart:
     """The moves of one file."""
 
     program: Program  #: The whole program; where the tool is moved, at the ends of its moves.
@@ -78,24 +65,12 @@ class Part:
         """The moves of this file."""
         return self.every[self.rows]
 
-    @property
-    def before(self) -> list[str]:
-        """Lines of what happens before the first move."""
-        return self.events.get(-1, []) if self.rows.start == 0 else []
-
     def weave(self, lines: Sequence[Sequence[str]], indent: str = "") -> list[str]:
         """Return the lines of each move with those of what happens behind it."""
-        woven = list(self.before)
+        woven = list(self.events.get(-1, [])) if self.rows.start == 0 else []
         for move, own in zip(self.moves, lines, strict=True):
             woven += [*own, *self.events.get(move.row, [])]
         return [indent + line for line in woven]
-
-    def loops(self) -> Iterator[tuple[int, int, list[str]]]:
-        """Yield stretches of moves that nothing happens within: first and last move, and the lines behind them."""
-        first, start, stop = 0, self.rows.start, self.rows.stop
-        for row in [*sorted(row for row in self.events if start <= row < stop - 1), stop - 1]:
-            yield first, row - start, self.events.get(row, [])
-            first = row - start + 1
 
 
 @dataclass(frozen=True)
@@ -121,8 +96,8 @@ class ProgramForm:
     percents: tuple[float, float] = (100.0, 1.0)  #: Share of the joint rates in rapid moves, and least one. [%]
 
     def write(
-        self, program: Program, folder: Path, most: int | None, format_part: Callable[[Part], dict[str, str]],
-        format_main: Callable[[Part], dict[str, str]] | None, *, can: bool,
+        self, program: Program, folder: Path, most: int | None, format_part: Callable[[ProgramPart], dict[str, str]],
+        format_main: Callable[[ProgramPart], dict[str, str]] | None, *, can: bool,
         adjust: Callable[[Program], Program] = lambda program: program,
     ) -> list[Path]:  # fmt: skip
         """Write the joint program and, where the language `can`, the linear one; return the files.
@@ -147,8 +122,8 @@ class ProgramForm:
         return self.letters(legal_name(own, self.longest - room, reserved=self.reserved))
 
     def format_kind(
-        self, program: Program, name: str, most: int, format_part: Callable[[Part], dict[str, str]],
-        format_main: Callable[[Part], dict[str, str]] | None, *, linear: bool,
+        self, program: Program, name: str, most: int, format_part: Callable[[ProgramPart], dict[str, str]],
+        format_main: Callable[[ProgramPart], dict[str, str]] | None, *, linear: bool,
     ) -> dict[str, str]:  # fmt: skip
         """Return the files of a program of joint moves, or of lines, by their names."""
         ending = self.endings[linear]
@@ -158,9 +133,9 @@ class ProgramForm:
         events = phrase_events(program.events, program.wiring, self.phrases, self.title)
         texts: dict[str, str] = {}
         for part, rows in parts.items():
-            texts |= format_part(Part(program, whole, part, parts, rows, linear, moves, events))
+            texts |= format_part(ProgramPart(program, whole, part, parts, rows, linear, moves, events))
         if format_main and (len(parts) > 1 or not self.single):
-            texts |= format_main(Part(program, whole, whole, parts, slice(0, 0), linear, moves, {}))
+            texts |= format_main(ProgramPart(program, whole, whole, parts, slice(0, 0), linear, moves, {}))
         return texts
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import quaternions
-from compplan.controllers.writers.language import Part, ProgramForm, WrittenMove
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, WrittenMove
 from compplan.controllers.writers.machine import Phrases, Signal, name_signal
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines
@@ -73,7 +73,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     return FORM.write(program, folder, most, _format_part, _format_calls, can=can)
 
 
-def _format_part(part: Part) -> dict[str, str]:
+def _format_part(part: ProgramPart) -> dict[str, str]:
     program, told, lines = part.program, "", []
     seen = program.post.tool or f"t_{part.whole}"
     if part.linear:
@@ -98,7 +98,7 @@ def _format_part(part: Part) -> dict[str, str]:
     return {f"{part.name}.mod": "\n".join(body)}
 
 
-def _format_calls(part: Part) -> dict[str, str]:
+def _format_calls(part: ProgramPart) -> dict[str, str]:
     program, name = part.program, part.name
     cell = check_cell(program.post, CELL, "RAPID")
     words = {

@@ -14,8 +14,8 @@ from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.krl import turn_bits
 from compplan.controllers.writers.language import (
     MainForm,
-    Part,
     ProgramForm,
+    ProgramPart,
     WrittenMove,
     change,
     need_six_axes,
@@ -93,7 +93,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     return write_texts(folder, form.format_kind(fitted, name, points, format_part, _format_calls, linear=True))
 
 
-def _format_part(stands: dict[str, str], middles: Array, part: Part) -> dict[str, str]:
+def _format_part(stands: dict[str, str], middles: Array, part: ProgramPart) -> dict[str, str]:
     """Return a part; `stands` are the travel and the zone behind the one before, `middles` what arcs go through."""
     lines = []
     for move in part.moves:
@@ -110,7 +110,7 @@ def _format_part(stands: dict[str, str], middles: Array, part: Part) -> dict[str
     return {f"{part.name}.SPF": "\n".join([*blocks, "M17", ""])}
 
 
-def _format_calls(part: Part) -> dict[str, str]:
+def _format_calls(part: ProgramPart) -> dict[str, str]:
     return {f"{part.name}.MPF": _format_program(part.program, part.name, [*part.parts])}
 
 
@@ -126,7 +126,7 @@ def _format_program(program: Program, name: str, blocks: Sequence[str]) -> str:
     return render_post(program, "sinumerik", words)
 
 
-def _format_move(part: Part, move: WrittenMove, middle: list[float]) -> str:
+def _format_move(part: ProgramPart, move: WrittenMove, middle: list[float]) -> str:
     program, exact, number = part.program, " G9" if move.stops else "", f"N{10 * (move.row + 1)} "
     names, digits = ("X", "Y", "Z", "A2=", "B2=", "C2=", "E1="), (5, 5, 5, 6, 6, 6, 5)
     words = [

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import rotation_vectors
-from compplan.controllers.writers.language import Part, ProgramForm, need_six_axes
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, need_six_axes
 from compplan.controllers.writers.machine import Phrases
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines, joint_shares
@@ -67,7 +67,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     return FORM.write(program, folder, most, _format_part, None, can=program.tcp is not None)
 
 
-def _format_part(part: Part) -> dict[str, str]:
+def _format_part(part: ProgramPart) -> dict[str, str]:
     program, load = part.program, ""
     if program.mass is not None:
         centre = ", ".join(f"{value:.6f}" for value in np.round(program.centre, 6) + 0.0)
@@ -84,7 +84,7 @@ def _format_part(part: Part) -> dict[str, str]:
     return {f"{part.name}.script": render_post(program, "urscript", words)}
 
 
-def _format_moves(part: Part) -> list[str]:
+def _format_moves(part: ProgramPart) -> list[str]:
     program, lines = part.program, []
     speeds, radii = _joint_speeds(program), _blend_radii(part)
     for move in part.moves:
@@ -116,7 +116,7 @@ def _joint_speeds(program: Program) -> Array:
     return np.maximum(np.radians(speeds), SLOWEST)
 
 
-def _blend_radii(part: Part) -> Array:
+def _blend_radii(part: ProgramPart) -> Array:
     """Return how far before each waypoint its corner may be rounded; 0 where it is reached exactly. Shape (n,). [m]"""
     program, zone = part.program, ZONES["urscript"]
     if program.tcp is None:

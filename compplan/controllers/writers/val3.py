@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import Part, ProgramForm, change
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, change
 from compplan.controllers.writers.machine import Phrases, Signal, name_signal
 from compplan.controllers.writers.post import CellWords, check_cell, render_own, render_post
 from compplan.controllers.writers.program import Program, head_lines
@@ -18,7 +18,6 @@ from compplan.errors import InputError
 name = "val3"
 BRAND = "Staubli"
 CELL = CellWords(None, None)
-LOCALS = ("l_nIndex", "l_nKey")
 #: Words of a point's configuration, and the word that keeps the one at hand.
 WORDS = {
     "shoulder": ({"righty", "lefty"}, "ssame"),
@@ -75,20 +74,14 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     return FORM.write(program, folder, most, _format_part, _format_project, can=program.tcp is not None)
 
 
-def _format_part(part: Part) -> dict[str, str]:
+def _format_part(part: ProgramPart) -> dict[str, str]:
     number = [*part.parts].index(part.name) + 1
-    events = {row: _wait_for(lines) if part.linear or row >= 0 else lines for row, lines in part.events.items()}
-    part = replace(part, events=events)
-    if part.linear:
-        code = "".join(f"{line}\n" for line in part.weave(_format_moves(part, number), "  "))
-    else:
-        words = {"number": number, "first": part.rows.start, "last": part.rows.stop - 1, "before": part.before,
-                 "loops": list(part.loops())}  # fmt: skip
-        code = render_own("val3_joints", words)
+    events = {row: _wait_for(lines) for row, lines in part.events.items()}
+    code = "".join(f"{line}\n" for line in replace(part, events=events).weave(_format_moves(part, number), "  "))
     return {f"{part.whole}/part{number}.pgx": _format_program(f"part{number}", code)}
 
 
-def _format_project(part: Part) -> dict[str, str]:
+def _format_project(part: ProgramPart) -> dict[str, str]:
     """Return what a project holds beside its parts: list of programs, data, and the programs that start and stop it."""
     names = [f"part{number}" for number in range(1, len(part.parts) + 1)]
     words = {"name": part.whole, "parts": names}
@@ -102,7 +95,7 @@ def _format_project(part: Part) -> dict[str, str]:
 
 
 def _format_program(name: str, code: str) -> str:
-    return render_own("val3_program", {"name": name, "code": code, "locals": [w for w in LOCALS if w in code]})
+    return render_own("val3_program", {"name": name, "code": code, "locals": ["l_nKey"] if "l_nKey" in code else []})
 
 
 def _remarks(program: Program, linear: bool) -> list[str]:
@@ -112,21 +105,24 @@ def _remarks(program: Program, linear: bool) -> list[str]:
     return [*head_lines(program), *load, *notes]
 
 
-def _format_moves(part: Part, number: int) -> list[list[str]]:
-    """Return plain motion lines of a part: lines and arcs of the tool, joint moves where they stand alone."""
+def _format_moves(part: ProgramPart, number: int) -> list[list[str]]:
+    """Return the motion lines of a part: joint moves, lines and arcs, at a speed and with a zone where those change."""
     usual = f"{1e3 * ZONES['val3'].size:g}"
     stands, lines, quick, through = {"leave": f"mPath.leave={usual}", "reach": f"mPath.reach={usual}"}, [], 0, 0
     for index, move in enumerate(part.moves):
+        how, feed = "mEnd" if move.stops else "mPath", f"{move.feed:.4f}"
         if move.kind == "joint":
-            lines.append([f"movej(jPath{number}[{quick}],tTool,mRapid)", "waitEndMove()"])
+            target = f"movej(jPath{number}[{quick}],tTool"
+            rapid = part.linear or part.program.rapid[move.row]
+            alone = [f"{target},mRapid)", "waitEndMove()"]
+            lines.append(alone if rapid else [*change(stands, how, f"{how}.tvel={feed}"), f"{target},{how})"])
             quick += 1
             continue
-        how = "mEnd" if move.stops else "mPath"
         space = usual if move.stops or move.zone == np.inf else f"{1e3 * move.zone:.3f}"
         via = f"pVia{number}[{through}]," if move.via else ""
         through += bool(via)
         lines.append([
-            *change(stands, how, f"{how}.tvel={move.feed:.4f}"),
+            *change(stands, how, f"{how}.tvel={feed}"),
             *(line for word in ("leave", "reach") for line in change(stands, word, f"mPath.{word}={space}")),
             f"move{'c' if via else 'l'}({via}pPath{number}[{index}],tTool,{how})",
         ])  # fmt: skip
@@ -148,7 +144,7 @@ def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
     return [(name, "dio", ['link=""']) for name in dict.fromkeys(names) if program.events]
 
 
-def _list_data(part: Part) -> list[tuple[str, str, list[str]]]:
+def _list_data(part: ProgramPart) -> list[tuple[str, str, list[str]]]:
     """Return name, type and values of the data of a project: points, feeds, tool, part frame, motion descriptors."""
     program, limits = part.program, 'tmax="99999" rmax="99999"'
     tool, base = (
@@ -173,10 +169,6 @@ def _list_data(part: Part) -> list[tuple[str, str, list[str]]]:
             vias = [_state_point(move.via, words[move.row]) for move in moves if move.via]
             arrays.append((f"pPath{number}", "pointRx", points))
             arrays += [(f"pVia{number}", "pointRx", vias)] if vias else []
-            continue
-        feeds = [f'value="{0.0 if program.rapid[move.row] else move.feed:.4f}"' for move in moves]
-        stops = [f'value="{int(move.stops)}"' for move in moves]
-        arrays += [(f"nFeed{number}", "num", feeds), (f"nExact{number}", "num", stops)]
     return [*arrays, *_list_signals(program)]
 
 

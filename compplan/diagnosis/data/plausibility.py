@@ -25,6 +25,7 @@ from compplan.measurement.frames import fit_registration
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.measurement.registration import campaign_gap, fitted_parts
 from compplan.robot import Array, Robot, Spring
+from compplan.robot.mounting import mounted_tool
 from compplan.statics.chain import build_chain, jacobian, locate_frames
 from compplan.statics.elastic import spring_torque
 from compplan.statics.elements import ELASTIC_AXES
@@ -68,11 +69,6 @@ class QuestionRows(NamedTuple):
     position: Array
     rotation: Array
 
-    @property
-    def measured(self) -> Array:
-        """Measured target. Shape (n, 3). [m]."""
-        return self.campaign.position
-
 
 @dataclass(frozen=True)
 class Question:
@@ -106,8 +102,9 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
     if far:
         gap = typical_gap(robot, rows.campaign, parts, [*known, *conventions], 0.5)
         if gap > NO_EFFECT:
-            frames = ask_target(rows, register) or ask_frames(rows, register)
-            questions.insert(0, frames or Question("gap", _too_large(gap)))
+            said = f"the median gap is {_mm(gap)}, which no effect of a robot explains"
+            beyond = Question("gap", f"{said}; check units, tool, frames and the signs and zeros of the joints")
+            questions.insert(0, ask_target(rows, register) or ask_frames(rows, register) or beyond)
     return questions
 
 
@@ -151,9 +148,10 @@ def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Que
 def ask_unit(rows: QuestionRows) -> Question | None:
     """Compare distances between targets with those that the joints say."""
     half = len(rows.position) // 2
-    here, there = np.arange(half), np.arange(half) + half
-    expected = np.linalg.norm(rows.position[there] - rows.position[here], axis=1)
-    seen = np.linalg.norm(rows.measured[there] - rows.measured[here], axis=1)
+    expected, seen = (
+        np.linalg.norm(place[half : 2 * half] - place[:half], axis=1)
+        for place in (rows.position, rows.campaign.position)
+    )
     if expected.max(initial=0.0) < NO_EFFECT:
         return None
     far = expected >= np.median(expected)
@@ -170,7 +168,7 @@ def ask_unit(rows: QuestionRows) -> Question | None:
 
 def ask_hand(rows: QuestionRows) -> Question | None:
     """Compare the best rigid placement with the best mirrored one (Kabsch, both determinants)."""
-    proper, mirrored = (_placement_rms(rows.position, rows.measured, mirror) for mirror in (False, True))
+    proper, mirrored = (_placement_rms(rows.position, rows.campaign.position, mirror) for mirror in (False, True))
     if proper > NO_EFFECT and mirrored < CONVINCING * proper:
         return Question(
             "left-handed frame",
@@ -182,13 +180,13 @@ def ask_hand(rows: QuestionRows) -> Question | None:
 
 def ask_step(rows: QuestionRows) -> Question | None:
     """Compare the rows with those one row earlier and one row later, inside runs."""
-    still = _placement_rms(rows.position, rows.measured, False)
+    still = _placement_rms(rows.position, rows.campaign.position, False)
     if still < NO_EFFECT:
         return None
     same_run = np.diff(rows.campaign.run_index) == 0
     before, after = slice(None, -1), slice(1, None)
     for name, mine, theirs in (("earlier", after, before), ("later", before, after)):
-        shifted = _placement_rms(rows.position[mine][same_run], rows.measured[theirs][same_run], False)
+        shifted = _placement_rms(rows.position[mine][same_run], rows.campaign.position[theirs][same_run], False)
         if shifted < CONVINCING * still:
             return Question(
                 "rows out of step",
@@ -202,7 +200,7 @@ def ask_target(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask for the target where the gap is one vector of the TCP frame."""
     if "tool" in register or rows.campaign.target_offset is not None:
         return None
-    gap = rows.measured - rows.position
+    gap = rows.campaign.position - rows.position
     own = np.einsum("nji,nj->ni", rows.rotation, gap)
     offset = np.median(own, axis=0)
     left = float(np.median(np.linalg.norm(own - offset, axis=1)))
@@ -218,13 +216,13 @@ def ask_target(rows: QuestionRows, register: Sequence[str]) -> Question | None:
 
 def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask for a registration where one makes the gap small."""
-    gap = float(np.median(np.linalg.norm(rows.measured - rows.position, axis=1)))
+    gap = float(np.median(np.linalg.norm(rows.campaign.position - rows.position, axis=1)))
     for parts in (("base",), ("base", "tool")):
         if set(parts) <= set(register):
             continue
         frames = fit_registration(rows.campaign, rows.position, rows.rotation, parts)
         expected = frames.locate_targets(rows.campaign, rows.position, rows.rotation)
-        left = float(np.median(np.linalg.norm(rows.measured - expected, axis=1)))
+        left = float(np.median(np.linalg.norm(rows.campaign.position - expected, axis=1)))
         if left < CONVINCING * gap and left < NO_EFFECT:
             return Question(
                 "frames",
@@ -237,7 +235,7 @@ def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
 def ask_moment_point(robot: Robot, rows: QuestionRows) -> Question | None:
     """Tell whether the moments are those of a force at the TCP, taken about the flange."""
     chain = build_chain(robot)
-    lever = rows.position - _flange(robot, rows)
+    lever = -np.einsum("nij,j->ni", rows.rotation, np.linalg.inv(mounted_tool(robot))[:3, 3])
     force, moment = rows.campaign.wrench[:, :3], rows.campaign.wrench[:, 3:]
     about_flange = np.cross(lever, force)
     size = float(np.sqrt(np.mean(about_flange**2)))
@@ -297,7 +295,7 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
     chain = build_chain(robot)
     turn = jacobian(chain, locate_frames(chain, rows.campaign.q))[:, :3, chain.joint_elements]
     velocity = np.einsum("nij,nj->ni", turn, rows.campaign.speed)[path]
-    gap = (rows.measured - rows.position)[path]
+    gap = (rows.campaign.position - rows.position)[path]
     gap = gap - np.median(gap, axis=0)
     late = float(np.sum(velocity * gap) / max(np.sum(velocity**2), 1e-300))
     left = float(np.sum((gap - late * velocity) ** 2) / max(np.sum(gap**2), 1e-300))
@@ -422,24 +420,6 @@ def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
     turn = u @ np.diag([1.0, 1.0, sign]) @ vt
     distance = np.linalg.norm(a @ turn - b, axis=1)
     return float(np.sqrt(np.median(distance**2)))
-
-
-def _flange(robot: Robot, rows: QuestionRows) -> Array:
-    """Locate the flange: the TCP moved back along the fixed joints that carry the tool. Shape (n, 3). [m]"""
-    pose = np.eye(4)
-    links = [joint.child for joint in robot.joints]
-    first = links.index(robot.flange) + 1 if robot.flange in links else len(links)
-    for joint in robot.joints[first:]:
-        pose = pose @ joint.placement
-    back = np.linalg.inv(pose)[:3, 3]
-    return np.asarray(rows.position + np.einsum("nij,j->ni", rows.rotation, back))
-
-
-def _too_large(gap: float) -> str:
-    return (
-        f"the median gap is {_mm(gap)}, which no effect of a robot explains; check units, tool, frames and the signs"
-        " and zeros of the joints"
-    )
 
 
 def _mm(length: float) -> str:

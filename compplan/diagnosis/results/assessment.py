@@ -19,12 +19,13 @@ from compplan.controllers.writers.frames import euler_angles, flange_turn
 from compplan.diagnosis.data.channels import block_index
 from compplan.diagnosis.data.shared import FEW_ROWS, HALF_WIDTH, NEGLIGIBLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import EVIDENCE
+from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.results.verdict import CLAIMED
 from compplan.robot import Array
 from compplan.robot.mounting import mounted_tool
 
 if TYPE_CHECKING:
-    from compplan.diagnosis.results.delivery import Delivery
     from compplan.diagnosis.results.result import Diagnosis
 
 #: Effects that a controller's tables can hold.
@@ -134,7 +135,7 @@ class Assessment:
 
 def assess_diagnosis(diagnosis: Diagnosis) -> Assessment:
     """Assess the delivered robot of a diagnosis."""
-    spreads = _spreads(diagnosis.delivery)
+    spreads = _spreads(diagnosis)
     before, after, first = _stays(diagnosis)
     accuracy = {"before": _summarise(before), "after": _summarise(after)}
     unit = np.where(diagnosis.robot.prismatic, 1e3, 180.0 / np.pi)
@@ -171,9 +172,9 @@ def _summarise(distance: Array) -> Accuracy:
 def list_corrections(diagnosis: Diagnosis, spreads: dict[str, float]) -> tuple[Correction, ...]:
     """List zeros, lengths and frames of the delivered robot; `spreads`: deviation of each parameter by column. [SI]"""
     delivery = diagnosis.delivery
-    if delivery.fitted is None:
+    if delivery.posterior is None:
         return ()
-    equations = delivery.fitted.search.equations
+    equations = diagnosis.equations
     named = {f.effect.place[:2] for f in diagnosis.verdict.findings if f.probability >= CLAIMED}
     found: dict[str, Correction] = {}
     for number, signature in enumerate(equations.signatures):
@@ -196,12 +197,11 @@ def list_corrections(diagnosis: Diagnosis, spreads: dict[str, float]) -> tuple[C
 
 def list_frames(diagnosis: Diagnosis, spreads: dict[str, float]) -> tuple[Pose, ...]:
     """List the tool of the delivered robot, and frames that were registered; `spreads` as in `list_corrections`."""
-    delivery = diagnosis.delivery
-    robot, registration = diagnosis.updated, delivery.state.registration
+    robot, registration = diagnosis.updated, diagnosis.registration
 
     def show(name: str, matrix: Array, effect: str, form: str | None) -> Pose:
         angles = euler_angles(matrix[None, :3, :3], "ZYX")[0]
-        return Pose(name, 1e3 * matrix[:3, 3], angles, *_halves(delivery, effect, form, spreads))
+        return Pose(name, 1e3 * matrix[:3, 3], angles, *_halves(diagnosis.equations, effect, form, spreads))
 
     tool = np.linalg.inv(flange_turn(robot)) @ mounted_tool(robot)
     frames = [show("tool", tool, "tool_frame", None)]
@@ -214,27 +214,22 @@ def list_frames(diagnosis: Diagnosis, spreads: dict[str, float]) -> tuple[Pose, 
     return tuple(frames)
 
 
-def _spreads(delivery: Delivery) -> dict[str, float]:
+def _spreads(diagnosis: Diagnosis) -> dict[str, float]:
     """Return the standard deviation of every parameter that the campaign tells, by column. [SI]"""
-    if delivery.fitted is None:
+    equations, posterior = diagnosis.equations, diagnosis.delivery.posterior
+    if posterior is None:
         return {}
-    fitted = delivery.fitted
-    equations, posterior = fitted.search.equations, fitted.model.posterior
-    prior = fitted.search.prior_of(fitted.model.claims)
     size = np.sqrt(np.maximum(np.diag(posterior.covariance), 0.0))
-    free = prior.free[posterior.columns]
-    told = ~free | (size < NEGLIGIBLE * np.sqrt(prior.variance(posterior.hyper.log_tau)[posterior.columns]))
+    free = np.isin(posterior.columns, equations.columns_named(REGISTRATION))
+    told = ~free | (size < NEGLIGIBLE * np.sqrt(EVIDENCE.free_variance))
     size = size * equations.scale[posterior.columns]
     return {equations.names[c]: float(s) for c, s, t in zip(posterior.columns, size, told, strict=True) if t}
 
 
 def _halves(
-    delivery: Delivery, name: str, form: str | None, spreads: dict[str, float]
+    equations: NormalEquations, name: str, form: str | None, spreads: dict[str, float]
 ) -> tuple[Array | None, Array | None]:
     """Return half widths of a frame's position [mm] and turns [deg], None where the campaign does not tell them."""
-    if delivery.fitted is None:
-        return None, None
-    equations = delivery.fitted.search.equations
     own: dict[str, float] = {}
     for number, signature in enumerate(equations.signatures):
         if signature.name == name and form in (None, signature.form):

@@ -25,11 +25,13 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE
 from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.results.posterior import name_alternatives, state_uncertainty
-from compplan.diagnosis.results.verdict import Verdict, noise_floor
+from compplan.diagnosis.results.verdict import Verdict, motion_of, noise_floor
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, stands
+from compplan.diagnosis.validation.bounds import find_breach
 from compplan.diagnosis.validation.held_out import Folds, HeldOut
 from compplan.diagnosis.validation.mixture import (
     SMALL,
@@ -61,7 +63,7 @@ class Delivery:
         held: What its model predicts of rows that it never saw.
         residual: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
         uncertainty: How surely it is known.
-        fitted: Fit with its posterior; None for the nominal robot.
+        posterior: The mixture's posterior; None for the nominal robot.
         small: What small errors alone predict of rows that they never saw; None for the nominal robot.
         visited: Its parts in doubt and how well they held at each stay; None without.
     """
@@ -71,13 +73,13 @@ class Delivery:
     held: HeldOut
     residual: Array
     uncertainty: Uncertainty
-    fitted: Fit | None = None
+    posterior: Posterior | None = None
     small: HeldOut | None = None
     visited: ValidityRegion | None = None
 
     def robot(self, nominal: Robot, known: int) -> Robot:
         """Return the robot folder: the nominal robot with the effects behind the `known` first ones."""
-        visited = nominal.visited if self.fitted is None else self.visited
+        visited = nominal.visited if self.posterior is None else self.visited
         folded = fold_effects(nominal, self.state.effects[known:])
         return replace(folded, uncertainty=self.uncertainty, visited=visited)
 
@@ -85,22 +87,21 @@ class Delivery:
 def deliver_robot(
     folds: Folds, verdict: Verdict, plain: HeldOut, nominal: FitState, good: NDArray[np.bool_]
 ) -> Delivery:  # fmt: skip
-    """Build the mixture's robot; the nominal one where that predicts no better, by enough and by more than chance.
+    """Build the mixture's robot; the nominal one where that predicts no better, by enough, than it.
 
     `plain` is what the nominal robot predicts, `nominal` its state; `good` tells rows that are no outliers. Shape (n,).
     """
-    fit, every, problem = folds.fit, possible_claims(verdict), folds.fit.problem
+    fit, every, problem = folds.fit, possible_claims(folds.fit, verdict), folds.fit.problem
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
     seen, fold, rivals = good[plain.rows], folds.fold[plain.rows], name_alternatives(verdict)
     before = plain.of(seen)
     blend = stack_options(folds, list_options(named, every), seen)
     held = hold_out_stack(folds, blend)
     stated = held.correct_for_selection(fold, seen)
-    # that there is something to be tested is evidence already, and held-out poses can only veto it: seven of them, all
-    # predicted better, are worth one case of 128; and nothing goes out whose stated error is not below the nominal one
+    posterior = blend.posterior(fit.search.equations.p)
+    # nothing goes out whose stated error is not below the nominal one
     better = held.of(seen).rms < (1.0 - NEGLIGIBLE) * before.rms and stated.of(seen).rms < before.rms
-    better = better and held.of(seen).selection_bonus(before, folds.pose[seen]) < 1.0 - SURE
-    state = mixed_state(fit, blend.values(fit.search.equations.p), blend.claimed()) if better else nominal
+    state = mixed_state(fit, posterior.values(fit.search.equations.p), blend.claimed()) if better else nominal
     if not better or not stands(problem, state):
         known = state_uncertainty(fit, every, nominal, plain, good, rivals)
         return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known)
@@ -119,18 +120,28 @@ def deliver_robot(
     rest, places = folds.hold_out(sure, background=False), {signatures[claim.signature].place for claim in sure}
     visited = list_visits(fit, state, blend.claimed(), places, rest, held, seen)
     small = replace(held, residual=solve_option(folds, SMALL).residual)
-    return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, blend.fitted(fit), small, visited)
+    return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, posterior, small, visited)
 
 
-def possible_claims(verdict: Verdict) -> list[Claim]:
+def possible_claims(fit: Fit, verdict: Verdict) -> list[Claim]:
     """List claims that may be true and can be delivered: named ones, and others that are no part of the instrument.
 
     What errors without a name explain as well is among them: poses never seen decide what it is worth. What no robot
     can have is not, for a plan may lead far from all poses.
     """
-    beside = (f for f in (*verdict.minor, *verdict.doubtful) if not is_of_instrument(f.effect.name) and not f.beyond)
-    sizes = {f.signature: f.size for f in (*verdict.findings, *beside) if f.signature >= 0}
-    return [Claim(number, size) for number, size in sizes.items()]
+    equations, gap = fit.search.equations, verdict.structure.gap
+    values = fit.model.posterior.values(equations.p)
+    claims = {f.signature: f.size for f in verdict.findings if f.signature >= 0}
+    beyond = {f.signature for f in verdict.doubtful if f.beyond}
+    beside = [Claim(f.signature, f.size) for f in (*verdict.minor, *verdict.doubtful)]
+    for claim in (*beside, *fit.model.claims):
+        signature, columns = equations.signatures[claim.signature], equations.columns(claim.signature)
+        effect = signature.effect(values[columns] * signature.scale)
+        if claim.signature in beyond or is_of_instrument(signature.name):
+            continue
+        if not find_breach(fit, effect, motion_of(fit.search, columns, values), gap):
+            claims.setdefault(claim.signature, claim.size)
+    return [Claim(number, size) for number, size in claims.items()]
 
 
 def _residual(problem: Problem, state: FitState) -> Array:

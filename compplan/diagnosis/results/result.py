@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.results.delivery import Delivery
 from compplan.diagnosis.results.posterior import state_change
 from compplan.diagnosis.results.verdict import CALIBRATED, Finding, Verdict
@@ -69,6 +70,7 @@ class Diagnosis(Shown):
         registration: Frames fitted with the updated robot, or None.
         outliers: Rows reported as outliers.
         delivery: The robot folder that is written, which every figure belongs to.
+        equations: Normal equations of its posterior, gear waves included.
         sizes: Covariance of the parameters of the named effects, given that these are present.
         noise: Where the noise floor comes from.
     """
@@ -85,6 +87,7 @@ class Diagnosis(Shown):
     registration: Registration | None
     outliers: NDArray[np.int_]
     delivery: Delivery
+    equations: NormalEquations
     sizes: Uncertainty
     noise: str
 

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, LISTED, SAMPLE, SEED, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import Posterior
+from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.results.verdict import CLAIMED, Finding
 from compplan.diagnosis.search.state import FitState, attain_state
 from compplan.effects import driver_of, locate_effect, robot_effects
@@ -34,7 +36,6 @@ from compplan.robot import Array
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
-    from compplan.diagnosis.search.state import Fit
 
 CALIBRATION, UNEXPLAINED = "small errors everywhere", "not explained"
 
@@ -116,9 +117,8 @@ class Shares:
 def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
     """Divide the gap of a diagnosis among its causes."""
     motion = PosteriorMotion(diagnosis, np.random.default_rng(seed))
-    parts, added = list_parts(diagnosis, motion)
-    point, drawn = motion.divide(parts, added)
-    every = [*parts, *added]
+    every = list_parts(diagnosis, motion)
+    point, drawn = motion.divide(every)
     noise = min(motion.noise, max(1.0 - sum(point), 0.0))
     fate = motion.draw_fate(every)
     places = [[part.place, *(place for place, _ in part.elsewhere)] for part in every]
@@ -145,17 +145,22 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
 class PosteriorMotion:
     """The gap of a diagnosis and the motion of a posterior at the rows that were fitted; the doubt's where left out."""
 
-    def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator, fitted: Fit | None = None) -> None:
-        model = fitted or diagnosis.doubt
-        equations, posterior = model.search.equations, model.model.posterior
+    def __init__(
+        self, diagnosis: Diagnosis, rng: np.random.Generator, equations: NormalEquations | None = None,
+        posterior: Posterior | None = None,
+    ) -> None:  # fmt: skip
+        equations, posterior = (
+            equations or diagnosis.doubt.search.equations,
+            posterior or diagnosis.doubt.model.posterior,
+        )
         source = equations.source[0]
         chosen = np.arange(len(source.rows))[:: -(-len(source.rows) // SAMPLE)]
         self.rows, self.rng, self.diagnosis = source.rows[chosen], rng, diagnosis
         self.sigma = np.repeat(source.sigma[chosen].ravel(), 3)
-        self.whitened = equations.designs[0][chosen].reshape(3 * len(chosen), equations.p)
-        self.frames = np.linalg.qr(self.whitened[:, equations.columns_named(REGISTRATION)])[0]
+        design = equations.designs[0][chosen].reshape(3 * len(chosen), equations.p)
+        self.frames = np.linalg.qr(design[:, equations.columns_named(REGISTRATION)])[0]
         self.columns, self.mean = posterior.columns, posterior.mean
-        self.design = self.take_frames(self.whitened[:, posterior.columns] * self.sigma[:, None])
+        self.design = self.take_frames(design[:, posterior.columns] * self.sigma[:, None])
         values, vectors = np.linalg.eigh(posterior.covariance)
         # symmetric: a draw does not hang on the signs that an eigenvector happens to have
         root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
@@ -206,7 +211,7 @@ class PosteriorMotion:
         moved = self.design[:, own] @ self.mean[own]
         return Part(place, name, follows or self.follow(name), probability, tuple(elsewhere), moved, own)
 
-    def divide(self, parts: Sequence[Part], added: Sequence[Part]) -> tuple[list[float], list[Array]]:
+    def divide(self, parts: Sequence[Part]) -> tuple[list[float], list[Array]]:
         """Return the share of each part, and drawn shares of shape (SAMPLE,)."""
         whole = np.maximum(self.weight.T @ self.gap**2, 1e-300)
         square = max(float(self.gap @ self.gap), 1e-300)
@@ -218,12 +223,7 @@ class PosteriorMotion:
         explained = np.array([1.0 - float(left @ left) / square])
         point = _scale_to(np.array(back).reshape(-1, 1), explained)[:, 0].tolist()
         explained = 1.0 - np.einsum("ij,ij->j", self.weight, rest**2) / whole
-        drawn = list(_scale_to(np.array(drawn_back).reshape(-1, SAMPLE), explained))
-        for part in added:
-            own = part.motion * (2.0 * left - part.motion)
-            point.append(max(float(own.sum()) / square, 0.0))
-            drawn.append(np.maximum(self.weight.T @ own / whole, 0.0))
-        return point, drawn
+        return point, list(_scale_to(np.array(drawn_back).reshape(-1, SAMPLE), explained))
 
     def draw_motion(self, part: Part) -> Array:
         """Draw the motion of a part. Shape (3 r, SAMPLE). [m]"""
@@ -242,39 +242,33 @@ class PosteriorMotion:
         return fates
 
 
-def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> tuple[list[Part], list[Part]]:
-    """List the parts of the posterior's motion, and findings that it has given up."""
-    verdict, doubt, fit = diagnosis.verdict, diagnosis.doubt, diagnosis.fit
-    equations, taken, nothing = doubt.search.equations, set(doubt.model.signatures), np.zeros(0, int)
+def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
+    """List the parts of the posterior's motion."""
+    verdict, doubt = diagnosis.verdict, diagnosis.doubt
+    equations, nothing = doubt.search.equations, np.zeros(0, int)
     parts: list[Part] = []
     for finding, moved in motion.conventions:
         place = locate_effect(finding.effect.name, finding.effect.joint)
         own = motion.part(finding.effect.name, nothing, place, finding.probability)
         parts.append(replace(own, motion=moved))
-    added: list[Part] = []
     for finding in (*verdict.findings, *verdict.doubtful, *verdict.minor):
         if finding.signature < 0:
             continue
         name, columns = finding.effect.name, equations.columns(finding.signature)
         alike = [(locate_effect(*r.place[:2]), motion.follow(r.place[0])) for r in finding.rivals if r.alike]
         place, rivals = locate_effect(name, finding.effect.joint), list(dict.fromkeys(alike))
-        if finding.signature not in taken:
-            # what errors without a name explain as well moves the target as the fit without these says
-            values = fit.model.posterior.values(fit.search.equations.p)[columns]
-            moved = motion.take_frames(motion.whitened[:, columns] @ values * motion.sigma)
-            added.append(replace(motion.part(name, nothing, place, finding.probability, rivals), motion=moved))
-        elif finding in verdict.minor:
+        if finding in verdict.minor:
             parts.append(motion.part(name, columns))
         else:
             parts.append(motion.part(name, columns, place, finding.probability, rivals))
-    claimed, background = equations.join_columns(taken), fit.search.prior.background
+    claimed, background = equations.join_columns(doubt.model.signatures), diagnosis.fit.search.prior.background
     for name in dict.fromkeys(s.name for s in equations.signatures):
         columns = equations.columns_named(name)
         columns = columns[columns < len(background)]
         small = np.setdiff1d(columns[background[columns] >= 0], claimed)
         if np.isin(small, motion.columns).any():
             parts.append(motion.part(name, small))
-    return parts, added
+    return parts
 
 
 def draw_blocks(campaign: Campaign, rng: np.random.Generator) -> NDArray[np.int_]:
@@ -350,10 +344,11 @@ class SmallErrors:
 
 def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
     """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
-    fitted, loaded = diagnosis.delivery.fitted, diagnosis.fit.problem.campaign.load_varies
-    if fitted is None:
+    posterior, equations = diagnosis.delivery.posterior, diagnosis.equations
+    if posterior is None:
         return None
-    motion, equations = PosteriorMotion(diagnosis, np.random.default_rng(seed), fitted), fitted.search.equations
+    motion = PosteriorMotion(diagnosis, np.random.default_rng(seed), equations, posterior)
+    loaded = diagnosis.fit.problem.campaign.load_varies
     taken, found = set[int](), dict[tuple[str, str], list[int]]()
     for number, signature in enumerate(equations.signatures):
         if signature.name == REGISTRATION:
@@ -368,7 +363,7 @@ def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors |
                 found.setdefault((place, kind_of(signature.name, loaded)), []).append(column)
     parts = [motion.part(kind, np.array(own), place, follows=kind) for (place, kind), own in found.items()]
     parts = [part for part in parts if len(part.columns)]
-    point, drawn = motion.divide(parts, [])
+    point, drawn = motion.divide(parts)
     noise, here = min(motion.noise, max(1.0 - sum(point), 0.0)), [np.zeros(SAMPLE, int)] * len(parts)
 
     def total(homes: list[str]) -> dict[str, Share]:

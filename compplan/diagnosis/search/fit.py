@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import Channel, build_channels, estimate_noises, position_residual
-from compplan.diagnosis.data.noise import OUTLYING, Noise, find_gross_outliers, find_outliers
+from compplan.diagnosis.data.noise import NOISE, Noise, find_gross_outliers, find_outliers
 from compplan.diagnosis.data.shared import rms_length
 from compplan.diagnosis.evidence.candidates import (
     CLASSES,
@@ -21,7 +21,7 @@ from compplan.diagnosis.evidence.candidates import (
     propose_again,
     proposed_signatures,
 )
-from compplan.diagnosis.evidence.evidence import FIRST_STEPS, start_hyper
+from compplan.diagnosis.evidence.evidence import EVIDENCE, start_hyper
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import (
     NormalEquations,
@@ -29,15 +29,7 @@ from compplan.diagnosis.evidence.normal_equations import (
     extend_normal_equations,
 )
 from compplan.diagnosis.evidence.proposals import propose_shifts, propose_waves
-from compplan.diagnosis.search.search import (
-    MOST_EFFECTS,
-    SOFT,
-    WORTHWHILE,
-    Claim,
-    Search,
-    search_from_forward_selection,
-    search_models,
-)
+from compplan.diagnosis.search.search import SEARCH, SOFT, Claim, Search, search_from_forward_selection, search_models
 from compplan.diagnosis.search.state import (
     SETTLED,
     Fit,
@@ -77,7 +69,7 @@ def fit_effects(
     for number in range(ROUNDS):
         progress(f"round {number + 1}")
         # what is small has to wait until the large ones are exact: twice as many effects each round
-        state = replace(state, most=min(2 ** (number + 1), MOST_EFFECTS))
+        state = replace(state, most=min(2 ** (number + 1), SEARCH.most_effects))
         # poses met again tell the noise once the first model has taken play and drift out of them
         fit, proposals = _round(problem, state, noises if number > NOISE_ROUND else None, proposals, progress)
         noises = fit.noises
@@ -114,7 +106,7 @@ def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
         old = proposed_signatures(fit.search.equations.signatures)
         again, _ = _round(fit.problem, fit.state, fit.noises, old, progress, hold=True)
         step = descend(again, advance_state(again))
-        if step is None or step[1] < fit.score + WORTHWHILE:
+        if step is None or step[1] < fit.score + SEARCH.worthwhile:
             break
         fit = replace(again, state=step[0], score=step[1])
     return fit
@@ -149,7 +141,7 @@ def _round(
         held = replace(fit.state, claims=claims_of(fit))
         fit = _search_equations(problem, held, at, channels, equations, noises, progress)
         claimed = {key_of(fit.search.equations.signatures[n]) for n in fit.model.signatures}
-        if fit.model.score < before + WORTHWHILE or not claimed & {key_of(s) for s in fresh}:
+        if fit.model.score < before + SEARCH.worthwhile or not claimed & {key_of(s) for s in fresh}:
             break
     return fit, proposed_signatures(fit.search.equations.signatures)
 
@@ -177,7 +169,11 @@ def _search_equations(
     search = _build_search(problem, equations, start_hyper(equations, len(CLASSES)), progress)
     numbers = {key_of(s): n for n, s in enumerate(equations.signatures)}
     first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
-    model = search.model(first, search.start, steps=FIRST_STEPS) if hold else search_models(search, first, state.most)
+    model = (
+        search.model(first, search.start, steps=EVIDENCE.first_steps)
+        if hold
+        else search_models(search, first, state.most)
+    )
     return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
 
 
@@ -270,7 +266,7 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
         return None
     least, state = min(tried, key=lambda t: t[0])
     left_out = known_approach(fit.problem.campaign, fit.state) & ~fit.state.use
-    return state, fit.model.score - 0.5 * (least - promised + OUTLYING**2 * float(left_out.sum()))
+    return state, fit.model.score - 0.5 * (least - promised + NOISE.outlying**2 * float(left_out.sum()))
 
 
 def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper) -> float:
@@ -278,7 +274,7 @@ def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper
     total = 0.0
     for channel, rest, noise, shared in zip(channels, left, hyper.log_noise, hyper.log_shared, strict=True):
         # a gross error steers nothing
-        rest = rest * np.minimum(1.0, OUTLYING / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
+        rest = rest * np.minimum(1.0, NOISE.outlying / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
         first = np.flatnonzero(np.r_[True, np.diff(channel.group) > 0])
         sizes = np.diff(np.r_[first, len(channel.group)])
         mean2 = np.sum(np.add.reduceat(rest, first, axis=0) ** 2, axis=1) / sizes

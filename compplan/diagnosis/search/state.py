@@ -13,7 +13,7 @@ from compplan.diagnosis.data.noise import Noise
 from compplan.diagnosis.evidence.candidates import CLASSES, REGISTRATION, Key, in_background, key_of
 from compplan.diagnosis.evidence.evidence import drop_negative
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
-from compplan.diagnosis.search.search import MOST_EFFECTS, Model, Search
+from compplan.diagnosis.search.search import SEARCH, Model, Search
 from compplan.effects import Effect, apply_effects, build_model, solve_model_poses
 from compplan.effects.checks import limit_sizes
 from compplan.effects.forward_model import Attained, ForwardModel, observe_again
@@ -82,7 +82,7 @@ class FitState:
     use: NDArray[np.bool_]
     claims: tuple[tuple[Key, float], ...] = ()
     scatter: float = 0.0
-    most: int = MOST_EFFECTS
+    most: int = SEARCH.most_effects
 
 
 @dataclass(frozen=True, eq=False)

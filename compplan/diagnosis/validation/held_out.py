@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, stdtrit
+from scipy.special import stdtrit
 
 from compplan.diagnosis.data.channels import block_index, group_poses, position_residual
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, rms_length
@@ -67,24 +67,6 @@ class HeldOut:
             return self
         above = float(stdtrit(count - 1, LEVEL)) * float(logs.std(ddof=1)) * np.sqrt(1.0 / count + 1.0 / (count - 1))
         return replace(self, residual=max(1.0, UNDERSTATED * float(np.exp(0.5 * above))) * self.residual)
-
-    def selection_bonus(self, other: HeldOut, group: NDArray[np.int_]) -> float:
-        """Return the probability that chance alone makes another's mean square larger than this one by as much.
-
-        Were both as good, each group's gain would be as likely the other way round: the share of all signs of the gains
-        whose sum is no smaller [Fisher1935, section 21]; of many groups that sum is nearly normal, of variance sum
-        d_g^2. Rows of a group, shape (r,), err alike.
-        """
-        less = np.sum(other.residual**2 - self.residual**2, axis=1)
-        _, index = np.unique(group, return_inverse=True)
-        gain = np.bincount(index.reshape(-1), less)
-        total, spread = float(gain.sum()), float(np.linalg.norm(gain))
-        if len(gain) >= ENOUGH_ROWS:
-            return float(ndtr(-total / max(spread, 1e-300)))
-        sums = np.zeros(1)
-        for one in gain:
-            sums = np.concatenate([sums + one, sums - one])
-        return float(np.mean(sums >= total - 1e-9 * spread))
 
 
 def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:

@@ -9,8 +9,8 @@ import casadi as ca
 from compplan.planning.problem import Cost, Station
 from compplan.robot import Array
 
-#: Steps below this are none. [unit]
-SMALL = 1e-3
+#: Steps below this are none. Smaller ones bend the root so much that Newton steps go to and fro. [unit]
+SMALL = 1e-2
 
 
 @dataclass(frozen=True)

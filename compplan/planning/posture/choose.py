@@ -73,7 +73,8 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
         posture_choice, bad = _choose_at(problem, stations)
         if not len(bad):
             return posture_choice
-        more = np.setdiff1d(_surround(bad, len(nominal)), stations)
+        around = np.unique(bad[:, None] + np.arange(-3, 3))
+        more = np.setdiff1d(around[(around >= 0) & (around < len(nominal))], stations)
         if not len(more):
             break
         stations = np.union1d(stations, pick_even(more, settings.stations))
@@ -96,19 +97,23 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
     if coarse.usable.any():  # none is where the part is out of reach, which the search says
         reached = coarse.q[coarse.usable]
         rungs = replace(rungs, price=price_motion(problem.chain, reached, robot.prismatic, settings.motion))
-    coarse, line, keeps = _search_with_margin(problem, coarse, rungs, weights)
+    filled, keeps = coarse, settings.start is None  # the asked distance from joint limits, unless no way keeps it
+    try:
+        coarse, line = _search_clear(problem, filled, rungs, weights, away=keeps)
+    except InfeasibleError:
+        if not keeps:
+            raise
+        keeps = False
+        coarse, line = _search_clear(problem, filled, rungs, weights, away=False)
     fine, chosen = coarse, line
-    options = _refine_options(problem, coarse.options, line)
-    if options is not None:
-        fine = _keep_slot(fill_lattice(problem, stations, options), line)
-        if keeps:
-            problem, fine = _keep_away(problem), _drop_near_limits(fine)
+    if (options := _refine_options(problem, coarse.options, line)) is not None:
+        slots = np.arange(coarse.reason.shape[2])
+        finer = fill_lattice(problem, stations, options).refuse((slots != line.slot[:, None])[:, None], NOT_WANTED)
         try:
-            fine, chosen = _search_clear(problem, fine, rungs, weights)
+            finer, found = _search_clear(problem, finer, rungs, weights, away=keeps)
+            fine, chosen = (coarse, line) if found.cost > line.cost else (finer, found)
         except InfeasibleError:
-            fine, chosen = coarse, line
-    if chosen.cost > line.cost:
-        fine, chosen = coarse, line
+            pass
     trace = trace_line(problem, stations, fine.options, chosen, smooth=True)
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
@@ -117,7 +122,7 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
     if problem.margin is not None:
         rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)
         bad[rows] |= problem.margin(trace.q[rows], rows) < 0
-    picture = slice_map(coarse, line, chosen, fine.options, problem.nominal, rungs.cut_share)
+    picture = slice_map(coarse, line, chosen, fine.options, problem.nominal)
     if problem.margin is not None and not bad.any():
         picture = mark_collisions(picture, problem.margin)
     posture_choice = PostureSummary(
@@ -126,28 +131,6 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
         weights=weights, settings=settings, costs=summarise_costs(problem, trace.q), map=picture, keeps_margin=keeps,
     )  # fmt: skip
     return posture_choice, np.flatnonzero(bad)
-
-
-def _search_with_margin(
-    problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights
-) -> tuple[Lattice, Line, bool]:
-    """Search at the asked distance from joint limits, and only where no way keeps it, nearer; also tell which."""
-    if problem.settings.start is None:
-        try:
-            return *_search_clear(_keep_away(problem), _drop_near_limits(lattice), rungs, weights), True
-        except InfeasibleError:
-            pass
-    return *_search_clear(problem, lattice, rungs, weights), False
-
-
-def _keep_away(problem: PostureProblem) -> PostureProblem:
-    return replace(problem, settings=replace(problem.settings, limit_room=problem.settings.limit_margin))
-
-
-def _drop_near_limits(lattice: Lattice) -> Lattice:
-    """Refuse what stands nearer to a joint limit than is asked for."""
-    reason = np.where(lattice.usable & (lattice.limits > 0), JOINT_LIMIT, lattice.reason).astype(np.int8)
-    return replace(lattice, reason=reason)
 
 
 def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary:
@@ -201,12 +184,15 @@ def least_level(lattice: Lattice, rungs: Rungs) -> float:
     return float(1e6 * (rungs.cut_share[known] * values[known] ** 2).sum() / max(rungs.cut_share[known].sum(), 1e-300))
 
 
-def _search_clear(problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights) -> tuple[Lattice, Line]:
-    """Search until the line keeps clear; what collides leaves the graph."""
-    checked = np.zeros(lattice.reason.shape, bool)
+def _search_clear(
+    problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights, *, away: bool
+) -> tuple[Lattice, Line]:
+    """Search until the line keeps clear, what collides leaves the graph; `away` from joint limits by what is asked."""
+    settings, checked = problem.settings, np.zeros(lattice.reason.shape, bool)
+    room = settings.limit_margin if away else settings.limit_room
+    lattice = lattice.refuse(lattice.limits > 0, JOINT_LIMIT) if away else lattice
     for _ in range(COLLISION_ROUNDS):
-        line = search_line(lattice, rungs, weights, problem.robot, start=problem.settings.start,
-                           room=problem.settings.limit_room)  # fmt: skip
+        line = search_line(lattice, rungs, weights, problem.robot, start=settings.start, room=room)
         if problem.margin is None:
             return lattice, line
         rows = np.arange(len(line.option))
@@ -267,13 +253,6 @@ def _refine_options(problem: PostureProblem, coarse: Options, line: Line) -> Opt
     return Options(spin, np.clip(moved, low, high), lead, side, everything, shape, coarse.steps)
 
 
-def _keep_slot(lattice: Lattice, line: Line) -> Lattice:
-    """Keep only the configuration that the coarse line has at each station."""
-    other = np.arange(lattice.reason.shape[2])[None, :] != line.slot[:, None]
-    reason = np.where(lattice.usable & other[:, None, :], NOT_WANTED, lattice.reason).astype(np.int8)
-    return replace(lattice, reason=reason)
-
-
 def _list_changes(line: Line, stations: NDArray[np.int_]) -> tuple[tuple[int, str, str], ...]:
     """List where the configuration changes: first waypoint afterwards, before, after."""
 
@@ -282,12 +261,6 @@ def _list_changes(line: Line, stations: NDArray[np.int_]) -> tuple[tuple[int, st
 
     places = np.flatnonzero(np.diff(line.slot)) + 1
     return tuple((int(stations[i]), words(int(line.slot[i - 1])), words(int(line.slot[i]))) for i in places)
-
-
-def _surround(waypoints: NDArray[np.int_], n: int) -> NDArray[np.int_]:
-    """Return waypoints with their neighbours."""
-    wide = np.unique(np.concatenate([waypoints + d for d in (-3, -2, -1, 0, 1, 2)]))
-    return wide[(wide >= 0) & (wide < n)]
 
 
 def trace_line(
@@ -343,14 +316,10 @@ def trace_line(
 
 def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> NDArray[np.int_]:
     """Return all waypoints strictly between the stations around marked ones; marked stations take both sides."""
-    chosen = np.zeros(len(marked), bool)
-    for w in np.flatnonzero(marked):
-        before = int(np.searchsorted(stations, w, side="left")) - 1
-        after = int(np.searchsorted(stations, w, side="right"))
-        low = stations[max(before, 0)] + (before >= 0)
-        high = stations[min(after, len(stations) - 1)] - (after < len(stations))
-        chosen[low : high + 1] = True
-    return np.flatnonzero(chosen)
+    rows = np.arange(len(marked))
+    span, on = np.searchsorted(stations, rows, side="right"), np.isin(rows, stations)
+    spans = np.union1d(span[marked], span[marked & on] - 1)
+    return np.flatnonzero(marked | (np.isin(span, spans) & ~on))
 
 
 def _blur(values: Array) -> Array:

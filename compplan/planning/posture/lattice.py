@@ -6,7 +6,7 @@ axes, lead and lean of the tool axis) times all configurations of the arm.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -64,6 +64,10 @@ class Lattice:
     def usable(self) -> NDArray[np.bool_]:
         """Tell which nodes may be used; singular ones may, at a cost. Shape (k, g, b)."""
         return (self.reason == USABLE) | (self.reason == SINGULAR)
+
+    def refuse(self, nodes: NDArray[np.bool_], why: int) -> Lattice:
+        """Return the lattice with some nodes, (k, g, b) or of a shape that spreads to it, refused for a reason."""
+        return replace(self, reason=np.where(self.usable & nodes, why, self.reason).astype(np.int8))
 
 
 def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
@@ -130,7 +134,8 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
     cells = list(product(*ranges))
     held = np.array(cells, float).reshape(len(cells), len(arm.held))
     leans = [np.linspace(-limit, limit, 3) if limit > 0 else np.zeros(1) for limit in (settings.lead, settings.lean)]
-    tilts = np.array([(a, b) for a, b in product(*leans) if _inside(a, b, settings)])
+    cone = [limit if limit > 0 else 1.0 for limit in (settings.lead, settings.lean)]  # elliptic
+    tilts = np.array([tilt for tilt in product(*leans) if np.sum((np.array(tilt) / cone) ** 2) <= 1.0 + 1e-9])
     s, h, t = (axis.ravel() for axis in np.meshgrid(*(np.arange(len(v)) for v in (spins, held, tilts)), indexing="ij"))
     standing = held[h][None]
     if follow is not None:
@@ -149,30 +154,19 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
 def orient_tool(
     nominal: Toolpath, tool_x: Array, rows: NDArray[np.int_], spin: Array, lead: Array, lean: Array
 ) -> Array:
-    """Return the orientation of the TCP frame at some waypoints, z out of the tool, columns in base axes.
+    """Return the orientation of the TCP frame at some waypoints (k,), z out of the tool, columns in base axes.
 
     The tool axis leans forward by `lead` along the travel and by `lean` to the left of it, then the tool turns about
-    its own axis by `spin`, right-handed about the direction from tip to spindle.
-
-    Args:
-        nominal: The toolpath in the base frame.
-        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        rows: The waypoints. Shape (k,).
-        spin: Rotation, as lead and lean. Shape (k, ...). [rad]
-        lead: Lean along the travel.
-        lean: Lean across it.
-
-    Returns:
-        Shape (k, ..., 3, 3).
+    its own axis by `spin`, right-handed about the direction from tip to spindle; x points along tool_x (3,) at spin 0.
+    Angles (k, ...) [rad] give the shape (k, ..., 3, 3).
     """
-    upright = tool_axes(nominal, tool_x)[rows]
     shape = np.broadcast_shapes(spin.shape, lead.shape, lean.shape)
-    turn = np.broadcast_to(spin, shape).ravel()
-    rotation = _spread(upright, shape) @ Rotation.from_rotvec(turn[:, None] * np.array([0.0, 0.0, -1.0])).as_matrix()
+    turn, count = np.broadcast_to(spin, shape).ravel(), int(np.prod(shape[1:]))
+    upright = np.repeat(tool_axes(nominal, tool_x)[rows], count, axis=0)
+    rotation = upright @ Rotation.from_rotvec(turn[:, None] * np.array([0.0, 0.0, -1.0])).as_matrix()
     if np.any(lead) or np.any(lean):
-        frame = path_axes(nominal)[rows]
         angles = np.stack([-np.broadcast_to(lean, shape).ravel(), np.broadcast_to(lead, shape).ravel()], axis=1)
-        local = _spread(frame, shape)
+        local = np.repeat(path_axes(nominal)[rows], count, axis=0)
         tilt = (local[..., :2] @ angles[..., None])[..., 0]
         rotation = Rotation.from_rotvec(tilt).as_matrix() @ rotation
     return rotation.reshape(*shape, 3, 3)
@@ -199,7 +193,9 @@ def fill_lattice(
     low, high = arm.robot.lower + room, arm.robot.upper - room
     inside = ((q >= low) & (q <= high)).all(axis=3)
     reason[reached & ~inside] = JOINT_LIMIT
-    reason[(reason == USABLE) & ~_wanted(settings.configuration)[: q.shape[2]]] = NOT_WANTED
+    words = settings.configuration.items()
+    wanted = np.array([all(slot[key] == word for key, word in words) for slot in CONFIGURATIONS])
+    reason[(reason == USABLE) & ~wanted[: q.shape[2]]] = NOT_WANTED
     values = {name: np.full(reached.shape, np.nan) for name in ("sensitivity", "deviation", "limits", "dexterity")}
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(
@@ -210,21 +206,6 @@ def fill_lattice(
         array[rows] = getattr(nodes, name)
     reason[(reason == USABLE) & (values["dexterity"] < settings.singularity_margin)] = SINGULAR
     return Lattice(stations, options, q, reason=reason, singularity_margin=settings.singularity_margin, **values)
-
-
-def _spread(frames: Array, shape: tuple[int, ...]) -> Array:
-    """Repeat one frame a waypoint over the further axes of `shape`, flattened. Shape (prod(shape), 3, 3)."""
-    return np.repeat(frames, int(np.prod(shape[1:])), axis=0)
-
-
-def _inside(lead: float, lean: float, settings: PostureSettings) -> bool:
-    """Tell whether a tilt lies in the elliptic tolerance cone."""
-    parts = [(angle / limit) ** 2 for angle, limit in ((lead, settings.lead), (lean, settings.lean)) if limit > 0]
-    return sum(parts) <= 1.0 + 1e-9
-
-
-def _wanted(words: dict[str, str]) -> NDArray[np.bool_]:
-    return np.array([all(slot[key] == word for key, word in words.items()) for slot in CONFIGURATIONS])
 
 
 def _wrap_into_limits(q: Array, arm: Arm) -> Array:

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.choose import NODE_BUDGET, choose_posture_path
 from compplan.planning.posture.configuration import find_nearest_rows
-from compplan.planning.posture.follow import reach_with_all
-from compplan.planning.posture.lattice import build_options, fill_lattice, orient_tool, pick_stations
+from compplan.planning.posture.follow import reach_with_all, turn_about_axis
+from compplan.planning.posture.lattice import build_options, fill_lattice, pick_stations
 from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureSummary, Start
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.toolpath.toolpath import Toolpath, pick_even, select_waypoints
+from compplan.toolpath.toolpath import pick_even, select_waypoints
 
 #: Stretches that are chosen for, the shortest one [waypoints], and attempts on each.
 STRETCHES, SHORTEST, ATTEMPTS = 4, 5, 4
@@ -40,28 +40,18 @@ LONGEST = 300
 def find_partial(problem: PostureProblem) -> Start | None:
     """Keep the stretches of a path that an arm can follow, whatever is in the way; None where there is none."""
     asked, problem = problem.settings, replace(problem, settings=replace(problem.settings, scene=None))
-    nominal, tool_x, found = problem.nominal, problem.tool_x, []
-    for first, last in _find_stretches(problem)[:STRETCHES]:
-        stretch = _choose_stretch(problem, first, last)
-        if stretch is not None:
-            found.append(stretch)
-    if not found:
-        return None
-    n = len(nominal)
+    nominal, n = problem.nominal, len(problem.nominal)
+    stretches = (_choose_stretch(problem, first, last) for first, last in _find_stretches(problem)[:STRETCHES])
+    found = [stretch for stretch in stretches if stretch is not None]
     q, rotation, missed = np.full((n, problem.robot.nq), np.nan), np.empty((n, 3, 3)), np.ones(n, bool)
     for first, posture_choice in found:
         rows = slice(first, first + len(posture_choice.q))
         q[rows], rotation[rows], missed[rows] = posture_choice.q, posture_choice.rotation, posture_choice.missed
     if missed.all():
         return None
-    kept = np.flatnonzero(np.isfinite(q[:, 0]))
-    lost = np.flatnonzero(~np.isfinite(q[:, 0]))
-    near = find_nearest_rows(kept, lost)
-    q[lost] = q[near]
-    spin = _spin_of(nominal, tool_x, kept, rotation[kept])
-    rotation[lost] = orient_tool(
-        nominal, tool_x, lost, spin[np.searchsorted(kept, near)], np.zeros(len(lost)), np.zeros(len(lost))
-    )
+    lost = np.flatnonzero(np.isnan(q[:, 0]))
+    near = find_nearest_rows(np.flatnonzero(np.isfinite(q[:, 0])), lost)
+    q[lost], rotation[lost] = q[near], turn_about_axis(rotation[near][:, :, 0], nominal.axis[lost])
     longest = max(found, key=lambda entry: len(entry[1].q))[1]
     mend, first = _say(problem, q, rotation, missed), int(np.flatnonzero(missed)[0])
     sentence = (f"{missed.sum()} of {n} waypoints of the toolpath are out of reach, the first is {first} "
@@ -114,13 +104,6 @@ def _choose_stretch(problem: PostureProblem, first: int, last: int) -> tuple[int
     return None
 
 
-def _spin_of(nominal: Toolpath, tool_x: Array, rows: NDArray[np.int_], rotation: Array) -> Array:
-    """Return the rotation about the tool axis of orientations. Shape (k,). [rad]"""
-    zero = np.zeros(len(rows))
-    turned = np.swapaxes(orient_tool(nominal, tool_x, rows, zero, zero, zero), 1, 2) @ rotation
-    return -np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
-
-
 def _say(problem: PostureProblem, q: Array, rotation: Array, missed: NDArray[np.bool_]) -> str:
     """Name what stops the first waypoint that fails, and the shift of the part that mends it."""
     robot, chain, settings, position = problem.robot, problem.chain, problem.settings, problem.nominal.position
@@ -133,11 +116,9 @@ def _say(problem: PostureProblem, q: Array, rotation: Array, missed: NDArray[np.
     lower, upper = robot.arm_limits
     room = np.minimum(best[0] - lower, upper - best[0])
     at = np.flatnonzero(room < np.where(robot.prismatic, 1e-3, settings.limit_room))
-    sides = ["lower" if best[0, j] - robot.lower[j] < robot.upper[j] - best[0, j] else "upper" for j in at]
-    named = [f"{side} position limit of {robot.joint_names[j]}" for j, side in zip(at, sides, strict=True)]
-    stopped = " and ".join(named[:2]) or "the reach of the arm"
-    verb = "stop" if len(named) > 1 else "stops"
-    text = f"{stopped} {verb} it"
+    named = [f"{'lower' if best[0, j] - lower[j] < upper[j] - best[0, j] else 'upper'} position limit of "
+             f"{robot.joint_names[j]}" for j in at]  # fmt: skip
+    text = f"{' and '.join(named[:2]) or 'the reach of the arm'} {'stop' if len(named) > 1 else 'stops'} it"
     shift = _find_shift(problem, some, np.flatnonzero(~missed), miss)
     if shift is None:
         most = 1e3 * float(np.linalg.norm(miss, axis=1).max())

@@ -76,22 +76,20 @@ def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: f
     """
     cut = np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
     between = np.diff(cut[stations])
-    share = np.zeros(len(stations))
-    share[:-1] += 0.5 * between
-    share[1:] += 0.5 * between
+    waypoints, rapid = np.diff(stations), nominal.rapid[1:]
+    share, spread = (0.5 * np.r_[edge, 0.0] + 0.5 * np.r_[0.0, edge] for edge in (between, waypoints))
     cut_share = share / max(share.sum(), 1e-300)
-    waypoints = np.diff(stations)
-    spread = np.zeros(len(stations))
-    spread[:-1] += 0.5 * waypoints
-    spread[1:] += 0.5 * waypoints
-    rapid = nominal.rapid[1:]
     total = max(nominal.arc_length[-1], 1e-300)
     sigma = np.maximum(np.diff(nominal.arc_length[stations]) / total, 0.1 / len(stations)) * (total / LENGTH) ** 2
     time = np.where(rapid | (nominal.feed[1:] <= 0), 0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9))
     feed_time = np.add.reduceat(np.r_[time, 0.0], stations[:-1]) if len(stations) > 1 else np.zeros(0)
     most = np.minimum(most_step * waypoints, EDGE)
-    if reconfigure:
-        most = np.where(_free_moves(nominal, stations), np.inf, most)
+    if reconfigure:  # in rapid moves that neither start nor end at the part
+        touches = ~nominal.rapid
+        touches[:-1] |= ~nominal.rapid[1:]
+        touches[0] = not nominal.rapid[1] if len(nominal) > 1 else True
+        free = [nominal.rapid[a + 1 : b + 1].all() and not touches[[a, b]].any() for a, b in pairwise(stations)]
+        most = np.where(np.array(free, bool), np.inf, most)
     settle = feed_time * LENGTH / np.maximum(between, 1e-9)
     edge = between / max(between.sum(), 1e-300)
     return Rungs(cut_share, spread / max(spread.sum(), 1e-300), sigma, feed_time, most, edge, settle)
@@ -126,7 +124,10 @@ def search_line(
         cost = _start_near(lattice.q, cost, start, robot)
     turns = (robot.upper - robot.lower > 2 * np.pi) & ~(robot.prismatic | robot.carriers)
     option, slot, total = _sweep(lattice, lattice.q, cost, rungs, weights, robot, turns)
-    way = _follow(lattice.q[np.arange(len(option)), option, slot], turns)
+    way = lattice.q[np.arange(len(option)), option, slot]
+    steps = np.diff(way, axis=0)  # full turns are counted along the way
+    steps = np.where(turns, steps - 2 * np.pi * np.round(steps / (2 * np.pi)), steps)
+    way = np.concatenate([way[:1], way[:1] + np.cumsum(steps, axis=0)])
     shifted = _shift_turns(way, robot, turns, start, room)
     if shifted is not None:
         return Line(option, slot, shifted, total)
@@ -286,13 +287,6 @@ def _take_turns_out(step: Array) -> None:
     step -= turns
 
 
-def _follow(q: Array, turns: NDArray[np.bool_]) -> Array:
-    """Count full turns along a way."""
-    steps = np.diff(q, axis=0)
-    steps = np.where(turns, steps - 2 * np.pi * np.round(steps / (2 * np.pi)), steps)
-    return np.concatenate([q[:1], q[:1] + np.cumsum(steps, axis=0)])
-
-
 def _shift_turns(way: Array, robot: Robot, turns: NDArray[np.bool_], start: Array | None, keep: float) -> Array | None:
     """Shift whole joints by full turns into their limits, as far from them as possible (or near the start)."""
     way = way.copy()
@@ -334,17 +328,6 @@ def _start_near(q: Array, cost: Array, start: Array, robot: Robot) -> Array:
     only = np.full_like(cost[0], np.inf)
     only[:, slot] = cost[0][:, slot]
     return np.concatenate([only[None], cost[1:]])
-
-
-def _free_moves(nominal: Toolpath, stations: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Tell which edges are rapid moves that neither start nor end at the part."""
-    touches = ~nominal.rapid
-    touches[:-1] |= ~nominal.rapid[1:]
-    touches[0] = not nominal.rapid[1] if len(nominal) > 1 else True
-    free = np.empty(len(stations) - 1, bool)
-    for i, (a, b) in enumerate(pairwise(stations)):
-        free[i] = nominal.rapid[a + 1 : b + 1].all() and not touches[a] and not touches[b]
-    return free
 
 
 def _refuse(lattice: Lattice, station: int, cost: Array) -> None:

@@ -32,9 +32,6 @@ class PostureMap:
     held_grid: Array  #: Grid positions of the first extra axis, or empty. Shape (r,). [m or rad]
     held_sensitivity: Array  #: Least sensitivity over all rotations against the first extra axis. Shape (k, r). [m]
     q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, nq). [rad or m]
-    #: Root mean square along the cut with x of the TCP kept where the job has it, in the best single configuration; NaN
-    #: where none leads along the path. [m]
-    fixed_sensitivity: float
 
 
 @dataclass(frozen=True)
@@ -83,22 +80,21 @@ class PostureSummary(PostureTrace):
 
     def describe(self) -> dict[str, Any]:
         """Describe the posture for plan.json."""
-        spin, fixed = np.degrees(self.spin), self.map.fixed_sensitivity
+        spin, motion = np.degrees(self.spin), self.settings.motion
         return {
             "preset": self.settings.preset,
             "weights_mm2": {name: float(value) for name, value in vars(self.weights).items()},
             **self.describe_errors(),
             "motion_figures": {
-                "gear_error_deg": float(np.degrees(self.settings.motion.gear)),
-                "gear_periods": self.settings.motion.periods,
-                "lost_motion_deg": float(np.degrees(self.settings.motion.lost)),
-                "natural_frequency_hz": self.settings.motion.frequency,
-                "source": self.settings.motion.source,
+                "gear_error_deg": float(np.degrees(motion.gear)),
+                "gear_periods": motion.periods,
+                "lost_motion_deg": float(np.degrees(motion.lost)),
+                "natural_frequency_hz": motion.frequency,
+                "source": motion.source,
             },
             "costs": dict(self.costs),
             **({} if not self.compared else {f"postures_{self.compared_by}": dict(self.compared)}),
             **({} if self.instead_of is None else {"plain_posture_instead_of": dict(self.instead_of)}),
-            "sensitivity_with_fixed_x_mm": None if np.isnan(fixed) else 1e3 * fixed,
             "spin_deg": {"first": float(spin[0]), "min": float(spin.min()), "max": float(spin.max())},
             "configuration_changes": [
                 {"waypoint": waypoint, "from": before, "to": after} for waypoint, before, after in self.changes
@@ -163,9 +159,7 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     }
 
 
-def slice_map(
-    coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal: Toolpath, cut_share: Array
-) -> PostureMap:
+def slice_map(coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal: Toolpath) -> PostureMap:
     """Cut the map out of the graph: all rotations at the configuration, extra axes and lean of the coarse line."""
     spins, positions, tilts = coarse.options.shape
     k, b = len(line.option), coarse.reason.shape[2]
@@ -173,17 +167,13 @@ def slice_map(
     held_at, tilt_at = (line.option // tilts) % positions, line.option % tilts
 
     def cut(values: NDArray[Any]) -> NDArray[Any]:
-        grid = values.reshape(k, spins, positions, tilts, b)
+        grid = values.reshape(k, spins, positions, tilts, b, *values.shape[3:])
         return grid[rows, :, held_at, tilt_at, line.slot]
 
-    sensitivity = np.where(coarse.usable, coarse.sensitivity, np.nan)
     held_grid = coarse.options.held[0, :, 0].reshape(spins, positions, tilts)[0, :, 0] if positions > 1 else np.zeros(0)
-    best = np.where(np.isfinite(sensitivity), sensitivity, np.inf).reshape(k, spins, positions, tilts * b)
+    best = np.where(coarse.usable, coarse.sensitivity, np.inf).reshape(k, spins, positions, tilts * b)
     best = best.min(axis=(1, 3)) if positions > 1 else np.zeros((k, 0))
     pick = rows, chosen.option
-    plain = sensitivity.reshape(k, spins, positions, tilts, b)[:, 0, positions // 2, tilts // 2]
-    squares = (cut_share[:, None] * plain**2).sum(axis=0)
-    fixed = float(np.sqrt(np.nanmin(squares))) if np.isfinite(squares).any() else float("nan")
     return PostureMap(
         length=nominal.arc_length[coarse.stations],
         waypoint=coarse.stations,
@@ -194,8 +184,7 @@ def slice_map(
         held=np.broadcast_to(fine.held, (k, *fine.held.shape[1:]))[pick],
         held_grid=held_grid,
         held_sensitivity=np.where(np.isfinite(best), best, np.nan),
-        q=coarse.q.reshape(k, spins, positions, tilts, b, -1)[rows, :, held_at, tilt_at, line.slot],
-        fixed_sensitivity=fixed,
+        q=cut(coarse.q),
     )
 
 

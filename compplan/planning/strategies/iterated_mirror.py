@@ -19,4 +19,4 @@ def command_path(task: PlanTask) -> Command:
     while deviation >= SETTLED and passes < MOST_PASSES:
         q, position, rotation, deviation = mirror_deviation(task, q, position, rotation)
         passes += 1
-    return check_limits(task, q, {"passes": passes})
+    return check_limits(task, q)

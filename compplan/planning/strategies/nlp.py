@@ -26,12 +26,11 @@ def command_path(task: PlanTask, near: Command | None = None) -> Command:
     misses the path there by as little as the limits allow.
     """
     real, task = task, without_play(task)
-    links = None if near is None else np.asarray(near.facts.get("links", near.q))
-    found = solve_path(task, links)
-    facts = {"nlp": found.describe()}
-    if near is not None and (spent := near.facts.get("nlp")):
-        facts["nlp"] |= {name: spent[name] + facts["nlp"][name] for name in ("solves", "iterations", "cpu_s")}
-    return _finish(real, found.q, Command(found.q, solve_time=found.cpu, facts={**facts, "solution": found}))
+    found = solve_path(task, None if near is None else near.links)
+    facts = found.describe()
+    if near is not None and near.nlp:
+        facts |= {name: near.nlp[name] + facts[name] for name in ("solves", "iterations", "cpu_s")}
+    return _finish(real, found.q, Command(found.q, solve_time=found.cpu, nlp=facts))
 
 
 def approach_path(task: PlanTask) -> Command:
@@ -45,22 +44,21 @@ def correct_command(task: PlanTask, command: Command) -> Command:
 
     Waypoints that fail in it keep their joint positions.
     """
-    q, failing = np.array(command.facts.get("links", command.q)), np.array(sorted(command.failures), int)
-    return _finish(task, correct_pose(without_play(task), q, failing), command)
+    failing = np.array(sorted(command.failures), int)
+    return _finish(task, correct_pose(without_play(task), np.array(command.links), failing), command)
 
 
 def _finish(task: PlanTask, q: Array, command: Command) -> Command:
     """Lead lost motion, and name the waypoints that miss the pose equations or leave a limit; q: of the links."""
     missed = size_of(miss_pose(without_play(task), q))
     failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
-    if list_plays(task.robot).any():
-        command = replace(command, facts={**command.facts, "links": q})
-        q = q + lead_play(task, q)
+    lead = lead_play(task, q) if list_plays(task.robot).any() else 0.0
+    q = q + lead
     if task.robot.effects:
         # lost motion at a reversal, which no command mends, is no matter of reach: the evaluation sees the tip
         failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}
     failures |= check_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
-    return replace(command, q=q, status="infeasible" if failures else "solved", failures=failures)
+    return replace(command, q=q, lead=lead, status="infeasible" if failures else "solved", failures=failures)
 
 
 __all__ = ["PathSolution", "command_path", "correct_command", "words"]

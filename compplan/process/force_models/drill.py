@@ -23,11 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from compplan.process.cutter import Cutter
-from compplan.process.cutting import CuttingTable
-from compplan.process.engagement import Engagement
+from compplan.process.cutting import CuttingTable, MillingShape
+from compplan.process.engagement import Cutter, Engagement
 from compplan.process.materials import Coefficients
-from compplan.process.milling import MillingShape
 
 words = "thrust and torque of a drill"
 SOURCE = "thrust and torque of twist drills by a tool maker's table (Tungaloy general catalogue, technical reference)"

@@ -1,4 +1,4 @@
-"""What a CAM file does not say by itself: the [cam] table of a job, and the options of `compplan convert`.
+"""What a CAM file does not say by itself: the [cam] table of a job, options of `compplan convert`, machines by name.
 
 A program leaves the tool's place open at its beginning, after moves to the machine's home (G28, G53, SUPA, M91), after
 joint moves of a robot and after probing. A cut from there is refused, or begins at the place that `from_mm` states. A
@@ -8,12 +8,14 @@ rapid move to a place that the program states in full makes it known.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr
 
 from compplan.errors import InputError
-from compplan.io.tomlfile import StrictTable
+from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, read_toml, read_toml_model
 from compplan.toolpath.readers.arcs import Point
 
 #: A coordinate [mm].
@@ -21,6 +23,8 @@ Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 #: Rotary axes of a machine, that which carries the other first.
 Axes = Annotated[list[Literal["A", "B", "C", "-A", "-B", "-C"]], Field(min_length=1, max_length=2)]
+#: Machines that ship.
+SHIPPED = Path(__file__).with_name("machines.toml")
 #: Greatest distance between an arc and its chords. [mm]
 CHORD_MM = 0.001
 WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
@@ -127,3 +131,44 @@ def refuse_unit(words: str) -> InputError:
     """Return the error that a file states no unit of length by the words that would state it."""
     return InputError(f"no unit of length is stated before this line ({words}): state it with --unit mm or --unit inch "
                       "([cam] unit)")  # fmt: skip
+
+
+class NamedMachine(MachineAxes):
+    """[machine]: what turns (`rotary`, as in [cam]), and the rotary axes; `title` says what it is."""
+
+    title: str = ""
+    rotary: Literal["head", "table", "head_table"]
+
+
+class MachineFile(StrictTable):
+    """A machine in a file of one's own."""
+
+    schema_: SchemaOne = Field(alias="schema")
+    machine: NamedMachine
+
+
+@lru_cache(maxsize=1)
+def list_machines() -> dict[str, NamedMachine]:
+    """Return the machines that ship with compplan, by name."""
+    tables = {name: table for name, table in read_toml(SHIPPED).items() if name != "schema"}
+    return {name: check_table(NamedMachine, table, file=SHIPPED, key=name) for name, table in tables.items()}
+
+
+def find_machine(name: str, folder: Path) -> NamedMachine:
+    """Return a machine by its name: one that ships, or NAME.toml in a folder, which comes first."""
+    own = folder / f"{name}.toml"
+    if own.is_file():
+        return read_toml_model(MachineFile, own).machine
+    shipped = list_machines()
+    if name not in shipped:
+        raise InputError(f"no machine named {name!r}, choose from {', '.join(shipped)}, or write {name}.toml "
+                         "beside the CAM file", where="cam.machine")  # fmt: skip
+    return shipped[name]
+
+
+def use_machine(options: CamTable, file: Path) -> CamTable:
+    """Return options with the machine that they name."""
+    if options.machine is None:
+        return options
+    machine = find_machine(options.machine, file.parent)
+    return options.with_axes(machine.rotary, machine)

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 
 from compplan.errors import InputError
 from compplan.toolpath.readers import CamFile, CamTable, read_cam
-from compplan.toolpath.readers.cnc import heidenhain_lexer, sinumerik_lexer
+from compplan.toolpath.readers.cnc import heidenhain_words, sinumerik_lexer
 from compplan.toolpath.readers.cnc.expressions import Grammar, evaluate
 from compplan.toolpath.readers.cnc.rotary import RotaryMachine
 from compplan.toolpath.readers.cnc.rs274_macro import Variables
-from compplan.toolpath.readers.machines import list_machines
+from compplan.toolpath.readers.options import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
 
@@ -329,13 +329,13 @@ def test_macros_loops_jumps_and_subprograms_of_the_file_are_carried_out(read) ->
     ("text", "sentence"),
     [
         ("N1 G1 X1 F9\nGOTO 1", ":4: this jump repeats without end"),
-        ("#1=0\nN1 #1=#1+1\nGOTO 1", ":5: more than 20000 jumps"),
-        ("#1=0\nN1 #1=#1+1" + "+0" * 400 + "\nGOTO 1", ":4: more than 2000000 letters of macro blocks"),
+        ("#1=0\nN1 #1=#1+1\nGOTO 1", ": more than 4000000 letters"),
+        ("#1=0\nN1 #1=#1+1" + "+0" * 400 + "\nGOTO 1", ":4: more than 4000000 letters of blocks"),
         ("WHILE [#1 LT 3] DO" + " 1" * 400 + "\n#1=#1+1\nEND1", r":3: .* expected WHILE \[..\] DO and a number"),
         ("WHILE [1 EQ 1] DO 1\nG1 X1 F9\nEND 1", ":5: this jump repeats without end"),
         ("GOTO 77", ":3: jump to block N77, which is not in this program"),
         ("WHILE [1 EQ 2] DO 1\nG1 X1 F9", "loop 1 has no END 1"),
-        ("#1=1/0", ":3: division by 0"), ("#1=SQRT[-1]", "has no value"), ("#1=[1", "expected '\\]'"),
+        ("#1=1/0", ":3: expression .* has no value"), ("#1=SQRT[-1]", "has no value"), ("#1=[1", "expected '\\]'"),
         ("G1 X" + "[" * 100 + "1" + "]" * 100, "more than 50 brackets"),
         ("IF [1 EQ 1] THAT", "expected IF \\[..\\] GOTO or THEN"), ("#1=5 AND 3", "of conditions only"),
     ],
@@ -363,7 +363,7 @@ def test_expressions_are_worked_out_by_the_rules_of_arithmetic(a: float, b: floa
         variables.work_out("#1 +")
 
 
-@pytest.mark.parametrize("grammar", [heidenhain_lexer.GRAMMAR, sinumerik_lexer.GRAMMAR])
+@pytest.mark.parametrize("grammar", [heidenhain_words.GRAMMAR, sinumerik_lexer.GRAMMAR])
 def test_signs_of_one_rank_are_worked_out_from_left_to_right(grammar: Grammar) -> None:
     values = {"10-3-2": 5.0, "10-3+2": 9.0, "12/3/2": 2.0, "12/3*2": 8.0, "2*3-4-5": -3.0, "10-(3-2)": 9.0}
     for text, value in values.items():

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, combine, dot
-from compplan.toolpath.readers.frames import UNIT, Frame
+from compplan.toolpath.readers.arcs import Point, combine
+from compplan.toolpath.readers.frames import Frame, rotate, turn_about
 from compplan.toolpath.readers.options import CamTable
 
 UP: Point = (0.0, 0.0, 1.0)
@@ -46,9 +45,9 @@ class RotaryMachine:
         """
         axis = UP
         for letter, sense in self.head[::-1]:
-            axis = _turn(letter, sense * angles.get(letter, 0.0), axis)
+            axis = _turn(letter, sense * angles.get(letter, 0.0)).turn(axis)
         for letter, sense in self.table:
-            axis = _turn(letter, -sense * angles.get(letter, 0.0), axis)
+            axis = _turn(letter, -sense * angles.get(letter, 0.0)).turn(axis)
         return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
 
     def place(self, angles: Mapping[str, float]) -> Frame:
@@ -64,25 +63,14 @@ class RotaryMachine:
                 raise RotaryError("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
             centre = self.centre
             for letter, sense in self.table:
-                angle = -sense * angles.get(letter, 0.0)
-                columns = [_turn(letter, angle, unit) for unit in UNIT]
-                rows = tuple((columns[0][row], columns[1][row], columns[2][row]) for row in range(3))
-                turned = tuple(dot(row, centre) for row in rows)
-                step = (centre[0] - turned[0], centre[1] - turned[1], centre[2] - turned[2])
-                placed = Frame((rows[0], rows[1], rows[2]), step).then(placed)
+                placed = turn_about(centre, _turn(letter, -sense * angles.get(letter, 0.0))).then(placed)
                 centre = combine(1.0, centre, 1.0, self.offset)
         return placed
 
 
-def _turn(letter: str, angle: float, vector: Point) -> Point:
-    """Return a vector turned about the axis of a rotary letter by the right hand; angle in degrees."""
-    sine, cosine = math.sin(math.radians(angle)), math.cos(math.radians(angle))
-    x, y, z = vector
-    if letter == "A":
-        return x, cosine * y - sine * z, sine * y + cosine * z
-    if letter == "B":
-        return cosine * x + sine * z, y, cosine * z - sine * x
-    return cosine * x - sine * y, sine * x + cosine * y, z
+def _turn(letter: str, angle: float) -> Frame:
+    """Return a rotation about the axis of a rotary letter by the right hand; angle in degrees."""
+    return rotate("ABC".index(letter), angle)
 
 
 def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
