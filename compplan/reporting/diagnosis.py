@@ -243,9 +243,9 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
             "The error that the named joint makes at every row, everything else explained taken out: a soft spring is "
             "a sloped line, lost motion two levels, a gear error a wave."
         )
-        blocks.append(page.Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
-    blocks.append(page.Fold("By run, direction and region", _list_splits(split)))
-    return page.Section("Where it lies", blocks)
+        blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
+    blocks.append(Fold("By run, direction and region", _list_splits(split)))
+    return Section("Where it lies", blocks)
 
 
 def _list_splits(split: Split) -> list[Block]:
@@ -264,10 +264,10 @@ def _list_splits(split: Split) -> list[Block]:
         for name, s in spread.by_axis.items()
     ]
     return [
-        page.DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
-        page.DataTable(["reach [mm]", "height [mm]", *end], regions,
+        DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
+        DataTable(["reach [mm]", "height [mm]", *end], regions,
                    "By region: distance from the axis of the base, and height."),
-        page.DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
+        DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
     ]  # fmt: skip
 
 

@@ -31,8 +31,7 @@ from compplan.diagnosis.validation.probability import MAP
 from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model
-from compplan.measurement.poses.exchange import grow_choice, settle_choice
-from compplan.measurement.poses.information import odds_gains, weight_rows
+from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, weight_rows
 from compplan.robot import Array
 
 #: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most, too
