@@ -81,19 +81,21 @@ def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> tuple[list[str
     """Return the comment of an event, the lines that do it, or else what the operator is asked to do."""
     text = clean_text(event.describe())
     if not text:
-        return EventLines([])
-    said, native, kind = phrases.say(text), phrases.native(event), event.kind
-    if kind == "comment":
-        return EventLines(said)
-    if native is not None:
-        return EventLines(said, native)
+        return [], [], ""
+    code = [] if event.kind == "comment" else phrases.native(event)
+    code = _phrase_event(event, text, wiring, phrases) if code is None else code
+    return phrases.say(text), code or [], text if code is None else ""
+
+
+def _phrase_event(event: Event, text: str, wiring: Wiring, phrases: Phrases) -> list[str] | None:
+    """Return the lines that do an event by the signals of the cell; None where nothing is wired for it."""
+    kind = event.kind
     if kind == "spindle_cw" and wiring.spindle is not None:
-        return EventLines(said, _start_spindle(wiring.spindle, wiring, phrases))
+        return _start_spindle(wiring.spindle, wiring, phrases)
     if kind == "spindle_off" and wiring.spindle is not None:
-        return EventLines(said, phrases.switch(wiring.spindle, False))
+        return phrases.switch(wiring.spindle, False)
     if kind in ("coolant", "mist", "coolant_off"):
-        switched = [] if wiring.coolant is None else phrases.switch(wiring.coolant, kind != "coolant_off")
-        return EventLines(said, switched)
+        return [] if wiring.coolant is None else phrases.switch(wiring.coolant, kind != "coolant_off")
     if kind == "tool" and wiring.tool_change:
         return phrases.call(wiring.tool_change, event.value)
     if kind == "dwell":
