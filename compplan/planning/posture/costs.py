@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from compplan.errors import UnknownNameError
 from compplan.robot import Array
 from compplan.statics.chain import Chain, Frames, jacobian, joint_jacobian, load_elements, locate_frames
 from compplan.statics.quality import natural_length
+from compplan.uncertainty.posture_errors import PostureErrors
 
 CHUNK = 4096
 #: Samples of the errors for a 95 % value; fixed, so that postures compare alike.
@@ -36,22 +37,6 @@ class ModelScatter:
     wrench: float = 0.1  #: Relative error of each component of the wrench, part axes.
     compliance: float = 0.1  #: Relative error of each elastic coordinate.
     joint_zero: float = 0.0  #: Error of each revolute joint's zero (geometry); the place of a rail is the part's. [rad]
-
-
-class ErrorModel(Protocol):
-    """How far the tip of a posture may be off, from more than a few assumed shares: what is known of the robot."""
-
-    @property
-    def source(self) -> str:
-        """Say where it comes from."""
-        ...
-
-    def columns(self, q: Array, wrench: Array) -> Array:
-        """Return the error of the tip by one standard deviation of each cause. Shape (n, 3, errors). [m].
-
-        Infinite where the loaded arm finds no equilibrium. q: shape (n, nq); wrench at the TCP, base axes: (n, 6).
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -113,18 +98,13 @@ def choose_weights(preset: str, level: float, *, travel: bool = False) -> Weight
 
 def measure_nodes(
     chain: Chain, q: Array, wrench: Array, *, limits: tuple[Array, Array],
-    uncertainty: ModelScatter | ErrorModel | None = None, axes: Array | None = None, margin: float = np.radians(10.0),
+    uncertainty: ModelScatter | PostureErrors | None = None, axes: Array | None = None,
+    margin: float = np.radians(10.0),
 ) -> NodeCosts:  # fmt: skip
-    """Measure postures q (n, nq) under a wrench (n, 6) on the tool at the TCP, base axes.
+    """Measure postures q (n, nq) [rad or m] under a wrench (n, 6) [N, N m] on the tool at the TCP, base axes.
 
-    Args:
-        chain: The elastic chain.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        wrench: Predicted wrench. Shape (n, 6). [N, N m]
-        limits: Lower and upper joint limits. Shapes (nq,). [rad or m]
-        uncertainty: How well the inputs are known.
-        axes: Axes in whose components the wrench errs, base axes if left out. Shape (3, 3).
-        margin: Distance to a limit from which on it does not count. [rad or m]
+    `limits` are the lower and upper joint limits (nq,), `uncertainty` how well the inputs are known, `axes` (3, 3) those
+    in whose components the wrench errs; a joint farther from its limits than `margin` [rad or m] is not near to them.
     """
     known = uncertainty or ModelScatter()
     n = len(q)
@@ -145,7 +125,7 @@ def measure_nodes(
 
 
 def error_columns(
-    chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter | ErrorModel, axes: Array | None = None
+    chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter | PostureErrors, axes: Array | None = None
 ) -> Array:
     """Return the deviation that one standard deviation of each error leaves. Shape (n, 3, errors). [m]"""
     if not isinstance(uncertainty, ModelScatter):

@@ -54,7 +54,6 @@ class Lattice:
     options: Options  #: What varies.
     q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
     sensitivity: Array  #: Shape (k, g, b). [m]
-    deviation: Array  #: Before compensation. Shape (k, g, b). [m]
     limits: Array  #: Nearness to joint limits. Shape (k, g, b).
     dexterity: Array  #: Shape (k, g, b).
     reason: NDArray[np.int8]  #: Index into `REASONS`. Shape (k, g, b).
@@ -196,7 +195,7 @@ def fill_lattice(
     words = settings.configuration.items()
     wanted = np.array([all(slot[key] == word for key, word in words) for slot in CONFIGURATIONS])
     reason[(reason == USABLE) & ~wanted[: q.shape[2]]] = NOT_WANTED
-    values = {name: np.full(reached.shape, np.nan) for name in ("sensitivity", "deviation", "limits", "dexterity")}
+    values = {name: np.full(reached.shape, np.nan) for name in ("sensitivity", "limits", "dexterity")}
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(
         problem.chain, q[rows], problem.wrench[stations][rows[0]], limits=arm.robot.arm_limits,

@@ -22,7 +22,6 @@ from compplan.job.frames import PartTable
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.costs import ErrorModel
 from compplan.planning.posture.lattice import USABLE, build_options, fill_lattice, pick_stations
 from compplan.planning.posture.search import measure_rungs
 from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
@@ -30,6 +29,7 @@ from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm
 from compplan.toolpath.toolpath import Toolpath
+from compplan.uncertainty.posture_errors import PostureErrors
 
 #: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
 STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5
@@ -72,7 +72,7 @@ class PlaceResult:
 
 
 def place_part(
-    job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: ErrorModel | None = None,
+    job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: PostureErrors | None = None,
 ) -> PlaceResult:  # fmt: skip
     """Search the place of the part where the table [place] of a job lets it stand.
 
@@ -230,7 +230,7 @@ def _refine(
 
 
 def _search_posture(
-    job: Job, robot: Robot, errors: ErrorModel | None, place: Array, turn: float
+    job: Job, robot: Robot, errors: PostureErrors | None, place: Array, turn: float
 ) -> PostureSummary | None:
     """Search the posture with the part at a place; None where nothing leads along the path."""
     moved = _move_job(job, place, turn)
