@@ -103,7 +103,7 @@ def measure_nodes(
 ) -> NodeCosts:  # fmt: skip
     """Measure postures q (n, nq) [rad or m] under a wrench (n, 6) [N, N m] on the tool at the TCP, base axes.
 
-    `limits` are the lower and upper joint limits (nq,), `uncertainty` how well the inputs are known, `axes` (3, 3) those
+    `limits` are the lower and upper joint limits (nq,), `uncertainty` says how well the inputs are known, `axes` (3, 3)
     in whose components the wrench errs; a joint farther from its limits than `margin` [rad or m] is not near to them.
     """
     known = uncertainty or ModelScatter()
