@@ -32,10 +32,16 @@ LEAST_LEVEL = 1e-8
 
 @dataclass(frozen=True)
 class ModelScatter:
-    """How well the inputs of a plan are known: one standard deviation each, all errors independent and normal."""
+    """How well the inputs of a plan are known (assumed): one standard deviation each, errors independent and normal."""
 
     wrench: float = 0.1  #: Relative error of each component of the wrench, part axes.
     compliance: float = 0.1  #: Relative error of each elastic coordinate.
+
+
+#: What is assumed where nothing is known.
+ASSUMED = ModelScatter()
+#: Inverse condition number below which a posture counts as singular and costs steeply (assumed).
+SINGULARITY_MARGIN = 0.03
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,7 @@ def measure_nodes(
     `limits` are the lower and upper joint limits (nq,), `uncertainty` says how well the inputs are known, `axes` (3, 3)
     in whose components the wrench errs; a joint farther from its limits than `margin` [rad or m] is not near to them.
     """
-    known = uncertainty or ModelScatter()
+    known = uncertainty or ASSUMED
     n = len(q)
     sensitivity, deviation, dexterity = np.empty(n), np.empty(n), np.empty(n)
     length = natural_length(chain, limits)
@@ -113,7 +119,7 @@ def measure_nodes(
         rows = slice(start, min(start + CHUNK, n))
         frames = locate_frames(chain, q[rows])
         columns = jacobian(chain, frames)
-        plain = known if isinstance(known, ModelScatter) else ModelScatter()
+        plain = known if isinstance(known, ModelScatter) else ASSUMED
         spread, bend = _error_columns(chain, frames, columns, wrench[rows], plain, axes)
         if not isinstance(known, ModelScatter):
             spread = known.columns(q[rows], wrench[rows])

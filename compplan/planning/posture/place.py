@@ -162,7 +162,7 @@ def rate_places(job: Job, robot: Robot, settings: PostureSettings, nominal: Tool
     coarse = replace(settings, spin_step=SPIN_STEP, held_steps=HELD_STEPS, axes=job.T_base_part[:3, :3])
     problem = PostureProblem(robot, nominal, job.tool_x_base, coarse)
     stations = pick_stations(nominal, STATIONS)
-    share = measure_rungs(nominal, stations, most_step=1.0, reconfigure=False).cut_share
+    share = measure_rungs(nominal, stations, most_step=1.0).cut_share
     stations, share = stations[share > 0], share[share > 0]
     options = build_options(problem, stations)
     bound = np.empty(len(shifts))
