@@ -215,10 +215,4 @@ def read_table_of_job(name: str, table: Table) -> dict[str, Any]:
     found = read_named_table(table, name)[0]
     if "file" in found:
         found = {**found, "file": str((Path(table).parent / str(found["file"])).absolute())}
-    for key in ("header", "footer"):
-        if name == "output" and isinstance(found.get(key), dict):
-            near = Path(table).parent
-            lines = {word: str((near / file).resolve()) if isinstance(file, str) else file
-                     for word, file in found[key].items()}  # fmt: skip
-            found = {**found, key: lines}
     return found

@@ -108,7 +108,7 @@ def post(
         process: [process]; left out: no force is predicted.
         cam: [cam]: how the file is read.
         plan: [plan]: strategy, tolerance, posture.
-        output: [output]: signals (io), header, footer.
+        output: [output]: signals (io), templates.
         out: Folder to write to; left out: out.
 
     Raises:

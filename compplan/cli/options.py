@@ -185,7 +185,7 @@ def _read_place(context: click.Context, option: click.Parameter, text: str | Non
 
 def take_cam_options(command: Command) -> Command:
     """Give a command the options of what a CAM file does not say by itself."""
-    from compplan.toolpath.readers.machines import list_machines
+    from compplan.toolpath.readers.options import list_machines
 
     machines = ", ".join(list_machines())
     return add_options(

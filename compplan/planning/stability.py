@@ -9,7 +9,7 @@ import numpy as np
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.deflection import DAMPING
 from compplan.planning.task import PlanTask
-from compplan.process.cutting import CuttingForce, edge_wrenches
+from compplan.process.cutting import edge_wrenches
 from compplan.process.engagement import Engagement
 from compplan.process.force_models.end_mill import EndMillProcess, ToolModeTable
 from compplan.process.materials import Coefficients

@@ -37,15 +37,13 @@ class ForceTable(StrictTable):
 class ContactTable(ForceTable):
     """Keys of every model that switches on at contact and off in rapid moves.
 
-    ramp_mm is the length over which the wrench grows from 0 after contact, ramp_out_mm that over which it falls to 0
-    before the tool leaves.
+    ramp_mm is the length over which the wrench grows from 0 after contact.
     """
 
     ramp_mm: float = Field(default=0.0, ge=0.0)
-    ramp_out_mm: float = Field(default=0.0, ge=0.0)
 
 
-class PathForceTable(ContactTable):
+class PathForceTable(ForceTable):
     """Keys of every model whose wrench stands in path axes and follows from the path alone."""
 
     @property
@@ -120,17 +118,7 @@ def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
 
 
 def check_tool_x(nominal: Toolpath, tool_x: Array, file: Path | None = None) -> None:
-    """Refuse an x of the TCP frame that points along the tool axis: a tool that may not rotate cannot have it.
-
-    Args:
-        nominal: The path, base frame.
-        tool_x: Where x of the TCP frame points, base axes. Shape (3,).
-        file: File to name in messages.
-
-    Raises:
-        InputError: If x points along the tool axis at a waypoint.
-
-    """
+    """Refuse an x of the TCP frame, base axes (3,), that points along the tool axis of a path in the base frame."""
     wanted = tool_x / np.linalg.norm(tool_x)
     along = np.flatnonzero(np.linalg.norm(np.cross(nominal.axis, wanted), axis=1) < SIDE)
     if len(along):
@@ -141,28 +129,15 @@ def check_tool_x(nominal: Toolpath, tool_x: Array, file: Path | None = None) -> 
         raise InputError(message, file=file, where="plan.tool_x" if file else None)
 
 
-def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Array:
-    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact, falling before leaving.
-
-    Args:
-        nominal: The toolpath.
-        ramp: Length over which the wrench grows after contact. [m]
-        ramp_out: Length over which it falls before the tool leaves. [m]
-
-    Returns:
-        Share between 0 and 1. Shape (n,).
-
-    """
+def contact_share(nominal: Toolpath, ramp: float) -> Array:
+    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact over `ramp` [m]. Shape (n,)."""
     length, n = nominal.arc_length, len(nominal)
     share = np.where(nominal.rapid, 0.0, 1.0)
     index = np.arange(n)
-    # contact: the last waypoint that was reached in a rapid move, or the first waypoint; leaving: the end of the cut
+    # contact: the last waypoint that was reached in a rapid move, or the first waypoint
     contact = np.maximum.accumulate(np.where(nominal.rapid, index, 0))
-    after = np.minimum.accumulate(np.where(nominal.rapid, index, n)[::-1])[::-1]
     if ramp > 0.0:
         share *= np.clip((length - length[contact]) / ramp, 0.0, 1.0)
-    if ramp_out > 0.0:
-        share *= np.clip((length[np.minimum(after, n) - 1] - length) / ramp_out, 0.0, 1.0)
     return share
 
 

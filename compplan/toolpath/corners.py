@@ -43,13 +43,7 @@ def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> To
     A corner turns the travel by more than a few degrees and much more than its neighbours do. The rounding of one of
     turn phi passes it at 2 a sin(phi / 2) / 2^n; a is measured along the path, chords of arcs that it spans are left
     out. The tool axis turns as the path does. Points crowd towards the corner, so that interpolation between them does
-    not swing out.
-
-    Args:
-        toolpath: The toolpath.
-        tolerance: Greatest distance from the path. [m]
-        power: n, KEPT or SLOWED.
-
+    not swing out. The tolerance is the greatest distance from the path [m], the power n KEPT or SLOWED.
     """
     corners, turn = find_corners(toolpath)
     if tolerance <= 0 or not len(corners):
@@ -137,17 +131,9 @@ def find_corner_shifts(toolpath: Toolpath, tip: Array, beside: Array) -> Array |
     """Return the vector from the middle waypoint of each rounding to the corner that it rounds, which programs state.
 
     Between straight moves the middle of a rounding lies on the line from the middle of its ends to the corner. A
-    rounding stays as it is where a leg of it is no line, or the commanded tip lies too far beside the legs.
-
-    Args:
-        toolpath: The toolpath.
-        tip: Commanded tip. Shape (n, 3). [m]
-        beside: How far zones of a program may lead beside the path. Shape (n,). [m]
-
-    Returns:
-        0 at all other waypoints, nan at those of a rounding, which programs leave out; None where there is no corner.
-        Shape (n, 3). [m]
-
+    rounding stays as it is where a leg of it is no line, or the commanded tip (n, 3) [m] lies too far beside the legs;
+    `beside` (n,) [m] is how far zones of a program may lead beside the path. Shape (n, 3) [m]: 0 at all other
+    waypoints, nan at those of a rounding, which programs leave out; None where there is no corner.
     """
     x = toolpath.position
     shift, found = np.zeros_like(toolpath.position), False
@@ -181,14 +167,8 @@ def measure_beside(x: Array, corner: Array) -> float:
 def find_shares(position: Array) -> tuple[Array, float]:
     """Find the path parameter u of waypoints on a rounding of power SLOWED, and the factor `a` over its length.
 
-    Between straight moves |x'(u)| = 4 a |(1 - u)^3 t_1 + u^3 t_2|, t the directions of travel.
-
-    Args:
-        position: Waypoints from its first to its last. Shape (k, 3). [m]
-
-    Returns:
-        u, shape (k,), from 0 to 1; `a` over the length of the rounding.
-
+    Between straight moves |x'(u)| = 4 a |(1 - u)^3 t_1 + u^3 t_2|, t the directions of travel. Waypoints from its first
+    to its last, shape (k, 3) [m]; u from 0 to 1, shape (k,).
     """
     steps = np.diff(position, axis=0)
     length = np.linalg.norm(steps, axis=1)

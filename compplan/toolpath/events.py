@@ -47,12 +47,8 @@ class Event:
 def move_events(events: Sequence[Event], places: Array) -> tuple[Event, ...]:
     """Return events of a path at the places of another one that is made from it.
 
-    What begins something happens as soon as its place is reached, what ends something when the place is left.
-
-    Args:
-        events: The events.
-        places: Old waypoint numbers of the new waypoints, fractional on a move, never falling. Shape (m,).
-
+    What begins something happens as soon as its place is reached, what ends something when the place is left. Places
+    (m,) are the old waypoint numbers of the new waypoints, fractional on a move, never falling.
     """
     if not events:
         return ()
@@ -73,15 +69,8 @@ def find_halts(events: Sequence[Event]) -> list[int]:
 def guard_cuts(events: Sequence[Event], cut: Array) -> tuple[tuple[Event, ...], int]:
     """Put a stop before every cut that a file makes with a spindle that stands still, though it turns it elsewhere.
 
-    A tool change leaves the spindle standing. Files that never turn a spindle are left as they are.
-
-    Args:
-        events: The events, in order.
-        cut: Which moves cut; the move of row i ends at waypoint i. Shape (n,).
-
-    Returns:
-        The events, and how many stops were put in.
-
+    A tool change leaves the spindle standing. Files that never turn a spindle are left as they are. `cut` (n,) says
+    which moves cut; the move of row i ends at waypoint i. Return the events and how many stops were put in.
     """
     if not any(event.kind in ("spindle_cw", "spindle_ccw") for event in events):
         return tuple(events), 0

@@ -17,16 +17,13 @@ from compplan.toolpath.toolpath import COLUMNS, Toolpath, check_toolpath, toolpa
 
 
 def read_toolpath(source: Any, *, cam: CamTable | None = None, feed: float | None = None) -> Toolpath:
-    """Read a toolpath: a CSV table, a CAM file (`compplan.toolpath.readers.READERS`), a DataFrame or columns by name.
+    """Read a toolpath in the part frame; its notes say what was assumed or read past.
 
     Args:
-        source: The file, whose suffix says what it is; or the columns of such a table, units in their names:
-            `{"position_mm": array of shape (n, 3), "feed_mm_s": 20.0}`; or a toolpath, which stays as it is.
+        source: A CSV table, or a CAM file (`compplan.toolpath.readers.READERS`); or the columns of such a table, units
+            in their names: `{"position_mm": array of shape (n, 3), "feed_mm_s": 20.0}`; or a toolpath.
         cam: What a CAM file does not say by itself.
         feed: Feed of cutting moves in place of the file's own. [m/s]
-
-    Returns:
-        The toolpath in the part frame; its notes say what was assumed or read past.
 
     Raises:
         InputError: With file and line, if the file is not what it has to be.

@@ -31,6 +31,12 @@ MOST_WAYPOINTS = 5_000_000
 #: Greatest departure of |(i, j, k)| from 1 that is taken for rounding.
 AXIS_ROUNDING = 1e-3
 
+#: What an absurd extent asks about the unit of a table.
+UNIT_HINTS = {
+    "m": "; columns are read in m, name them x_mm y_mm z_mm if the file is in millimetres",
+    "mm": "; columns are read in mm, name them x_um y_um z_um if the file is in micrometres",
+}
+
 COLUMNS = (
     *(FileColumn(name, "length", required=True) for name in "xyz"),
     *(FileColumn(name, "number", group="tool axis") for name in "ijk"),
@@ -83,11 +89,11 @@ class Toolpath(Shown):
 
     def __post_init__(self) -> None:
         n = len(self.position)
-        shapes = {"position": (n, 3), "axis": (n, 3), "feed": (n,), "rapid": (n,), "wrench": (n, 6), "rounded": (n,)}
-        shapes |= {"tolerance": (n, 2), "arc": (n,), "line": (n,)}
+        needed = {"position": (n, 3), "axis": (n, 3), "feed": (n,), "rapid": (n,)}
+        shapes = {**needed, "wrench": (n, 6), "rounded": (n,), "tolerance": (n, 2), "arc": (n,), "line": (n,)}
         for name, shape in shapes.items():
             array = getattr(self, name)
-            if array is None and name in ("wrench", "rounded", "tolerance", "arc", "line"):
+            if array is None and name not in needed:
                 continue
             array = np.array(array, dtype={"rapid": bool, "arc": np.int_, "line": np.int_}.get(name, np.float64))
             if array.shape != shape:
@@ -116,9 +122,10 @@ class Toolpath(Shown):
 
     def columns(self) -> dict[str, Any]:
         """Return a row a waypoint, as `write_toolpath` writes it."""
-        columns: dict[str, Any] = {f"{axis}_mm": self.position[:, k] * 1e3 for k, axis in enumerate("xyz")}
+        names = ("x_mm", "y_mm", "z_mm")
+        columns: dict[str, Any] = {name: to_unit(self.position[:, k], name) for k, name in enumerate(names)}
         columns |= {name: self.axis[:, index] for index, name in enumerate("ijk")}
-        columns |= {"feed_mm_s": self.feed * 1e3, "rapid": self.rapid.astype(int)}
+        columns |= {"feed_mm_s": to_unit(self.feed, "feed_mm_s"), "rapid": self.rapid.astype(np.int64)}
         if self.wrench is not None:
             columns |= {name: self.wrench[:, index] for index, name in enumerate(WRENCH_HEADERS)}
         return columns
@@ -151,18 +158,11 @@ class Toolpath(Shown):
 def check_toolpath(
     toolpath: Toolpath, *, file: str | Path | None = None, table: Table | None = None, need_feed: bool = True
 ) -> Toolpath:
-    """Return the toolpath if a robot can follow it.
+    """Return the toolpath if a robot can follow it, else raise an InputError.
 
-    Args:
-        toolpath: The toolpath.
-        file: File to name in messages; default: its source.
-        table: Table that it was read from, for the lines in messages.
-        need_feed: Whether cutting moves need a feed.
-
-    Raises:
-        InputError: If it has no or one waypoint, zero length, a value that is not finite, a feed of 0 on a cutting
-            move, a negative feed, a tool axis that is no unit vector, or an absurd extent.
-
+    It has at least two waypoints, a cut of some length, finite values, feeds above 0 on cutting moves (`need_feed`),
+    unit vectors as tool axes, and an extent that is no mistake of units. Messages name `file` (default: its source) or
+    the line of the table that it was read from.
     """
     file = file or (table.file if table is not None else None) or toolpath.source or None
 
@@ -180,7 +180,8 @@ def check_toolpath(
             refuse(f"toolpath {name} is not a finite number", row)
     span = float(np.ptp(toolpath.position, axis=0).max())
     if span > WIDEST:
-        refuse(f"toolpath spans {span:.0f} m{_blame_unit(table)}")
+        hint = UNIT_HINTS.get("" if table is None else table.units["x"], f", at most {WIDEST:.0f} m are allowed")
+        refuse(f"toolpath spans {span:.0f} m{hint}")
     if 0.0 < span < NARROWEST:
         refuse(f"toolpath spans {span * 1e3:.3g} mm, expected at least {NARROWEST * 1e3:g} mm; is it in metres?")
     if toolpath.steps.sum() <= 0.0:
@@ -207,23 +208,8 @@ def check_toolpath(
     return replace(toolpath, axis=toolpath.axis / norms[:, None], notes=notes)
 
 
-def _blame_unit(table: Table | None) -> str:
-    """Return the hint on the unit of an absurd extent."""
-    unit = "" if table is None else table.units["x"]
-    hints = {
-        "m": "; columns are read in m, name them x_mm y_mm z_mm if the file is in millimetres",
-        "mm": "; columns are read in mm, name them x_um y_um z_um if the file is in micrometres",
-    }
-    return hints.get(unit, f", at most {WIDEST:.0f} m are allowed")
-
-
 def toolpath_from_table(table: Table, *, feed: float | None = None) -> Toolpath:
-    """Return the toolpath that a table holds: x y z, i j k, feed, rapid, wrench; forces alone mean no moments.
-
-    Raises:
-        InputError: As `check_toolpath` says, with file and line.
-
-    """
+    """Return the toolpath that a table holds: x y z, i j k, feed, rapid, wrench; forces alone mean no moments."""
     n = len(table)
     position = table.stack(("x", "y", "z"))
     axis = table.stack(("i", "j", "k")) if "i" in table else np.tile([0.0, 0.0, 1.0], (n, 1))
@@ -247,30 +233,14 @@ def toolpath_from_table(table: Table, *, feed: float | None = None) -> Toolpath:
 
 
 def write_toolpath(toolpath: Toolpath, path: str | Path) -> None:
-    """Write a toolpath as CSV: x_mm y_mm z_mm i j k feed_mm_s rapid, and the wrench where there is one.
-
-    Raises:
-        InputError: If the folder cannot be written.
-
-    """
-    columns: dict[str, object] = {}
-    for index, name in enumerate(("x_mm", "y_mm", "z_mm")):
-        columns[name] = to_unit(toolpath.position[:, index], name)
-    columns |= {name: toolpath.axis[:, index] for index, name in enumerate("ijk")}
-    columns["feed_mm_s"] = to_unit(toolpath.feed, "feed_mm_s")
-    columns["rapid"] = toolpath.rapid.astype(np.int64)
-    if toolpath.wrench is not None:
-        columns |= {name: toolpath.wrench[:, index] for index, name in enumerate(WRENCH_HEADERS)}
-    write_table(path, columns)
+    """Write a toolpath as CSV: x_mm y_mm z_mm i j k feed_mm_s rapid, and the wrench where there is one."""
+    write_table(path, toolpath.columns())
 
 
 def place_toolpath(toolpath: Toolpath, T_base_part: Array) -> Toolpath:
     """Express a toolpath of the part frame in the robot's base frame; the wrench keeps its point, the tool tip.
 
-    Args:
-        toolpath: The toolpath, part frame.
-        T_base_part: Pose of the part frame seen from the base frame. Shape (4, 4). [m]
-
+    `T_base_part` is the pose of the part frame seen from the base frame. Shape (4, 4). [m]
     """
     rotation = T_base_part[:3, :3]
     wrench = toolpath.wrench
@@ -295,26 +265,16 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     )  # fmt: skip
 
 
-def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
-    """Divide cutting moves so that no step is longer than `max_step` and no axis turns by more than `max_turn` in one.
+def resample_toolpath(toolpath: Toolpath, max_step: float) -> Toolpath:
+    """Divide cutting moves so that no step is longer than `max_step` [m].
 
     Rapid moves stay whole. Every waypoint stays, so corners stay sharp; waypoints in between lie on the straight move,
     the tool axis turns along the great circle, the wrench goes over linearly, feed and rapid are those of the move.
-
-    Args:
-        toolpath: The toolpath.
-        max_step: Longest step. [m]
-        max_turn: Greatest turn of the tool axis in a step. [rad]
-
-    Raises:
-        InputError: If a step limit is not positive.
-
     """
-    if not (max_step > 0.0 and max_turn > 0.0):
-        limits = f"{max_step * 1e3:g} mm and {np.degrees(max_turn):g} deg"
-        raise InputError(f"step limits are {limits}, must be greater than 0")
+    if not max_step > 0.0:
+        raise InputError(f"the longest step is {max_step * 1e3:g} mm, must be greater than 0")
     turn = np.arccos(np.clip(np.sum(toolpath.axis[:-1] * toolpath.axis[1:], axis=1), -1.0, 1.0))
-    wanted = np.where(toolpath.rapid[1:], 1.0, np.ceil(np.maximum(toolpath.steps / max_step, turn / max_turn) - 1e-9))
+    wanted = np.where(toolpath.rapid[1:], 1.0, np.ceil(toolpath.steps / max_step - 1e-9))
     pieces = np.maximum(wanted, 1.0).astype(np.int64)
     if pieces.sum() > MOST_WAYPOINTS:
         message = f"a step of {max_step * 1e3:g} mm makes {pieces.sum()} waypoints, allowed are {MOST_WAYPOINTS}"
@@ -361,12 +321,8 @@ def _bow(toolpath: Toolpath, before: NDArray[np.int_], share: Array) -> Array:
 def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
     """Return the toolpath at fractional waypoints; feed and rapid are those of the move that a place lies on.
 
-    Places on a rounded corner lie on its curve, others on the straight move.
-
-    Args:
-        toolpath: The toolpath.
-        places: Waypoint numbers, fractional between waypoints, never falling. Shape (m,).
-
+    Places (m,) are waypoint numbers, fractional between waypoints, never falling. Those on a rounded corner lie on its
+    curve, others on the straight move.
     """
     before = np.clip(np.floor(places).astype(int), 0, len(toolpath) - 2)
     share = (places - before)[:, None]

@@ -13,44 +13,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
 from compplan.errors import InputError
 from compplan.io.plugins import Registry
 from compplan.toolpath.readers.lines import read_bounded
-from compplan.toolpath.readers.machines import use_machine
 from compplan.toolpath.readers.moves import CamFacts, CamFile
-from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.options import CamTable, use_machine
 from compplan.toolpath.toolpath import Toolpath
 
 #: Letters of the head of a file by which its language is known.
 HEAD_LETTERS = 100_000
 
 
-class CamReader(Protocol):
-    """What the file of a reader offers."""
-
-    name: str
-
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """Endings of its files."""
-        ...
-
-    def recognise(self, text: str) -> int:
-        """Tell how surely a text is of this language: 0, 1 or 2."""
-        ...
-
-    def read(self, text: str, file: Path, options: CamTable) -> CamFile:
-        """Read a text of this language."""
-        ...
-
-
 _OWN = ("gcode", "apt", "krl", "rapid", "heidenhain", "sinumerik")
 #: Every reader, by the name of its language, which is that of its module.
-READERS: Registry[CamReader] = Registry[CamReader](_OWN, __name__).install("readers").load_installed()
+READERS: Registry[Any] = Registry[Any](_OWN, __name__).install("readers").load_installed()
 
 __all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "find_reader", "list_suffixes", "read_cam", "refuse_idle"]
 
@@ -60,8 +40,8 @@ def list_suffixes() -> list[str]:
     return [suffix for reader in READERS.values() for suffix in reader.suffixes]
 
 
-def find_reader(path: Path, text: str) -> CamReader | None:
-    """Return the reader of a file: that whose language the text is most surely in, its suffix between equals.
+def find_reader(path: Path, text: str) -> Any:
+    """Return the reader of a file: that whose language the text is most surely in, its suffix between equals; or None.
 
     A text that no reader recognises goes to the reader of its suffix.
     """
@@ -72,11 +52,7 @@ def find_reader(path: Path, text: str) -> CamReader | None:
 
 
 def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
-    """Read a CAM file.
-
-    Args:
-        path: The file; its text says what language it is in, and its suffix where the text leaves it open.
-        options: What the file does not say by itself.
+    """Read a CAM file: its text says what language it is in, and its suffix where the text leaves it open.
 
     Raises:
         InputError: With file and line, if the file is not what it has to be.
@@ -100,13 +76,7 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
 
 
 def set_missing_feed(file: CamFile, feed_mm_s: float) -> CamFile:
-    """Give a feed to the cutting moves for which a file states none, or 0; a note says how many.
-
-    Args:
-        file: The file.
-        feed_mm_s: The feed. [mm/s]
-
-    """
+    """Give a feed [mm/s] to the cutting moves for which a file states none, or 0; a note says how many."""
     path = file.toolpath
     bare = ~path.rapid & (path.feed == 0.0)
     bare[:1] = False

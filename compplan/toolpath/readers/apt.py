@@ -9,22 +9,18 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
-from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
-from compplan.toolpath.readers.cnc.machine import STARTING, STOPPING, Machine
-from compplan.toolpath.readers.cnc.state import INCH, State
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, fits_circle
+from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
 from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
-from compplan.toolpath.readers.options import CamTable, find_start, refuse_unit
+from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start, refuse_unit
 
 name = "apt"
 suffixes = (".apt", ".cls", ".cl", ".ncl", ".clsf", ".aptsource", ".cldata")
 
 REFUSED = {
-    "COPY": "repeated paths", "INDEX": "repeated paths", "TRACUT": "transformed paths", "REFSYS": "transformed paths",
-    "MIRROR": "mirrored paths", "SCALE": "scaled paths", "MACRO": "macros", "CALL": "macros", "LOOPST": "loops",
-    "SPLINE": "splines", "BSPLINE": "splines", "BSPLN": "splines", "POCKET": "pocket cycles", "HELIX": "helix records",
-    "PITCH": "threads", "PLUNGE": "plunge moves",
-    **dict.fromkeys(("GOLFT", "GORGT", "GOUP", "GODOWN", "GOBACK", "GO"), "part programs"),
+    "COPY", "INDEX", "TRACUT", "REFSYS", "MIRROR", "SCALE", "MACRO", "CALL", "LOOPST", "SPLINE", "BSPLINE", "BSPLN",
+    "POCKET", "HELIX", "PITCH", "PLUNGE", "GOLFT", "GORGT", "GOUP", "GODOWN", "GOBACK", "GO",
 }  # fmt: skip
 #: Records that switch the machine, that hold text, and that say nothing of the path.
 RECORDS = {"SPINDL", "COOLNT", "LOADTL", "LOAD", "TLCHG", "DELAY", "DWELL", "STOP", "OPSTOP", "AUXFUN"}
@@ -68,7 +64,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             message = fault.message if isinstance(fault, InputError) else str(fault)
             raise InputError(message, file=file, where=reader.line) from None
         forwards, backwards = reader.votes
-        if flipped or options.circle_sense != "auto" or backwards < FEWEST_VOTES or backwards <= 4 * forwards:
+        if flipped or backwards < FEWEST_VOTES or backwards <= 4 * forwards:
             break
     if reader.flipped:
         note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
@@ -93,8 +89,7 @@ class _AptReader:
     def __init__(self, options: CamTable, *, flipped: bool) -> None:
         self.options, self.flipped = options, flipped
         self.line = self.first = 0  # the line that is read, and that of the first point
-        self.log = MoveLog(options.chord_tolerance_mm, self)
-        self.state = State()
+        self.log, self.state = MoveLog(CHORD_MM, self), State()
         self.machine = Machine(self.state, self.log, frozenset(), frozenset())
         self.scale = INCH if options.unit == "inch" else 1.0
         self.unit = ""
@@ -165,8 +160,7 @@ class _AptReader:
         elif major in ("MSYS", "CSYS", "ORIGIN", "TRANS", "ROTABL", "ROTATE", "ROTHED"):
             self._change_frame(major, minor)
         elif major.startswith("NURB") or major in REFUSED:
-            raise InputError(f"{major} ({REFUSED.get(major, 'NURBS')}) is not read; write the path out as GOTO and "
-                             "CIRCLE in the CAM system")  # fmt: skip
+            raise InputError(f"{major} is not read; write the path out as GOTO and CIRCLE in the CAM system")
         elif major == "MODE" and "INCR" in words:
             raise InputError("MODE/INCR (incremental coordinates) is not read; write absolute coordinates")
         elif "=" in major or ("=" in record and major not in SILENT):
@@ -255,7 +249,12 @@ class _AptReader:
         for word in units:
             if word in FEED_UNITS:
                 self.feed = numbers[0] * FEED_UNITS[word]
-                self._infer_unit(word.startswith("I"))
+                if not (self.unit or self.options.unit):  # that of lengths is taken from the feed
+                    inch = word.startswith("I")
+                    if inch and (self.placed or self.log.waypoints):
+                        raise InputError("a feed in inches follows points of no stated unit; state it with --unit")
+                    self.unit, self.scale = ("inch", INCH) if inch else ("mm", 1.0)
+                    self.note(f"no unit is stated before the first feed: {self.unit} is taken from it")
                 return
             if word in REVOLUTION_UNITS:
                 self.revolution_feed = numbers[0] * (REVOLUTION_UNITS[word] or self.scale)
@@ -265,15 +264,6 @@ class _AptReader:
             self.note(f"feed unit {unknown[0][:20]!r} is not known: feeds are taken per minute")
         if not units:
             self.note("feeds without a unit are taken per minute")
-
-    def _infer_unit(self, inch: bool) -> None:
-        """Take the unit of lengths from that of the feed where none is stated."""
-        if self.unit or self.options.unit:
-            return
-        if inch and (self.placed or self.log.waypoints):
-            raise InputError("a feed in inches follows points whose unit is not stated; state it with --unit")
-        self.unit, self.scale = ("inch", INCH) if inch else ("mm", 1.0)
-        self.note(f"no unit is stated before the first feed: {self.unit} is taken from it")
 
     def _speed(self) -> float:
         """Return the feed in mm/s, 0 where none is known."""
@@ -313,16 +303,14 @@ class _AptReader:
         log.rapid(above, axis)
 
     def _change_frame(self, major: str, minor: str) -> None:
-        numbers = find_numbers(minor)
-        if major not in ("MSYS", "CSYS", "ORIGIN"):
-            if any(numbers):
-                raise InputError(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
-            return
-        self.frames.add(tuple(numbers))
+        numbers, stands = find_numbers(minor), major in ("MSYS", "CSYS", "ORIGIN")
+        if any(numbers) and not stands:
+            raise InputError(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
+        self.frames |= {tuple(numbers)} if stands else set()
         if len(self.frames) > 1 and major == "MSYS":
             raise InputError("MSYS changes on the way: points of several machine coordinate systems are not joined; "
                              "write one file a system, or all points in one")  # fmt: skip
-        if len(self.frames) > 1:
+        if len(self.frames) > 1 and stands:
             self.note(f"{major} changes on the way: all coordinates are taken in one frame")
 
     def _goto(self, numbers: list[float]) -> None:
@@ -362,8 +350,6 @@ class _AptReader:
             raise InputError(f"arc record with {len(numbers)} numbers, expected x, y, z, i, j, k, r")
         found = set(re.findall(r"[A-Z]+", plain))
         clockwise = bool(found & CLOCKWISE) or (not found & ANTICLOCKWISE and (self.nx or len(numbers) >= 11))
-        if self.options.circle_sense != "auto":
-            clockwise = self.options.circle_sense == "left_hand"
         count = abs(float(angle.group(1))) / 360.0 - 1e-6 if angle else float(times.group(1)) if times else 1.0
         if count > MOST_TURNS:
             raise InputError(f"arc of {count:g} turns, at most {MOST_TURNS} are read")
@@ -409,18 +395,14 @@ class _AptReader:
         if pending.radius is not None and abs(pending.radius - arc.radius) > max(0.1, 0.02 * arc.radius):
             self.note(f"an arc record states the radius {pending.radius:g} mm, its points lie on {arc.radius:.4g} mm: "
                       "the points are taken")  # fmt: skip
-        self._vote(arc)
+        along = 0.0 if self.before is None else dot(arc.tangent(0.0), self.before)
+        if abs(along) > 0.99:  # it goes on from the move before it, or turns back on it
+            self.votes[0 if along > 0.0 else 1] += 1
         self.log.arc(arc, end, self._speed())
         if max(abs(one - other) for one, other in zip(axis, self.log.axis, strict=True)) > 1e-6:
             self.note("the tool axis turns at the end of an arc, not along it")
             self.log.line(end, self._speed(), axis)
         self.before = arc.tangent(arc.sweep)
-
-    def _vote(self, arc: Arc) -> None:
-        """Count whether an arc goes on from the move before it, or turns back on it."""
-        along = 0.0 if self.before is None else dot(arc.tangent(0.0), self.before)
-        if abs(along) > 0.99:
-            self.votes[0 if along > 0.0 else 1] += 1
 
 
 def _axis(vector: list[float]) -> Point:

@@ -1,16 +1,30 @@
-"""G-code (RS-274, ISO 6983) of milling dialects: Fanuc, Haas, LinuxCNC, printers."""
+"""The RS-274 family (Fanuc, Haas, LinuxCNC, printers): what each of its words does, one line a word.
+
+A new code is one line of `G_CODES`: `ignore()` where it says nothing of the path, `note(text)` where it is read past
+with a note, `refuse(what)` where it changes the path in a way that is not read, `set_mode(name=value)` where it sets
+modal state, or `Code(operation)` with a function operation(dialect, block, code).
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
-from compplan.toolpath.readers.cnc.course import OffCircleError
-from compplan.toolpath.readers.cnc.rs274 import Rs274
-from compplan.toolpath.readers.cnc.state import INCH, State
+from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc.course import UP, OffCircleError
+from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
+from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
+from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
+from compplan.toolpath.readers.cnc.origins import Layers, Origins
+from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
+from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
+from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
+from compplan.toolpath.readers.cnc.state import INCH, LETTERS, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
-from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 CENTRE_READINGS = ("incremental", "absolute", "reversed")
 #: Different arcs that must fit another reading of I J K, and not the usual one, before it is taken.
@@ -32,6 +46,27 @@ suffixes = (
     ".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".iso", ".eia", ".h", ".ptp", ".min", ".gc", ".g",
     ".fnc", ".dnc", ".din", ".pim", ".anc",
 )  # fmt: skip
+#: Words that a move may have, and those of them that say where it goes.
+MOVING = frozenset((*"XYZABCIJKRUVW", "A3", "B3", "C3"))
+PLACES = frozenset((*"XYZABCUVW", "A3", "B3", "C3"))
+CYCLES = frozenset({73.0, 74.0, 76.0, *(float(number) for number in range(81, 90))})
+#: Codes of a unit, and those of blocks whose words are no lengths of the path.
+UNITS = frozenset({20.0, 21.0, 70.0, 71.0})
+UNITLESS = frozenset({4.0, 10.0, 53.0, 153.0})
+#: Codes of which a block may hold one.
+CONTRARY = (
+    frozenset({20.0, 21.0}), frozenset({90.0, 91.0}), frozenset({17.0, 18.0, 19.0}), frozenset({93.0, 94.0, 95.0}),
+    frozenset({98.0, 99.0}), MOTIONS | CYCLES,
+)  # fmt: skip
+LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
+TRAVEL = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
+#: A block of X Y Z F alone, with the extruder of a printer.
+PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
+#: Codes that act before all others of their block, and in this order; motion acts last.
+FIRST = (20.0, 21.0, 70.0, 71.0, 90.0, 91.0, 17.0, 18.0, 19.0, 93.0, 94.0, 95.0, 80.0, 98.0, 99.0)
+#: Work offsets of Haas: G110 is G154 P1.
+HAAS_OFFSETS = (110.0, 111.0, *(float(number) for number in range(114, 130)))
+ENDS = frozenset({2.0, 17.0, 30.0, 99.0})
 
 
 def recognise(text: str) -> bool:
@@ -45,16 +80,12 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     I J K count from the start of an arc. Where that leaves arcs off their circles, another reading is taken if every
     arc of the file then lies on its circle and at least two different ones prove it: a full circle fits any reading.
     """
-    readings = CENTRE_READINGS if options.arc_centres is None else (options.arc_centres,)
     first_fault: OffCircleError | None = None
     lines = split_lines(text)
     changes_by_t, printer = CHANGE.search(text) is None, PRINTER.search(text) is not None
-    for reading in readings:
+    for reading in CENTRE_READINGS:
         scale = INCH if options.unit == "inch" else 1.0
-        state = State(
-            scale, feed_scale=scale, centres=reading, changes_by_t=changes_by_t, printer=printer,
-            siemens=file.suffix.lower() in (".mpf", ".spf"),
-        )  # fmt: skip
+        state = State(scale, feed_scale=scale, centres=reading, changes_by_t=changes_by_t, printer=printer)
         reader = Rs274(file, options, state)
         try:
             reader.run(lines)
@@ -69,6 +100,342 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             meaning = {"absolute": "absolute", "reversed": "counted from the centre to the start"}[reading]
             note = f"arc centres I J K are read as {meaning}: only so every arc of the file lies on a circle"
             reader.it.log.note(note, int(first_fault.where or 1))
-        return reader.it.finish("gcode", ", ".join(state.units) or "not stated", len(lines))
+        return reader.it.log.finish(file, "gcode", ", ".join(state.units) or "not stated", len(lines))
     assert first_fault is not None
     raise first_fault
+
+
+class Rs274:
+    """Carry out a program of the RS-274 family."""
+
+    tip_word = ""
+    frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
+    ends = ENDS
+    silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
+
+    def __init__(self, file: Path, options: CamTable, state: State) -> None:
+        self.it = Interpreter(file, options, state, self, Flow(file), starts_at_zero=True)
+        self.origins = Origins(self.it, "G10 L2")
+        self.layers = Layers(self.it, self.origins)
+        self.macros = MacroFlow(self.it.flow)
+        self.plain = PRINTED if state.printer else PLAIN
+        self.lexer = Lexer(self.it, self.macros)
+
+    def run(self, lines: Sequence[str]) -> None:
+        """Read every line of the first program of a file."""
+        self.it.run(lambda: self.macros.find_programs(lines, self.it.file), self.origins.check_used)
+
+    def square(self) -> Point:
+        """Return the tool axis where all rotary axes stand at 0."""
+        return UP
+
+    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
+        """Let rotary axes set the tool square to a tilted plane; where its tip then is nobody knows."""
+        if not self.it.tilted:
+            return False, None
+        angles = self.it.rotary.angles
+        for letter in LETTERS:
+            if letter in block.values:
+                base = angles.get(letter, 0.0) if self.it.state.incremental else 0.0
+                angles[letter] = block.values[letter] + base
+        self.layers.turn_to_plane(53.1, stays=False)
+        return True, self.layers.plane_axis
+
+    def run_line(self, program: CncProgram, index: int) -> int:
+        """Carry out a line; return the next one, or END."""
+        it, raw = self.it, program.lines[index]
+        if it.steady and (found := self.plain.fullmatch(raw)) and it.motion.cut_plain(found):
+            if it.state.printer and found.group(5):
+                it.note("axis E is not read")
+            return index + 1
+        block = self.lexer.read(raw)
+        ended = block is not None and self.run_block(block)
+        it.steady = self.lexer.begun and self.it.frames.keys() <= {"origin"} and it.motion.is_steady()
+        if self.macros.next is not None:
+            index, self.macros.next = self.macros.next - 1, None
+        return END if ended else index + 1
+
+    def run_block(self, block: CncBlock) -> bool:
+        """Carry out one block; return whether the program ends.
+
+        What a block says acts in this order, however its words are shuffled: units, distance mode, plane, feed,
+        spindle, tool, frames, then a code that takes the coordinates for itself or the motion, and what stops.
+        """
+        it, values, codes, machine = self.it, block.values, block.codes, block.machine
+        if 65.0 in codes:
+            self.macros.call_number(values, macro=True)
+            return False
+        if machine:
+            machine.sort(key=lambda code: (code in ENDS or code < 2.0, code))
+            if self._give_words(block):
+                return False
+            self._check_machine(block)
+        state = it.state
+        if "E" in values and not state.printer and 187.0 not in codes:
+            raise InputError(f"word E{values['E']:g} is read in files of printers only (M104, M109); elsewhere it may "
+                             "move an axis or shift the frame; post-process without it")  # fmt: skip
+        state.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
+        if not state.unit_stated and values:
+            self._ask_for_unit(block)
+        takes = self._run_codes(block) if codes else ""
+        if "F" in values and 4.0 not in codes:
+            state.set_feed(values["F"])
+        if machine or 4.0 in codes or "S" in values or "T" in values:
+            it.machine.start(block, it.flow.line)
+        calls = 98.0 in machine or 97.0 in machine
+        if takes == "machine":
+            self.origins.move_in_machine(block)
+        elif not takes and block.has(MOVING):
+            if calls:
+                block.values = {letter: number for letter, number in values.items() if letter not in "PLK"}
+            self.move(block)
+        if not machine:
+            return False
+        if calls:
+            self.macros.call_number(values, local=97.0 in machine)
+        it.flow.over = it.flow.over or not {2.0, 30.0}.isdisjoint(machine)
+        return it.machine.stop(machine, it.flow.line)
+
+    def _give_words(self, block: CncBlock) -> bool:
+        """Give the words of a block to the M code that owns them; return whether nothing is left to be read."""
+        machine, it = block.machine, self.it
+        owner = next((code for code in machine if owns_words(code)), None)
+        if not block.codes and block.has(PLACES):
+            doubtful = [code for code in machine if code not in PLACING and (owns_words(code) or code >= 200.0)]
+            if doubtful:
+                raise InputError(f"M{doubtful[0]:g} with coordinates and no G code: whose they are is not known; "
+                                 "write the motion code (G0, G1) into the block")  # fmt: skip
+        if owner is None:
+            return False
+        it.note(f"M{owner:g} is not read")
+        it.log.happen("comment", it.flow.line, text=f"M{owner:g} of the CAM file")
+        if MOTIONS.isdisjoint(block.codes):
+            return True
+        for letter in "STPQ":
+            block.values.pop(letter, None)
+        machine.remove(owner)
+        return False
+
+    def _check_machine(self, block: CncBlock) -> None:
+        """Refuse calls that are not read; follow M128 and M129."""
+        if 198.0 in block.machine:
+            raise InputError("subprogram call M198 of another file is not read; write the program into the file")
+        if 99.0 in block.machine and "P" in block.values:
+            raise InputError("M99 with a block to return to (P) is not read; write the program out in the CAM system")
+        if 128.0 in block.machine or 129.0 in block.machine:
+            self.it.control_tip(128.0 in block.machine)
+
+    def _ask_for_unit(self, block: CncBlock) -> None:
+        """Refuse lengths before the file or the user states their unit; those of printers are millimetres."""
+        if self.it.state.printer or self.it.options.unit or not (UNITS | UNITLESS).isdisjoint(block.codes):
+            return
+        if any(block.values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
+            raise refuse_unit("G20 or G21")
+
+    def _run_codes(self, block: CncBlock) -> str:
+        """Carry out the G codes; return what takes the coordinates of the block, "" where they are a move."""
+        codes = block.codes
+        for group in CONTRARY if len(codes) > 1 else ():
+            if len(said := sorted(group & set(codes))) > 1:
+                names = " and ".join(f"G{code:g}" for code in said)
+                one = ", expected one motion" if said[0] in MOTIONS else ""
+                raise InputError(f"{names} are in one block{one or ' and contradict each other'}")
+        return self.it.run_words(block, codes, find_code, self.pass_over)
+
+    def pass_over(self, block: CncBlock, code: float | str) -> None:
+        """Note a code that is not known."""
+        if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
+            raise InputError(f"G{code:g} with coordinates is not read and may move the tool; post-process without it")
+        self.it.note(f"G{code:g} is not read")
+
+    def move(self, block: CncBlock) -> None:
+        """Carry out the motion of a block, in the words that all dialects share."""
+        it, state, values = self.it, self.it.state, block.values
+        for letter in "UVW":
+            if letter in values:
+                raise InputError(f"axis {letter}{values[letter]:g} moves the tool or the part and is not read")
+        if "E" in values:
+            it.note("axis E is not read")
+        if state.polar and ("X" in values or "Y" in values):
+            if (state.incremental and "X" in values) or state.plane != 17:
+                raise InputError("polar coordinates (G16) with a radius in G91, or outside of the plane G17, are not "
+                                 "read")  # fmt: skip
+            for letter, address in (("X", "RP"), ("Y", "AP")):
+                if letter in values:
+                    values[address] = values.pop(letter)
+        if state.cycle_code:
+            self.layers.check_plane()
+            run_cycle(it, block)
+            return
+        if values.get("L", 1.0) != 1.0:
+            raise InputError(f"L{values['L']:g} repeats a move or counts turns of an arc and is not read; write the "
+                             "moves out, turns of an arc as P")  # fmt: skip
+        if state.cancels_length and "Z" in values:
+            self._leave_upwards(block)
+            return
+        if (it.contour.held or not values.keys().isdisjoint(CORNERS)) and state.motion != 1.0:
+            raise InputError("a corner is rounded or cut between two straight moves (G1) only; post-process without it")
+        if state.motion in (2.0, 3.0):
+            self._read_arc(block)
+        elif "R" in values and values["R"] != 0.0:
+            raise InputError(f"R{values['R']:g} in a straight move is not read; a rounded corner is written ,R")
+        elif block.has(CENTRES):
+            it.note("I J K in straight moves are not read")
+        unknown = bool(it.course.untold or it.course.lost) and not it.course.muted
+        if state.printer and state.motion == 1.0 and unknown and ("E" not in values or not it.log.waypoints):
+            it.note(TRAVEL)
+            it.course.rapid(*it.motion.target(block))
+            return
+        if state.motion != 0.0 and block.has(STRAIGHT):
+            self.layers.check_plane()
+        it.motion.move(block)
+
+    def _read_arc(self, block: CncBlock) -> None:
+        values = block.values
+        if "R" in values:
+            values["CR"] = values["R"]
+        turns = values.get("P", 1.0)
+        if turns == 0.0:
+            self.it.note("arc of P0 turns is read as a single arc")
+        elif not 1.0 <= turns <= MOST_TURNS or turns != int(turns):
+            raise InputError(f"arc of P{turns:g} turns, expected a whole number from 1 to {MOST_TURNS}")
+        values["TURN"] = max(turns - 1.0, 0.0)
+
+    def _leave_upwards(self, block: CncBlock) -> None:
+        """Leave out Z of a block that cancels the tool's length (H0, G49): it is no place of the tip in the part."""
+        course, state = self.it.course, self.it.state
+        if state.motion != 0.0:
+            raise InputError("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
+        self.it.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is no place in the part")
+        course.retreat()
+        course.lose([2])
+        del block.values["Z"]
+        course.rapid(*self.it.motion.target(block))
+
+
+def set_motion(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G0 to G3: the motion of this block and those after it."""
+    dialect.it.state.motion, dialect.it.state.cycle_code = code, 0.0
+
+
+def set_unit(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G20, G21 (G70, G71): inches or millimetres."""
+    it, inch = dialect.it, code in (20.0, 70.0)
+    if code in (70.0, 71.0) and block.has(frozenset("PQUWIJL")):
+        raise InputError(f"G{code:g} as a lathe cycle or bolt circle is not read; post-process without it")
+    if inch and not it.state.unit_stated and it.options.unit is None and dialect.origins.origins:
+        raise InputError("inches are stated after G10 has set work offsets; state the unit before them")
+    it.state.set_unit(INCH if inch else 1.0)
+
+
+def refuse_spline(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G5, G5.1: look-ahead of the control, or with coordinates a spline."""
+    if block.has(frozenset("XYZIJ")):
+        raise InputError(f"G{code:g} (splines) is not read; post-process without it")
+
+
+def use_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G54 to G59.9, G54.1, G154, G500: a work offset."""
+    dialect.origins.use(1000.0 + block.values.get("P", 0.0) if code in (54.1, 154.0) else code)
+
+
+def use_haas_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G110 to G129: a work offset of Haas; other controls have moves there."""
+    if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
+        dialect.pass_over(block, code)
+    dialect.origins.use(code + 1000.0 - 109.0)
+
+
+def set_dynamic_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G54.2 P, G254, G255: the work offset turns with the table."""
+    dialect.it.rotary.dynamic = block.values.get("P", 0.0) != 0.0 if code == 54.2 else code == 254.0
+    dialect.it.set_frame()
+
+
+def compensate_length(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G43, G44, G49 (tool length), G43.4, G43.5, G234 (control of the tip)."""
+    dialect.it.control_tip(code in (43.4, 43.5, 234.0))
+    if code in (43.0, 44.0):
+        dialect.it.note(LENGTH_NOTE)
+
+
+def compensate_wear(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G41.1, G42.1: the radius of the cutter, stated as D."""
+    if block.values.get("D", 0.0) != 0.0:
+        raise InputError(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
+    COMMON[41.0].run(dialect, block, code)
+
+
+def probe_from_home(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G29: bed levelling of printers."""
+    dialect.it.note("G29 (probing) is left out; where it ended is not known")
+    if not block.has(PLACES):
+        dialect.it.course.lose()
+
+
+def probe(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G31, G38: probing."""
+    dialect.it.note(f"G{code:g} (probing) is left out; where it ended is not known")
+    dialect.it.course.lose(block.list_axes())
+
+
+def set_polar(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G15, G16: X is a radius and Y an angle, or not; one that is left out is that of where the tool is."""
+    dialect.it.state.polar = code == 16.0
+    dialect.it.state.polar_words.clear()
+
+
+PROBE, POLAR = Code(probe, 2, "once"), Code(set_polar)
+DROP = Code(lambda dialect, block, code: dialect.origins.drop(code), 2, "once")
+HOME = Code(lambda dialect, block, code: dialect.origins.go_home(code, block), 2, "once")
+MIRROR = Code(lambda dialect, block, code: dialect.layers.mirror(code, block), 2, "once")
+TO_PLANE = Code(lambda dialect, block, code: dialect.layers.turn_to_plane(code, stays=code == 53.6), 2, "once")
+DYNAMIC, OFFSET, LENGTH = Code(set_dynamic_offset, 2, "once"), Code(use_offset), Code(compensate_length)
+
+G_CODES: dict[float | str, Code] = {
+    **COMMON,
+    **dict.fromkeys(MOTIONS, Code(set_motion, 1)),
+    **dict.fromkeys(CYCLES, Code(lambda dialect, block, code: begin_cycle(dialect.it, code), 1)),
+    80.0: set_mode(cycle_code=0.0),
+    # modes
+    15.0: POLAR, 16.0: POLAR, 17.0: set_mode(plane=17), 18.0: set_mode(plane=18), 19.0: set_mode(plane=19),
+    90.1: set_mode(centres="absolute", centres_stated=True), 91.1: set_mode(centres="incremental", centres_stated=True),
+    98.0: set_mode(retract_to_start=True), 99.0: set_mode(retract_to_start=False),
+    **dict.fromkeys(UNITS, Code(set_unit)),
+    # origins and frames
+    **{float(code): OFFSET for code in range(54, 60)}, 154.0: OFFSET, 54.2: Code(set_dynamic_offset),
+    **dict.fromkeys(HAAS_OFFSETS, Code(use_haas_offset)),
+    10.0: Code(lambda dialect, block, code: dialect.origins.set_offset(block), 2, "once"),
+    28.0: HOME, 30.0: HOME, 52.0: Code(lambda dialect, block, code: dialect.origins.shift(block), 2, "once"),
+    92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
+    92.1: DROP, 92.2: DROP, 92.3: DROP,
+    50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),
+    51.0: Code(lambda dialect, block, code: dialect.layers.scale(block), 2, "once"),
+    50.1: MIRROR, 51.1: MIRROR, 53.1: TO_PLANE, 53.6: TO_PLANE, 254.0: DYNAMIC, 255.0: DYNAMIC,
+    68.0: Code(lambda dialect, block, code: dialect.layers.rotate(block), 2, "once"),
+    68.2: Code(lambda dialect, block, code: dialect.layers.tilt(block), 2, "once"),
+    69.0: Code(lambda dialect, block, code: dialect.it.put(rotation=None, plane=None), 2, "once"),
+    # compensation and probing
+    41.1: Code(compensate_wear), 42.1: Code(compensate_wear),
+    **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), LENGTH),
+    43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),
+    29.0: Code(probe_from_home), **dict.fromkeys((31.0, 38.2, 38.3, 38.4, 38.5), PROBE),
+    # nothing of the path
+    61.1: ignore(), 67.0: ignore(), 113.0: ignore(), 269.0: ignore(),
+    # refused
+    5.0: Code(refuse_spline), 5.1: Code(refuse_spline), 5.2: refuse("NURBS"), 6.2: refuse("NURBS"),
+    7.0: refuse("lathe diameters"), 12.0: refuse("pocket cycles"), 13.0: refuse("pocket cycles"),
+    32.0: refuse("threading"), 33.1: refuse("rigid tapping"),
+    66.0: refuse("modal macro calls"), 66.1: refuse("modal macro calls"), 68.1: refuse("coordinate rotation"),
+    68.3: refuse("tilted work planes by the tool axis"), 68.4: refuse("tilted work planes on top of each other"),
+    107.0: refuse("cylindrical interpolation"), 112.0: refuse("polar interpolation"),
+    268.0: refuse("tilted work planes of Haas"), 12.1: refuse("polar interpolation"),
+    7.1: refuse("cylindrical interpolation"), 54.4: refuse("workpiece setting errors"),
+}  # fmt: skip
+G_CODES |= {code: Code(G_CODES[code].run, rank - len(FIRST)) for rank, code in enumerate(FIRST)}
+
+
+def find_code(code: float | str) -> Code | None:
+    """Return what a G code does, None where it is not known; G54.3 or G505 are work offsets."""
+    found = G_CODES.get(float(code))
+    return found or (OFFSET if 54.0 <= float(code) < 60.0 or 500.0 <= float(code) < 600.0 else None)

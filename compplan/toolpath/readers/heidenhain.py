@@ -1,16 +1,30 @@
-"""Heidenhain conversational programs (Klartext, .h) of TNC 4xx, iTNC 530, TNC 6xx: read by `cnc.heidenhain`."""
+"""Heidenhain conversational programs: what each of their statements does, one line a word.
+
+A new statement is one line of `STATEMENTS`: `run(dialect, rest)` carries out what follows its first word.
+"""
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.cnc.heidenhain import Klartext
-from compplan.toolpath.readers.cnc.heidenhain_lexer import ISO
+from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc import heidenhain_words as lexer
+from compplan.toolpath.readers.cnc.contour import Corner
+from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
+from compplan.toolpath.readers.cnc.heidenhain_approach import Approaches
+from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
+from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
+from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
+from compplan.toolpath.readers.cnc.interpreter import Interpreter
+from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
+from compplan.toolpath.readers.frames import stretch
 from compplan.toolpath.readers.lines import count_lines
 from compplan.toolpath.readers.moves import CamFile
-from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 name = "heidenhain"
 suffixes = (".h", ".i", ".hnc")
@@ -20,11 +34,27 @@ KLARTEXT = re.compile(
     r"^[ \t]*\d+[ \t]+(TOOL[ \t]+CALL|CYCL[ \t]+DEF|BLK[ \t]+FORM|CALL[ \t]+LBL|LBL[ \t]+\d|L[ \t]+[XYZI][-+\d])",
     re.MULTILINE | re.IGNORECASE,
 )
+DEEPEST = 19
+#: Motions: straight, arcs about the pole, by radius, tangent ones.
+MOTIONS = {"L", "LP", "LN", "C", "CR", "CT", "CP", "CTP"}
+#: M functions that change nothing of the path or the machine that a robot has.
+SILENT = frozenset(map(float, (
+    6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 103,
+    *range(107, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
+)))  # fmt: skip
+POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
+CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({lexer.VALUE})\s*(?:F\s*({lexer.VALUE}))?\s*")
+WORD = re.compile(r"[A-Z]+")
+#: FUNCTION .. that says nothing of the path.
+SILENT_FUNCTION = re.compile(
+    r"(MODE\s+(MILL|SET)|FEED|S-PULSE|PROG\s+PATH\s+IS\s+CONTOUR|AFC|DCM|COUNT|RESET|TABDATA|FILE|CORRDATA|LIFTOFF|"
+    r"DRESS|TURNDATA\s+SPIN)"
+)
 
 
 def recognise(text: str) -> int:
     """Tell whether a text is Klartext, or DIN/ISO of the same controls (which is refused)."""
-    return 3 if HEAD.search(text) else 2 if KLARTEXT.search(text) or ISO.search(text) else 0
+    return 3 if HEAD.search(text) else 2 if KLARTEXT.search(text) or lexer.ISO.search(text) else 0
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:
@@ -33,10 +63,412 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     The path stands in the datum that is in force at the beginning (cycle 247), the tool axis follows from tilted planes
     and vectors.
     """
-    if not HEAD.search(text) and (found := ISO.search(text)):
+    if not HEAD.search(text) and (found := lexer.ISO.search(text)):
         message = "a DIN/ISO program of a Heidenhain control is not read; write it in Klartext"
         raise InputError(message, file=file, where=text.count("\n", 0, found.start()) + 1)
     reader = Klartext(file, options)
     reader.run(text)
     unit = "not stated" if not reader.begun else "inch" if reader.inch else "mm"
-    return reader.it.finish(name, unit, count_lines(text))
+    return reader.it.log.finish(file, name, unit, count_lines(text))
+
+
+class Klartext:
+    """Carry out a conversational program."""
+
+    tip_word = "M128"
+    frames: tuple[str, ...] = ("unit", "datum", "plane", "shift", "mirror", "rotation", "scale")
+    ends = frozenset({2.0, 30.0})
+    silent = SILENT
+
+    def __init__(self, file: Path, options: CamTable) -> None:
+        flow = Flow(file, DEEPEST)
+        self.it = Interpreter(file, options, State(motion=0.0), self, flow, unit="")
+        self.it.motion.keeps_polar = False
+        self.words = KlartextWords(self.it)
+        self.value, self.values = self.words.value, self.words.values
+        self.datums = KlartextDatums(self.it, self.words)
+        self.labels: dict[str, int] = {}
+        self.begun = False
+        #: Whether every move from here on calls the cycle (M89).
+        self.calls = False
+        self.approaches = Approaches(self.it, self.words)
+        self.cycles = HeidenhainCycles(self.it, self.datums, self.words)
+        self.points: list[Point] = []
+        self.inch = options.unit == "inch"
+        self._set_unit()
+
+    def run(self, text: str) -> None:
+        """Read every block up to the end of the program."""
+        self.it.run(lambda: self._load(text), self._check_unit)
+
+    def _load(self, text: str) -> CncProgram:
+        """Return the program, its labels found."""
+        blocks, flow = list(lexer.split_blocks(text)), self.it.flow
+        for index, block in enumerate(blocks):
+            if block.text.startswith("LBL"):
+                found, flow.line = lexer.LABEL.match(block.text), block.line
+                if not found:
+                    raise InputError(f"label {block.text[:30]!r} is not read, expected LBL and a number or a name")
+                word = found.group(1)
+                if word in self.labels:
+                    raise InputError(f"label {word} occurs twice, first in line {blocks[self.labels[word]].line}")
+                if word != "0":
+                    self.labels[word] = index
+        return CncProgram(blocks, 0, len(blocks), self.it.file)
+
+    def _check_unit(self) -> None:
+        if not self.begun and self.it.options.unit is None:
+            self.it.flow.line = 1
+            raise refuse_unit("BEGIN PGM .. MM or INCH")
+
+    @property
+    def normal(self) -> Point:
+        """Tool axis in the coordinates of the program."""
+        return PLANE_NORMALS[self.it.state.plane]
+
+    def square(self) -> Point:
+        """Return the tool axis where all rotary axes stand at 0, or that of spatial angles (TCPM AXIS SPAT)."""
+        if not self.it.rotary.spatial:
+            return self.normal
+        return find_spatial(*(self.it.rotary.angles.get(letter, 0.0) for letter in LETTERS)).turn(self.normal)
+
+    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
+        """Take the axis of a tilted plane where rotary axes are positioned in it."""
+        if not self.it.tilted or (self.it.state.tip_control and "TILT" not in block.names):
+            return False, None
+        self.it.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
+        return True, None
+
+    def run_line(self, program: CncProgram, index: int) -> int:
+        """Carry out a block; return the next one, or END."""
+        it, block = self.it, program.lines[index]
+        it.flow.line, text = block.line, block.text
+        if block.comment:
+            it.log.happen("comment", block.line, text=block.comment)
+        index += 1
+        if text[:1] == "/":
+            it.note("blocks marked with / are read")
+            text = text[1:].strip()
+        if not text:
+            return index
+        if (text == "LBL 0" and it.flow.depth) or text.startswith("END PGM"):
+            return END
+        if it.steady and (plain := lexer.PLAIN.fullmatch(text)):
+            followed = index < program.last and program.lines[index].text[:3] not in ("RND", "CHF", "")
+            if followed and it.motion.cut_plain(plain):
+                return index
+        it.steady = False
+        it.flow.count_work(len(text))
+        if text.startswith("CALL") or (" GOTO" in text and text.startswith(("FN", "IF"))):
+            return self._jump(text, program, index)
+        self._carry_out(text, program, index)
+        it.steady = text[0] == "L" and not (self.words.fast or self.calls) and it.motion.is_steady()
+        return index
+
+    def _jump(self, text: str, program: CncProgram, index: int) -> int:
+        """Carry out a call of a label, a repetition or a jump; return where to go on."""
+        flow = self.it.flow
+        if not text.startswith("CALL"):
+            flow.count_jump()
+            found = lexer.JUMP.search(text)
+            if not found:
+                raise InputError(f"jump {text[:40]!r} is not read, expected IF .. EQU .. GOTO LBL ..")
+            one, how, other, label = found.groups()
+            a, b = self._formula(one), self._formula(other)
+            jumps = {"EQU": a == b, "NE": a != b, "GT": a > b, "LT": a < b}[how]
+            return self._label(label) if jumps else index
+        found = lexer.CALL.match(text)
+        if not found:
+            raise InputError(f"call {text[:40]!r} is not read, only labels of the program are called")
+        label, times = found.groups()
+        start = self._label(label)
+        if times is None:
+            self.it.contour.refuse_open()
+            flow.run_program(f"LBL {label}", program, 1, start)
+            return index
+        flow.count_jump()
+        return start if flow.repeat(index, lambda: self.value(times)) else index
+
+    def _label(self, word: str) -> int:
+        key = word if word.startswith('"') or word.isdigit() else f"{self.value(word):g}"
+        if key not in self.labels:
+            raise InputError(f"label {key} is not in this program")
+        return self.labels[key] + 1
+
+    def _carry_out(self, text: str, program: CncProgram, index: int) -> None:
+        """Carry out a block that does not jump."""
+        first = WORD.match(text)
+        word = first.group() if first else ""
+        defining, self.cycles.defining = self.cycles.defining, False
+        if word in MOTIONS:
+            self._move(word, text[len(word) :], self._corner_after(program, index))
+        elif word.removeprefix("I") in ADDRESSES:  # X+10 alone
+            self._move("L", text, self._corner_after(program, index))
+        elif text[0] == "(" and not self.begun and text.endswith(")"):
+            self.it.log.happen("comment", self.it.flow.line, text=text[1:-1].strip())
+        elif text[0] in "*;":
+            self.it.log.happen("comment", self.it.flow.line, text=text[1:].strip())
+        elif word.startswith("Q") and "=" in text:
+            self._assign(text)
+            if defining:
+                self.cycles.add_value(text)
+                self.cycles.defining = True
+        elif word in STATEMENTS or text == "END-SUB":
+            STATEMENTS.get(word, pass_over)(self, text[len(word) :].strip())
+        elif word == "ERROR" or set(text) <= set("%-_=#* "):
+            self.it.note(f"line {text[:20]!r} is not read")
+        else:
+            raise InputError(f"block {text[:40]!r} is not read and may move the tool; post-process without it")
+
+    def _corner_after(self, program: CncProgram, index: int) -> Corner | None:
+        """Return the corner that the next block asks for."""
+        while index < program.last and not program.lines[index].text:
+            index += 1
+        if index >= program.last or program.lines[index].text[:3] not in ("RND", "CHF"):
+            return None
+        block = program.lines[index]
+        found = CORNER.fullmatch(block.text)
+        if not found:
+            self.it.flow.line = block.line
+            raise InputError(f"corner {block.text[:30]!r} is not read, expected RND or CHF, a number and F")
+        feed = None if found.group(3) is None else self.words.to_mm_s(self.value(found.group(3)))
+        return Corner("ROUND" if found.group(1) == "RND" else "LEG", self.value(found.group(2)), feed, block.line)
+
+    def check_corner(self, rest: str) -> None:
+        """RND, CHF: the move before them has taken them, unless there is none."""
+        if self.it.contour.held is None:
+            raise InputError("RND or CHF does not stand between two cutting moves")
+
+    def begin(self, rest: str) -> None:
+        """BEGIN PGM: the unit."""
+        unit = re.search(r"\b(MM|INCH)\s*$", rest)
+        if self.begun:
+            raise InputError("a second program begins; one a file is read")
+        if not unit:
+            raise InputError(f"{rest[:40]!r} states no unit, expected MM or INCH at its end")
+        self.begun, self.inch = True, unit.group(1) == "INCH"
+        self._set_unit()
+
+    def _set_unit(self) -> None:
+        self.it.put(unit=stretch(INCH, INCH, INCH) if self.inch else None)
+        self.words.set_feed_scale()
+
+    def _assign(self, text: str) -> None:
+        """Carry out Q1 = formula."""
+        found = lexer.ASSIGN.fullmatch(text)
+        if not found:
+            raise InputError(f"assignment {text[:40]!r} is not read")
+        target, formula = found.groups()
+        if target.startswith("QS") or '"' in formula:
+            self.words.forget(target, f"line {self.it.flow.line} gives it text")
+        else:
+            self.values[target] = self._formula(formula)
+
+    def _formula(self, text: str) -> float:
+        return self.words.evaluate(re.sub(r"(?<=\d),(?=\d)", ".", text))
+
+    def run_function(self, text: str) -> None:
+        """FN 0 to 8 and 13: assignments; what others set is not known."""
+        found = lexer.FUNCTION_NUMBER.match(f"FN {text}")
+        if not found:
+            raise InputError(f"function {text[:30]!r} is not read, expected FN, its number and a colon")
+        number, rest, line = int(found.group(1)), found.group(2).strip(), self.it.flow.line
+        if number in (*range(9), 13) and lexer.ASSIGN.match(rest):
+            self._assign(rest)
+        elif number in (14, 20):
+            self.it.log.happen("call" if number == 20 else "stop", line, text=f"FN {text}"[:60])
+        else:
+            for target in re.findall(r"Q[LRS]?\d+", rest)[:1]:
+                self.words.forget(target, f"FN {number} of line {line} sets it")
+            self.it.note(f"FN {number} is not read")
+
+    def shift_datum(self, rest: str) -> None:
+        """TRANS DATUM: as cycle 7."""
+        if rest.startswith("DATUM AXIS"):
+            self.datums.shift_datum(rest.removeprefix("DATUM AXIS").strip())
+        elif rest == "DATUM RESET":
+            self.datums.shift_datum("X0 Y0 Z0")
+        else:
+            raise InputError(f"TRANS {rest[:30]!r} is not read; use cycles 7, 8, 10, 11")
+
+    def run_word_function(self, rest: str) -> None:
+        """FUNCTION: control of the tip, dwells."""
+        if rest.startswith("RESET TCPM"):
+            self.words.control_tip(False)
+        elif rest.startswith("TCPM"):
+            self.words.control_tip(True, spatial="AXIS SPAT" in rest)
+            if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
+                raise InputError("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
+        elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({lexer.NUMBER})", rest)):
+            self.it.log.happen("dwell", self.it.flow.line, value=float(found.group(1)))
+        elif SILENT_FUNCTION.match(rest):
+            self.it.note(f"FUNCTION {rest.split()[0]} is not read")
+        else:
+            raise InputError(f"FUNCTION {rest[:30]!r} is not read and may change the path")
+
+    def probe(self, rest: str) -> None:
+        """TCH PROBE: where it ends is not known."""
+        self.it.note("probing (TCH PROBE) is left out; where it ended is not known")
+        self.it.contour.refuse_open()
+        self.it.course.lose()
+
+    def run_functions(self, text: str, *, stops: bool = False) -> None:
+        """M functions alone, or beside STOP."""
+        words, functions = self.words.split(text if text[:1] == "M" or not text or stops else f"M{text}")
+        if words.keys() - {"F", "FMAX"}:
+            raise InputError(f"cannot read the block {text[:40]!r}")
+        self.words.start_functions(functions)
+        if stops:
+            self.it.log.happen("stop", self.it.flow.line)
+        self._call_cycle(functions & {89, 99})
+        self.words.stop_functions(functions)
+
+    def _call_cycle(self, functions: set[int]) -> None:
+        """Carry out the cycle after a move that calls it: M99 once, M89 from here on."""
+        if functions:
+            self.calls = self.calls or 89 in functions
+            self.cycles.call()
+            self.calls = self.calls and 99 not in functions
+
+    def _move(self, kind: str, rest: str, corner: Corner | None) -> None:
+        """Carry out a motion block; corner: that which the block after it asks for."""
+        it, state = self.it, self.it.state
+        words, functions = self.words.split(re.sub(r"\([^()]*\)$", "", rest))
+        self.words.start_functions(functions)
+        self.words.take_side(words)
+        rapid = self.words.take_feed(words)
+        if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
+            it.note("axes U V W are not read")
+        block = self.words.read(words)
+        if functions & {91, 92}:
+            it.leave_out_machine_move(block, "M91, M92")
+        else:
+            it.motion.corner = corner
+            if kind[0] == "L":
+                if words.get("R", "+") not in ("+", "-") or "DR" in words:
+                    raise InputError("words of an arc in a straight block")
+                state.motion = 0.0 if rapid else 1.0
+                if kind == "LN":
+                    self._read_vector(words, block)
+            else:
+                if rapid:
+                    raise InputError("an arc with FMAX is not read; give it a feed")
+                self._read_arc(kind, words, block)
+            it.motion.move(block)
+            it.motion.corner = None
+        self._call_cycle(functions & {89, 99} or ({89} if self.calls else set()))
+        self.words.stop_functions(functions)
+
+    def _read_vector(self, words: Words, block: CncBlock) -> None:
+        """Read the tool axis of LN: its vector TX TY TZ, or with tip control its normal NX NY NZ; A B C say nothing."""
+        for letter in LETTERS:
+            block.values.pop(letter, None)
+        for letter in ("T", "N") if self.it.state.tip_control else ("T",):
+            found = {f"{name}3": self.value(words[letter + axis]) for name, axis in zip(LETTERS, AXES, strict=True)
+                     if letter + axis in words}  # fmt: skip
+            if found:
+                block.values.update(found)
+                return
+
+    def _read_arc(self, kind: str, words: Words, block: CncBlock) -> None:
+        """Read C and CP (about the pole), CR (radius), CT and CTP (tangent)."""
+        state = self.it.state
+        if kind in ("CT", "CTP"):
+            state.motion = "CT"
+            return
+        sign = words.get("DR", "")
+        if sign not in ("+", "-"):
+            raise InputError("arc without a sense, expected DR+ or DR-")
+        state.motion = 3.0 if sign == "+" else 2.0
+        if kind == "CR":
+            if not words.get("R"):
+                raise InputError("CR has no radius R")
+            block.values["CR"] = self.value(words["R"])
+        else:
+            self.words.need_pole()
+            block.names.append("CC")
+        if "IPA" in words:
+            angle = self.value(words["IPA"])
+            if angle == 0.0 or (angle > 0.0) != (sign == "+"):
+                raise InputError(f"IPA{angle:+g} and DR{sign} contradict each other")
+            block.values["TURN"] = math.ceil(abs(angle) / 360.0 - 1e-9) - 1.0
+
+    def set_pole(self, rest: str) -> None:
+        """CC: the pole, or the centre of arcs."""
+        words, functions = self.words.split(rest)
+        block, state, start = self.words.read(words), self.it.state, self.it.contour.position
+        named = block.list_axes()
+        if named and len(named) != 2:
+            raise InputError(f"CC names {len(named)} axes, expected 2 (or none: where the tool is)")
+        plane = next(plane for plane, axes in PLANE_AXES.items() if set(axes) == set(named)) if named else state.plane
+        place = [0.0, 0.0, 0.0]
+        for axis in PLANE_AXES[plane]:
+            letter = AXES[axis]
+            base = start[axis] if not named or letter in block.relative else 0.0
+            place[axis] = base + block.values.get(letter, 0.0)
+        state.pole, state.pole_plane = (place[0], place[1], place[2]), plane
+        self.words.start_functions(functions)
+        self.words.stop_functions(functions)
+
+    def call_cycle(self, rest: str) -> None:
+        """CYCL CALL, CYCL CALL POS, CYCL CALL PAT, CYCL DEF: cycles."""
+        if not rest.startswith("CALL"):
+            self.cycles.define(f"CYCL {rest}")
+            return
+        words = rest.removeprefix("CALL").strip()
+        pattern = words.startswith("PAT")
+        if pattern and not self.points:
+            raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
+        found, functions = self.words.split(words.removeprefix("PAT").removeprefix("POS"))
+        self.words.start_functions(functions - {89, 99})
+        self.words.take_feed(found)
+        if pattern or words.startswith("POS"):
+            for place in self.points if pattern else [self.it.motion.target(self.words.read(found))[0]]:
+                self.cycles.call_at(place)
+        else:
+            self.cycles.call()
+        if not pattern:
+            self.calls = (self.calls or 89 in functions) and 99 not in functions
+        self.words.stop_functions(functions)
+
+    def define_pattern(self, text: str) -> None:
+        """PATTERN DEF: single positions."""
+        if POSITION.sub("", text.removeprefix("DEF")).strip():
+            raise InputError(f"PATTERN {text[:32]!r} is not read, only PATTERN DEF with POS is")
+        places = POSITION.findall(text)
+        self.points = [self.it.motion.target(self.words.read(self.words.split(words)[0]))[0] for words in places]
+
+
+def refuse(what: str, word: str) -> Callable[[Klartext, str], None]:
+    """Return a statement that is refused."""
+
+    def run(dialect: Klartext, rest: str) -> None:
+        raise InputError(f"{word} ({what}) is not read; post-process without it")
+
+    return run
+
+
+def pass_over(dialect: Klartext, rest: str) -> None:
+    """Carry out a statement that says nothing of the path."""
+
+
+STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
+    "BEGIN": Klartext.begin, "M": Klartext.run_functions,
+    "STOP": lambda dialect, rest: dialect.run_functions(rest, stops=True),
+    "TOOL": lambda dialect, rest: dialect.words.change_tool(rest),
+    "FN": Klartext.run_function, "FUNCTION": Klartext.run_word_function, "TCH": Klartext.probe,
+    # frames
+    "PLANE": lambda dialect, rest: dialect.datums.run_plane(rest), "TRANS": Klartext.shift_datum,
+    # contours and cycles
+    "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner,
+    "APPR": lambda dialect, rest: dialect.approaches.run_approach(rest),
+    "DEP": lambda dialect, rest: dialect.approaches.run_departure(rest),
+    "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
+    # nothing of the path
+    **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),
+    # refused
+    "SPL": refuse("splines", "SPL"), "CONTOUR": refuse("contour cycles", "CONTOUR"),
+    **{word: refuse("free contours", word) for word in ("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT")},
+    "TURNDATA": refuse("turning", "TURNDATA"), "POLARKIN": refuse("polar kinematics", "POLARKIN"),
+    "AFC": refuse("adaptive feed", "AFC"),
+}  # fmt: skip

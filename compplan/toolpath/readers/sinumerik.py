@@ -1,15 +1,29 @@
-"""Sinumerik 840D programs (.mpf, .spf, .arc): read by `cnc.sinumerik`."""
+"""Sinumerik 840D: what each of its words does, one line a word, and its frames.
+
+A new word is one line of `WORDS`: a G code by its number, any other by its name; `readers.gcode` says what it may be.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
-from compplan.toolpath.readers.cnc.sinumerik import Sinumerik
+from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc import sinumerik_lexer as lexer
+from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
+from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
+from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
+from compplan.toolpath.readers.cnc.origins import Origins
+from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
+from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
+from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, PLANE_AXES, PLANE_NORMALS, CncBlock, State
+from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.gcode import BEGINNING
-from compplan.toolpath.readers.lines import count_lines
+from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
-from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 name = "sinumerik"
 suffixes = (".mpf", ".spf", ".arc")
@@ -20,13 +34,45 @@ SURE = re.compile(
     r"^[ \t]*(N\d+[ \t]*)?(TRAORI|STOPRE|A?TRANS|A?ROT|A?MIRROR|A?SCALE|CYCLE832|MCALL)\b(?![ \t]*/)|"
     r"^[ \t]*(N\d+[ \t]*)?DEF[ \t]+(REAL|INT|BOOL)\b|"
     r"\bWORKPIECE\s*\(|[XYZIJK]\s*=\s*(AC|IC)\s*\(|^[ \t]*(N\d+[ \t]*)?MSG[ \t]*\(|\bORI(WKS|MKS|AXES|VECT)\b|"
-    r"\b(CR|SPOS|TURN|AR)=|^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=",
+    r"\b(CR|SPOS|TURN|AR|RND|CHR|CHF|T\d*=\")=|^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=|\b[MS]\d{1,2}=|"
+    r"(?<![.\w])(A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|TRAORI|COMP(ON|OF|CAD|CURV)|FFWO[NF]|SOFTA?|BRISKA?|[US]PATH|CFTCP|MCALL|[ABC]SPLINE|"
+    r"POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|OFFN|CIP|INVCC?W)\b(?![ \t]*/)|"
+    r"\b(CYCLE|POCKET|SLOT|HOLES|LONGHOLE)\d*[ \t]*\(|^[ \t]*(N\d+[ \t]*)?L\d+[ \t]*(P[ \t]*\d+[ \t]*)?$",
     re.MULTILINE | re.IGNORECASE,
 )
 #: A comment of other dialects in brackets: what a cutter is called there (CR=0) is no word of the program.
 BRACKETED = re.compile(r"(?<![\w=])\((?!\")[^()\n]*\)")
 #: The number of a Fanuc program, which no Sinumerik program has.
 PROGRAM_NUMBER = re.compile(r"^[ \t]*O\d{1,8}\b", re.MULTILINE)
+#: Words that say nothing about the programmed path.
+HARMLESS = frozenset((
+    "TRAORI", "TRAFOOF", "STOPRE", "SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "FFWON", "FFWOF", "COMPON", "COMPOF",
+    "COMPCURV", "COMPCAD", "COMPSURF", "UPATH", "SPATH", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "ORIPLANE",
+    "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORIC", "ORID", "ORISON", "ORISOF", "OSC", "OSD", "OST",
+    "OSOF", "OSS", "OSSE", "CUT2D", "CUT2DF", "CUT3DC", "CUT3DF", "KONT", "KONTC", "KONTT", "NORM", "CFC", "CFIN",
+    "CFTCP", "FNORM", "FLIN", "FCUB", "DIAMOF", "DIAM90", "WALIMON", "WALIMOF", "CDON", "CDOF", "CDOF2", "CPRECON",
+    "CPRECOF", "RTLION", "RTLIOF", "SBLOF", "SBLON", "DISPLOF", "DISPLON", "SAVE", "FIFOCTRL", "STARTFIFO",
+    "STOPFIFO", "FENDNORM", "FENDOFF", "EXTENDED", "GFRAME0", "CYCLE832", "CYCLE_HSC", "DYNNORM", "DYNPOS",
+    "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "PRIO", "SPCON", "SPCOF", "TCARR", "TCOABS", "TCOFR", "STAY", "FMAX",
+    "TCPM",
+))  # fmt: skip
+#: ... of words with a value.
+VALUES = {"SPOS", "SPOSA", "LIMS", "ADIS", "ADISPOS", "OVR", "OVRA", "ACC", "CTOL", "OTOL", "DISC", "FL"}
+#: Lengths of a motion block; addresses that say nothing of the path.
+LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
+SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "RNDM", "FA", "DISCL", "FGREF", "TOFFL",
+                    "TOFFR", "OMA", "STOLF", "TCARR", *VALUES, *CORNERS))  # fmt: skip
+OF_ARCS = frozenset(("CR", "AR", "TURN", *MIDDLES))
+FRAME_WORDS = frozenset(("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR"))
+#: Moves in machine coordinates, which are left out: their places need not be known.
+HOME = re.compile(r"\bSUPA\b|\bG0*1?53\b|\bG7[45]\b")
+TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
+#: Words whose block moves in ways that are not read.
+REFUSED = re.compile(
+    r"[ABC]SPLINE|POLY|POLYPATH|INVCC?W|A?ROTS?|CROTS?|TRANSMIT\w*|TRACYL\w*|TRAANG|TRACON|TOFRAME\w?|TOROT\w?|PAROT|"
+    r"MEAS|MEAW|DIAMON|ROTATION|OFFN|CORROF|PTP|EAUTO|ENAT|BAUTO|BNAT|MEAC|TANG\w*|ORIPATH\w*|ORICON\w*|COUPON"
+)
+NO_UNIT = "G70, G71, G700 or G710; the control's own setting is not in the file"
 
 
 def recognise(text: str) -> int:
@@ -42,4 +88,328 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """
     reader = Sinumerik(file, options)
     reader.run(text)
-    return reader.it.finish(name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
+    return reader.it.log.finish(file, name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
+
+
+class Sinumerik:
+    """Carry out a Sinumerik program."""
+
+    tip_word = "TRAORI"
+    frames: tuple[str, ...] = ("shift", "plane", "program", "origin")
+    ends = frozenset({2.0, 17.0, 30.0})
+    silent = frozenset(map(float, (6, 40, 41, 42, 43, 44, 45, 70, 19, 10, 11, 21, 22)))
+
+    def __init__(self, file: Path, options: CamTable) -> None:
+        scale = INCH if options.unit == "inch" else 1.0
+        self.stated = False
+        self.it = Interpreter(file, options, State(scale, feed_scale=scale, motion=1.0), self, Flow(file))
+        self.origins = Origins(self.it)
+        self.values = lexer.SinumerikVariables(self.it.unknown)
+        self.evaluate = self.values.evaluate
+        self.flow = SinumerikFlow(self.it, self.values)
+        self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
+
+    def run(self, text: str) -> None:
+        """Read the first main program of a file."""
+        self.it.run(lambda: self.flow.find_programs(split_lines(text), self.it.file), self.origins.check_used)
+
+    def square(self) -> Point:
+        """Return the tool axis where all rotary axes stand at 0."""
+        return self.point_square(17)
+
+    def point_square(self, plane: int) -> Point:
+        """Return the tool axis of G17 to G19 in the swivelled plane in force."""
+        return self.it.frames.get("plane", Frame()).turn(PLANE_NORMALS[plane])
+
+    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
+        """Take the axis of a swivelled plane where rotary axes are positioned in it."""
+        if not self.it.tilted or self.it.state.tip_control:
+            return False, None
+        self.it.note("A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken")
+        return True, None
+
+    def ask_for_unit(self, lengths: Iterable[float | None]) -> None:
+        """Refuse lengths that are not 0 before the program or the user states their unit."""
+        if not self.it.state.unit_stated and self.it.options.unit is None and any(lengths):
+            raise refuse_unit(NO_UNIT)
+
+    def run_line(self, program: CncProgram, index: int) -> int:
+        """Carry out a line; return the next one, or END."""
+        it, raw = self.it, program.lines[index]
+        if it.steady and (found := PLAIN.fullmatch(raw)) and it.motion.cut_plain(found):
+            return index + 1
+        if program.labels is None:
+            self.flow.prepare(program)
+        it.steady = False
+        body, comment = lexer.cut_comment(raw)
+        if comment and not comment.startswith("$PATH"):
+            it.log.happen("comment", it.flow.line, text=comment)
+        text = body.upper()
+        if not text or text[0] == "%":
+            return index + 1
+        found = lexer.BLOCK_NUMBER.match(text)
+        if found and found.end():
+            if "/" in found.group():
+                it.note("blocks marked with / are read")
+            text = text[found.end() :]
+        if ":" in text and (label := lexer.LABEL.match(text)):
+            text = text[label.end() :]
+        if not text:
+            return index + 1
+        if word := FLOW.match(text):
+            return self.flow.run_flow(word.group(1), text, raw, program, index)
+        values = self.values
+        block = lexer.split_block(text, values.look_up_home if HOME.search(text) else values.look_up, values.names)
+        ended = self.run_block(block, raw)
+        it.steady = self.stated and self.cycles.modal is None and it.motion.is_steady()
+        return END if ended else index + 1
+
+    def run_block(self, block: CncBlock, raw: str) -> bool:
+        """Carry out a block; return whether the program ends."""
+        it, values, names = self.it, block.values, block.names
+        for variable, indices, value in block.assigned:
+            self._assign(variable, indices, value)
+        if '"' in raw and (named := TOOL_NAME.search(raw)):
+            it.state.tool, it.state.tool_name = 0.0, named.group(1)
+        if frame := next((word for word in names if word in FRAME_WORDS), None):
+            if len(names) > 1 or block.codes or block.calls:
+                raise InputError(f"{frame} stands in a block with other words, expected it alone")
+            self._change_frame(frame, block)
+            return False
+        modal = "MCALL" in names
+        if modal:
+            names.remove("MCALL")
+            self.cycles.modal = None
+        if "RET" in names:
+            return True
+        for name in [name for name in names if it.flow.find_beside(name)]:
+            if modal:
+                raise InputError(f"MCALL {name} (a subprogram at every place) is not read; write the program out")
+            names.remove(name)
+            it.call(name, values.pop("P", 1.0))
+        if "L" in values:
+            it.call(f"L{values.pop('L'):g}", values.pop("P", 1.0))
+        if len(MOTIONS.intersection(block.codes)) > 1:
+            raise InputError("two motions stand in one block, expected one")
+        takes = it.run_words(block, (*block.codes, *names), find_word, self._pass_over)
+        if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
+            it.machine.start(block, it.flow.line)
+        if values and self._move(block, takes):
+            self.cycles.drill_here()
+        for called, arguments in block.calls:
+            if called == "TRAORI":
+                it.control_tip(True)
+            elif called == "CYCLE800":
+                self._swivel(arguments)
+            elif not self.cycles.run(called, arguments, modal=modal):
+                self._call(called, arguments, values.get("P", 1.0))
+        return it.machine.stop(block.machine, it.flow.line)
+
+    def _pass_over(self, block: CncBlock, word: float | str) -> None:
+        """Note a G code that is not known; refuse it where it may claim coordinates, and any other word."""
+        if isinstance(word, str):
+            raise InputError(f"word {word[:24]} is not read and may move the tool; post-process without it")
+        if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
+            raise InputError(f"G{word:g} with coordinates is not read and may move the tool")
+        self.it.note(f"G{word:g} is not read")
+
+    def _move(self, block: CncBlock, takes: str) -> bool:
+        """Carry out the coordinates of a block; return whether it moves the tool."""
+        it, state, values = self.it, self.it.state, block.values
+        for address in values:
+            if address not in MOVING and address not in SILENT:
+                if re.fullmatch(r"[ABC][2-7]", address):
+                    raise InputError(f"orientation {address}= is not read, expected A3= B3= C3= or rotary axes A B C")
+                raise InputError(f"word {address} is not read and may move the tool; post-process without it")
+        if "RNDM" in values:
+            state.rounding = values["RNDM"] * state.scale
+        if "F" in values and 4.0 not in block.codes:
+            state.set_feed(values["F"])
+        if takes == "once" or not block.has(MOVING):
+            return False
+        if takes == "machine":
+            for letter in "ABC":
+                if abs(values.get(letter, 0.0)) > 0.5 * lexer.ELSEWHERE:
+                    raise InputError(f"{letter} of a move in machine coordinates is not known; write its angle")
+            it.leave_out_machine_move(block, "SUPA, G53, G153, G74, G75")
+            return False
+        self.ask_for_unit(values.get(name) for name in LENGTHS)
+        if not self.stated and not it.log.waypoints:
+            it.note("coordinates before any G0 or G1 are read as G1")
+        if state.motion in (0.0, 1.0):
+            if block.has(OF_ARCS):
+                raise InputError("words of an arc (CR, AR, TURN) in a straight block")
+            if block.has(CENTRES):
+                it.note("I J K in straight moves are not read")
+        elif values.get("TURN") and not block.has(POLAR):
+            start, target = it.contour.position, it.motion.target(block)[0]
+            if all(abs(target[axis] - start[axis]) < 1e-9 for axis in PLANE_AXES[state.plane]):
+                turns = values["TURN"]
+                it.note(f"a full circle with TURN={turns:g} is read as {turns + 1:g} turns: TURN adds to the circle "
+                        "itself")  # fmt: skip
+        it.motion.move(block)
+        return True
+
+    def _assign(self, variable: str, indices: tuple[float, ...], value: float | None) -> None:
+        if variable.startswith("$"):
+            if re.match(r"\$P_\w*(FR|FRAME)\w*", variable):
+                raise InputError(f"{variable} sets a frame and is not read; use TRANS and ROT")
+            self.it.note(f"system variable {variable[:24]} is not read")
+        elif value is None:
+            self.it.unknown[variable] = f"line {self.it.flow.line} gives it text"
+            self.values.numbers.pop((variable, indices), None)
+        else:
+            self.values.numbers[variable, indices] = value
+
+    def _call(self, called: str, arguments: list[str], times: float) -> None:
+        """Carry out a subprogram with values for its parameters."""
+        values = [self.evaluate(text) if text else 0.0 for text in arguments]
+        for _ in range(int(times) if values else 1):
+            if values and self.it.flow.find_beside(called):
+                self._take_arguments(self.it.flow.programs[called], called, values)
+            self.it.call(called, 1.0 if values else times)
+
+    def _take_arguments(self, program: CncProgram, called: str, values: list[float]) -> None:
+        """Give the parameters of PROC NAME(REAL A, INT B) their values."""
+        for line in program.lines[program.first : min(program.first + 20, program.last)]:
+            text = strip(line)
+            if found := re.match(r"PROC\s+\w+\s*\(", text):
+                names = [part.partition("=")[0].split()[-1] for part in lexer.read_brackets(text, found.end() - 1)[0]]
+                if len(values) > len(names):
+                    break
+                for variable, value in zip(names, values, strict=False):
+                    self.values.names.add(variable)
+                    self.values.numbers[variable, ()] = value
+                return
+        raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
+
+    def _change_frame(self, word: str, block: CncBlock) -> None:
+        """Carry out TRANS, ROT, SCALE, MIRROR (in place of what was) and ATRANS .. (on top of it)."""
+        values, kind, scale = block.values, word.removeprefix("A"), self.it.state.scale
+        if unknown := values.keys() - {"X", "Y", "Z", "RPL"}:
+            raise InputError(f"{word} with {min(unknown)} is not read, expected X Y Z")
+        numbers = [values.get(letter, 0.0) for letter in AXES]
+        if kind == "TRANS":
+            self.ask_for_unit(numbers)
+            step = shift(*(number * scale for number in numbers))
+        elif kind == "ROT":
+            step = self._find_rotation(values, numbers)
+        elif kind == "SCALE":
+            factors = [values.get(letter, 1.0) for letter in AXES]
+            if len(set(factors)) > 1 or not 1e-6 < abs(factors[0]) < 1e6:
+                raise InputError(f"{word} with different factors of its axes is not read")
+            step = stretch(factors[0], factors[0], factors[0])
+        else:
+            step = stretch(*(-1.0 if letter in values else 1.0 for letter in AXES))
+        self.it.contour.refuse_open()
+        self.it.put(program=self.it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
+
+    def _find_rotation(self, values: dict[str, float], numbers: list[float]) -> Frame:
+        """Return a rotation: in the plane (RPL), or about Z, then the new Y, then the new X."""
+        deep = DEEP_AXIS[self.it.state.plane]
+        if "RPL" in values:
+            if len(values) > 1:
+                raise InputError("RPL beside rotations about axes is not read")
+            return rotate(deep, values["RPL"])
+        if any(numbers[axis] for axis in range(3) if axis != deep) and not self.it.tilted:
+            self.it.note("ROT tilts the coordinates; the tool axis stays until rotary axes or CYCLE800 turn it")
+        return rotate(2, numbers[2]).then(rotate(1, numbers[1])).then(rotate(0, numbers[0]))
+
+    def _swivel(self, arguments: list[str]) -> None:
+        """Carry out CYCLE800(_FR, _TC, _ST, _MODE, X0, Y0, Z0, A, B, C, X1, Y1, Z1, ..): a swivelled plane."""
+        self.it.contour.refuse_open()
+        texts = [*arguments, *[""] * 14]
+        numbers = [0.0 if not text or text.startswith('"') else self.evaluate(text) for text in texts]
+        status, mode = int(numbers[2]), int(numbers[3])
+        x0, y0, z0, a, b, c, x1, y1, z1 = numbers[4:13]
+        if any((a, b, c)) and not 0 < mode < 64:
+            raise InputError(f"CYCLE800 with mode {mode} names angles of rotary axes or projections, which are not "
+                             "read; swivel axis by axis (mode 57, 27 or 39)")  # fmt: skip
+        turn = Frame()
+        for place, angle in enumerate((a, b, c)):
+            axis = ((mode >> (2 * place)) & 3) - 1
+            if angle and axis < 0:
+                raise InputError(f"CYCLE800 with mode {mode} names no axis for one of its angles")
+            turn = turn.then(rotate(axis, angle)) if angle else turn
+        k = self.it.state.scale
+        step = shift(x0 * k, y0 * k, z0 * k).then(turn).then(shift(x1 * k, y1 * k, z1 * k))
+        step = self.it.find_frame().then(step) if status % 10 == 1 else step
+        self.it.put(shift=step if step.plain else None, plane=None if step.plain else step, program=None)
+        self.it.course.aim(self.point_square(self.it.state.plane))
+
+
+def set_motion(dialect: Sinumerik, block: CncBlock, code: float | str) -> None:
+    """G0 to G3, CIP, CT: the motion of this block and those after it."""
+    dialect.it.state.motion, dialect.stated = code, True
+
+
+def set_plane(dialect: Sinumerik, block: CncBlock, code: float) -> None:
+    """G17 to G19: the plane."""
+    dialect.it.state.plane = int(code)
+    if not dialect.it.state.tip_control:
+        dialect.it.course.aim(dialect.square())
+
+
+def set_unit(dialect: Sinumerik, block: CncBlock, code: float) -> None:
+    """G70, G71 (lengths alone), G700, G710 (feeds as well): inches or millimetres."""
+    state, scale = dialect.it.state, INCH if code in (70.0, 700.0, 20.0) else 1.0
+    if code not in (70.0, 71.0):
+        if state.feed is not None and state.feed_mode != 93:
+            state.feed *= scale / state.feed_scale
+    elif scale != state.feed_scale:
+        basic = "mm" if state.feed_scale == 1.0 else "inch"
+        dialect.it.note(f"G70 and G71 set lengths only: F counts in {basic}/min, the control's basic system (taken "
+                        "from --unit, else mm)")  # fmt: skip
+    state.set_unit(scale, feeds=code not in (70.0, 71.0))
+
+
+def set_pole(dialect: Sinumerik, block: CncBlock, code: float) -> None:
+    """G110 (from the tool), G111 (from the origin), G112 (from the last pole): the pole."""
+    state = dialect.it.state
+    last = state.pole or (0.0, 0.0, 0.0)
+    base = {110.0: dialect.it.contour.position, 111.0: (0.0, 0.0, 0.0), 112.0: last}[code]
+    point = list(base)
+    for axis in block.list_axes():
+        number = block.values[AXES[axis]] * state.scale
+        point[axis] = number if AXES[axis] in block.absolute else base[axis] + number
+    if block.has(POLAR):
+        raise InputError("a pole in polar coordinates is not read")
+    state.pole = point[0], point[1], point[2]
+
+
+def control_tip(dialect: Sinumerik, block: CncBlock, code: str) -> None:
+    """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
+    dialect.it.contour.refuse_open()
+    dialect.it.control_tip(code == "TRAORI")
+
+
+MOTION, PLANE, UNIT, POLE = Code(set_motion, 1), Code(set_plane), Code(set_unit), Code(set_pole, 2, "once")
+OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code))
+WORDS: dict[float | str, Code] = {
+    **COMMON,
+    **dict.fromkeys((*MOTIONS, "CIP", "CT"), MOTION),
+    17.0: PLANE, 18.0: PLANE, 19.0: PLANE,
+    **dict.fromkeys((70.0, 71.0, 700.0, 710.0, 20.0, 21.0), UNIT),
+    **dict.fromkeys((74.0, 75.0, "SUPA"), ignore("machine")),
+    25.0: ignore("once"), 26.0: ignore("once"), 110.0: POLE, 111.0: POLE, 112.0: POLE,
+    **dict.fromkeys((54.0, 55.0, 56.0, 57.0, 500.0, *(float(code) for code in range(505, 600))), OFFSET),
+    "TRAORI": Code(control_tip), "TRAFOOF": Code(control_tip),
+    # nothing of the path
+    **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
+                                451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),
+    **dict.fromkeys((*HARMLESS - {"TRAORI", "TRAFOOF"}, *VALUES, "DIAM90"), ignore()),
+    # refused
+    5.0: refuse("another motion"), 7.0: refuse("oblique plunging"), 12.0: refuse("another motion"),
+    35.0: refuse("threading"),
+    58.0: refuse("a shift of the frame"), 59.0: refuse("a shift of the frame"), 92.0: refuse("a shift of the frame"),
+    68.0: refuse("coordinate rotation"), 291.0: refuse("ISO mode"), 331.0: refuse("tapping"), 332.0: refuse("tapping"),
+    147.0: refuse("soft approach"), 247.0: refuse("soft approach"), 347.0: refuse("soft approach"),
+    148.0: refuse("soft departure"), 248.0: refuse("soft departure"), 348.0: refuse("soft departure"),
+}  # fmt: skip
+UNREAD = refuse("it changes the path or its frame")
+
+
+def find_word(word: float | str) -> Code | None:
+    """Return what a G code or a word without a number does, None where it is not known."""
+    found = WORDS.get(word)
+    return found or (UNREAD if isinstance(word, str) and REFUSED.fullmatch(word) else None)

@@ -15,6 +15,8 @@ from compplan.toolpath.readers.lines import MOST_LINES, read_bounded, split_line
 MOST_CALLS = 9999
 DEEPEST = 11
 MOST_JUMPS = 200_000
+#: Greatest number of letters of blocks that are carried out again by jumps and calls (assumed).
+MOST_LETTERS = 4_000_000
 #: What a line returns where its program ends.
 END = -1
 
@@ -23,7 +25,8 @@ END = -1
 class CncProgram:
     """Hold a program of a file: its lines as the dialect splits them, from the first (from 0) up to the last.
 
-    `labels` are the lines of its labels or block numbers, `partners` where blocks of control close or open.
+    `labels` are the lines of its labels or block numbers, `partners` where blocks of control close or open, and
+    `alternatives` the ELSE of an IF and the IF of an ELSE.
     """
 
     lines: Sequence[Any]
@@ -48,10 +51,9 @@ class Call:
 class Flow:
     """Follow programs from line to line."""
 
-    def __init__(self, file: Path, most_jumps: int | None = None, deepest: int = DEEPEST) -> None:
+    def __init__(self, file: Path, deepest: int = DEEPEST) -> None:
         self.file, self.deepest = file, deepest
-        self.most_jumps = MOST_JUMPS if most_jumps is None else most_jumps
-        self.line = self.executed = self.depth = self.jumps = self.calls = 0
+        self.line = self.executed = self.depth = self.jumps = self.calls = self.letters = 0
         self.over = False
         self.programs: dict[str, CncProgram] = {}
         self.call = Call(CncProgram((), 0, 0, file))
@@ -106,8 +108,16 @@ class Flow:
     def count_jump(self) -> None:
         """Count a jump or a call."""
         self.jumps += 1
-        if self.jumps > self.most_jumps:
-            raise self.error(f"more than {self.most_jumps} jumps and calls are carried out; no more are read")
+        if self.jumps > MOST_JUMPS:
+            raise self.error(f"more than {MOST_JUMPS} jumps and calls are carried out; no more are read")
+
+    def count_work(self, letters: int) -> None:
+        """Count the letters of a block that may be carried out again."""
+        if self.executed > len(self.call.program.lines):
+            self.letters += letters
+            if self.letters > MOST_LETTERS:
+                raise self.error(f"more than {MOST_LETTERS} letters of blocks are carried out again by jumps and "
+                                 "calls; no more are read")  # fmt: skip
 
     def repeat(self, index: int, times: Callable[[], float]) -> bool:
         """Return whether a repetition that stands in a line goes back once more."""

@@ -12,15 +12,14 @@ from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
-from compplan.toolpath.readers.cnc.heidenhain_lexer import ASSIGN, CYCLE, NUMBER, VALUE
-from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords
+from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import PLANE_AXES, PLANE_NORMALS
 
-#: Drilling cycles, and whether the tool leaves the hole with the feed.
-DRILLING = {200: False, 201: True, 202: True, 203: False, 205: False, 206: True, 207: True, 208: False, 209: True,
-            240: False}  # fmt: skip
-OLD_DRILLING = {1: False, 2: True, 17: True}
+#: Drilling cycles, and whether the tool leaves the hole with the feed; old ones, and the part that states their feed.
+DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
+            207: True, 208: False, 209: True, 240: False}  # fmt: skip
+OLD = {1: 5, 2: 4, 17: 3}
 #: Cycles that say nothing of the path.
 SILENT = {13, 32, 239, 332, 392}
 #: Rapid retraction, written as a feed. [mm/min]
@@ -30,23 +29,16 @@ CYCLE_VALUE = re.compile(rf"(Q\d+)\s*=\s*({VALUE}|F?MAX|F?AUTO|PREDEF)")
 
 @dataclass
 class Cycle:
-    """Hold a cycle that is defined: its number, the values of its Q parameters, or those of its parts (1.1, 1.2)."""
+    """Hold a cycle that is defined: its number and values, by its Q parameters or the numbers of its parts (1.2: 2)."""
 
     number: int
     values: dict[str, float] = field(default_factory=dict)
-    parts: dict[int, float] = field(default_factory=dict)
 
     def get(self, name: str) -> float:
         """Return a value that the cycle must have."""
         if name not in self.values:
-            raise InputError(f"cycle {self.number} has no {name}")
+            raise InputError(f"cycle {self.number} has no {name if name[0] == 'Q' else f'part {self.number}.{name}'}")
         return self.values[name]
-
-    def part(self, number: int) -> float:
-        """Return a part that the cycle must have."""
-        if number not in self.parts:
-            raise InputError(f"CYCL DEF {self.number} has no part {self.number}.{number}")
-        return self.parts[number]
 
 
 class HeidenhainCycles:
@@ -67,24 +59,23 @@ class HeidenhainCycles:
         at = None if part is None else int(part)
         if self.datums.define(number, at, rest) or number in SILENT:
             return
+        last = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest) if at else None
         if number == 9:
-            waits = re.search(rf"({NUMBER})\s*$", rest)
-            if at and waits:
-                self.it.log.happen("dwell", self.it.flow.line, value=self.datums.value(waits.group(1)))
+            if last:
+                self.it.log.happen("dwell", self.it.flow.line, value=self.words.value(last.group(1)))
+        elif number in OLD:
+            if not at or self.cycle is None or self.cycle.number != number:
+                self.cycle = Cycle(number)
+            if last:
+                self.cycle.values[str(at)] = self.words.value(last.group(1))
         elif number in DRILLING or number in (220, 221):
             values = {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)}
-            self.datums.values.update(values)
+            self.words.values.update(values)
             self.defining = True
             if number in (220, 221):
                 self._drill_pattern(Cycle(number, values))
             else:
                 self.cycle = Cycle(number, values)
-        elif number in OLD_DRILLING:
-            if not at or self.cycle is None or self.cycle.number != number:
-                self.cycle = Cycle(number)
-            value = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest)
-            if at and value:
-                self.cycle.parts[at] = self.datums.value(value.group(1))
         else:
             raise InputError(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
@@ -101,71 +92,86 @@ class HeidenhainCycles:
             return (self.words.tool_feed or 0.0) / self.to_mm_s(1.0)
         if text == "PREDEF":
             raise InputError("values from GLOBAL DEF (PREDEF) are not read; write them out")
-        return self.datums.value(text)
+        return self.words.value(text)
 
     def call(self) -> None:
         """Drill where the tool is."""
         self.it.contour.refuse_open()
         if self.cycle is None:
             raise InputError("a cycle is called, and none that is read is defined")
-        with self.it.log.hole():
-            if self.cycle.number in OLD_DRILLING:
-                self._drill_old(self.cycle)
-            else:
-                self._drill(self.cycle)
+        self._drill(self.cycle)
 
     def call_at(self, place: Point) -> None:
         """Drill at a place; its height counts on top of the cycle's surface."""
         cycle = self._need_new("CYCL CALL at positions needs a cycle from 200")
-        surface = cycle.values.get("Q203", 0.0) + place[self.datums.tool_axis]
-        self._rapid_over(place)
-        with self.it.log.hole():
-            self._drill(Cycle(cycle.number, {**cycle.values, "Q203": surface}))
+        surface = cycle.values.get("Q203", 0.0) + place[self.words.tool_axis]
+        self._drill_over(place, Cycle(cycle.number, {**cycle.values, "Q203": surface}))
 
     def _need_new(self, message: str) -> Cycle:
-        if self.cycle is None or self.cycle.number in OLD_DRILLING:
+        if self.cycle is None or self.cycle.number in OLD:
             raise InputError(message)
         return self.cycle
 
-    def _rapid_over(self, place: Point) -> None:
-        """Go rapidly above a place, at the height where the tool is."""
-        height = self.it.course.position[self.datums.tool_axis]
-        self.it.course.rapid(set_level(place, self.datums.tool_axis, height), PLANE_AXES[self.it.state.plane])
+    def _drill_over(self, place: Point, cycle: Cycle) -> None:
+        """Move rapidly over a place at the height of the tool, and drill there."""
+        height = self.it.course.position[self.words.tool_axis]
+        self.it.course.rapid(set_level(place, self.words.tool_axis, height), PLANE_AXES[self.it.state.plane])
+        self._drill(cycle)
 
     def _drill(self, cycle: Cycle) -> None:
-        """Carry out a cycle from 200: to the clearance Q200 above the surface Q203, with Q206 by Q201, back."""
-        values, course, axis = cycle.values, self.it.course, self.datums.tool_axis
-        surface, clear, depth = values.get("Q203", 0.0), cycle.get("Q200"), cycle.get("Q201")
-        if cycle.number == 240 and values.get("Q343", 0.0) != 0.0:
-            raise InputError("cycle 240 with a diameter (Q343=1) is not read; give it a depth")
+        """Carry out a cycle at the tool's place.
+
+        From set-up clearance Q200 above the surface Q203 to the depth Q201, then to the level Q204 above the surface;
+        cycles 1, 2 and 17 from the level where the tool is, by set-up clearance and depth, and back.
+        """
+        course, axis, values = self.it.course, self.words.tool_axis, cycle.values
         feed, out = self._find_feeds(cycle)
-        first, bottom = surface + clear, surface + depth
-        top = max(first, surface + values.get("Q204", 0.0))
-        course.rapid(set_level(course.position, axis, first), (axis,))
-        expand = self.it.options.cycles == "expand" and depth != 0.0
-        if expand and cycle.number == 208:
-            self._mill_bore(values, first, bottom, feed)
-            course.rapid(set_level(course.position, axis, first), (axis,))
-            course.rapid(set_level(course.position, axis, top), (axis,))
-        elif depth != 0.0:
-            hole = Hole(axis, first, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
-            drill(course, hole, expand=expand, name=str(cycle.number))
+        expand = self.it.options.cycles == "expand"
+        if cycle.number in OLD:
+            if expand:
+                course.begin_cut()
+            clear = top = course.position[axis]
+            depth = -abs(cycle.get("1")) - abs(cycle.get("2"))
+            bottom = clear + depth
+            if cycle.get("2") > 0.0 and cycle.get("1") >= 0.0:
+                raise InputError(f"CYCL DEF {cycle.number} with a depth above the surface is not read")
         else:
-            course.rapid(set_level(course.position, axis, top), (axis,))
-        self.it.state.motion = 0.0
+            if cycle.number == 240 and values.get("Q343", 0.0) != 0.0:
+                raise InputError("cycle 240 with a diameter (Q343=1) is not read; give it a depth")
+            surface, depth = values.get("Q203", 0.0), cycle.get("Q201")
+            clear, bottom = surface + cycle.get("Q200"), surface + depth
+            top = max(clear, surface + values.get("Q204", 0.0))
+        with self.it.log.hole():
+            if cycle.number not in OLD:
+                course.rapid(set_level(course.position, axis, clear), (axis,))
+            elif not expand:
+                self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
+                return
+            if cycle.number == 208 and expand and depth != 0.0:
+                self._mill_bore(values, clear, bottom, feed)
+                course.rapid(set_level(course.position, axis, clear), (axis,))
+                course.rapid(set_level(course.position, axis, top), (axis,))
+            elif depth != 0.0:
+                hole = Hole(axis, clear, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
+                drill(course, hole, expand=expand, name=str(cycle.number))
+            elif cycle.number not in OLD:
+                course.rapid(set_level(course.position, axis, top), (axis,))
+        if cycle.number not in OLD:
+            self.it.state.motion = 0.0
 
     def _find_feeds(self, cycle: Cycle) -> tuple[float, float | None]:
         """Return feed into and out of a hole in mm/s, None where it is left rapidly."""
-        if cycle.number in (207, 209):
-            feed = abs(cycle.get("Q239")) * self.datums.unit * self.it.state.spindle / 60.0
+        if cycle.number in (17, 207, 209):
+            pitch = abs(cycle.get("3" if cycle.number == 17 else "Q239"))
+            feed = pitch * self.words.unit * self.it.state.spindle / 60.0
             return feed, feed
-        feed = self.to_mm_s(cycle.get("Q206"))
+        feed = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
         back = cycle.values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
         return feed, None if back >= FASTEST else self.to_mm_s(back) if back > 0.0 else feed
 
     def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
         """Mill a bore on a helix (cycle 208): from its middle out, down, round the bottom, back to the middle."""
-        radius, course, axis = self.words.radii.get(self.words.tool), self.it.course, self.datums.tool_axis
+        radius, course, axis = self.words.radii.get(self.words.tool), self.it.course, self.words.tool_axis
         if radius is None:
             raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
         reach, pitch = 0.5 * values.get("Q335", 0.0) - radius, abs(values.get("Q334", 0.0))
@@ -181,53 +187,28 @@ class HeidenhainCycles:
             self.it.contour.add(Element(start, end, (), feed, self.it.flow.line, centre, normal, True, rounds))
         course.line(set_level(middle, axis, bottom), (), feed)
 
-    def _drill_old(self, cycle: Cycle) -> None:
-        """Carry out cycles 1, 2 and 17: from the level where the tool is, by set-up clearance and depth."""
-        way = abs(cycle.part(1)) + abs(cycle.part(2))
-        if cycle.number == 17:
-            feed = abs(cycle.part(3)) * self.datums.unit * self.it.state.spindle / 60.0
-        else:
-            feed = self.to_mm_s(cycle.part(5 if cycle.number == 1 else 4))
-        if cycle.part(2) > 0.0 and cycle.part(1) >= 0.0:
-            raise InputError(f"CYCL DEF {cycle.number} with a depth above the surface is not read")
-        course, axis = self.it.course, self.datums.tool_axis
-        if self.it.options.cycles != "expand":
-            self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
-            return
-        start = course.position
-        course.line(set_level(start, axis, start[axis] - way), (), feed)
-        if OLD_DRILLING[cycle.number]:
-            course.line(start, (), feed)
-        else:
-            course.rapid(start)
-
     def _drill_pattern(self, pattern: Cycle) -> None:
         """Carry out cycles 220 (holes on a circle) and 221 (holes in rows) with the cycle defined before."""
-        n, course, axis = pattern.values, self.it.course, self.datums.tool_axis
+        get, n, course, axis = pattern.get, pattern.values, self.it.course, self.words.tool_axis
         cycle = self._need_new(f"cycle {pattern.number}, and no cycle from 200 is defined before it")
         if n.get("Q365", 0.0) != 0.0:
             raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read")
         kept: dict[str, float] = {name: n[name] for name in ("Q200", "Q203", "Q204") if name in n}
         if n.get("Q301", 1.0) == 0.0:
             kept["Q204"] = 0.0
+        if pattern.number == 220:
+            count, start, step = int(get("Q241")), get("Q245"), n.get("Q247", 0.0)
+            span = n.get("Q246", 360.0) - start
+            step = step or span / max(1, count if abs(abs(span) - 360.0) < 1e-9 else count - 1)
+            places = list_circle((get("Q216"), get("Q217")), 0.5 * get("Q244"), start, step, count)
+        else:
+            counts = int(get("Q242")), int(get("Q243"))
+            steps = get("Q237"), get("Q238")
+            places = list_grid((get("Q225"), get("Q226")), n.get("Q224", 0.0), steps, counts)
         first, second = PLANE_AXES[self.it.state.plane]
-        for u, v, _ in _list_circle(pattern) if pattern.number == 220 else _list_rows(pattern):
-            self._rapid_over(set_level(set_level((0.0, 0.0, 0.0), first, u), second, v))
-            with self.it.log.hole():
-                self._drill(Cycle(cycle.number, {**cycle.values, **kept}))
+        for u, v, _ in places:
+            place = set_level(set_level((0.0, 0.0, 0.0), first, u), second, v)
+            self._drill_over(place, Cycle(cycle.number, {**cycle.values, **kept}))
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > course.position[axis]:
             course.rapid(set_level(course.position, axis, top), (axis,))
-
-
-def _list_circle(n: Cycle) -> list[Point]:
-    count, start = int(n.get("Q241")), n.get("Q245")
-    span, step = n.values.get("Q246", 360.0) - start, n.values.get("Q247", 0.0)
-    if step == 0.0:
-        step = span / max(1, count if abs(abs(span) - 360.0) < 1e-9 else count - 1)
-    return list_circle((n.get("Q216"), n.get("Q217")), 0.5 * n.get("Q244"), start, step, count)
-
-
-def _list_rows(n: Cycle) -> list[Point]:
-    counts = int(n.get("Q242")), int(n.get("Q243"))
-    return list_grid((n.get("Q225"), n.get("Q226")), n.values.get("Q224", 0.0), (n.get("Q237"), n.get("Q238")), counts)

@@ -1,15 +1,14 @@
-"""What a Heidenhain program says of frames: datum shifts, mirrors, rotations, tilted planes; its Q parameters."""
+"""What a Heidenhain program says of frames: datum shifts, mirrors, rotations, scales, tilted planes."""
 
 from __future__ import annotations
 
 import re
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, cross
-from compplan.toolpath.readers.cnc.expressions import evaluate
-from compplan.toolpath.readers.cnc.heidenhain_lexer import GRAMMAR, VALUE
+from compplan.toolpath.readers.arcs import cross
+from compplan.toolpath.readers.cnc.heidenhain_words import TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES
+from compplan.toolpath.readers.cnc.state import AXES, PLANE_NORMALS
 from compplan.toolpath.readers.frames import NOWHERE, Frame, rotate, shift, stand_on, stretch
 
 AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
@@ -19,8 +18,6 @@ HOW = re.compile(
     r"\b(MOVE|TURN|STAY|SEQ\s*[-+]|SYM\s*[-+]|TABLE\s+ROT|COORD\s+ROT|F\s*MAX|F\s*AUTO|F\s*[\d.,]+|FQ\d+|"
     r"DIST\s*[-+]?[\d.,]+|MB\s*MAX|MB\s*[-+]?[\d.,]+|ABST\s*[-+]?[\d.,]+)"
 )
-#: Parameters that PLANE and cycle 19 set to the angles of the rotary axes.
-TILT_ANGLES = {"Q120", "Q121", "Q122"}
 
 
 def find_spatial(a: float, b: float, c: float) -> Frame:
@@ -29,41 +26,19 @@ def find_spatial(a: float, b: float, c: float) -> Frame:
 
 
 class KlartextDatums:
-    """Hold the frames that a program has put in force, and its parameters."""
+    """Put in force the frames that a program states."""
 
-    def __init__(self, it: Interpreter) -> None:
-        self.it = it
-        self.values: dict[str, float] = dict.fromkeys(TILT_ANGLES, 0.0)
-        self.tool_axis = 2
-        #: Datum shifts before a plane is tilted, and in it.
-        self.before, self.after = NOWHERE, NOWHERE
-        self.mirror: Point = (1.0, 1.0, 1.0)
-        self.turned, self.scale = 0.0, 1.0
+    def __init__(self, it: Interpreter, words: KlartextWords) -> None:
+        self.it, self.words, self.value = it, words, words.value
+        #: Angle of the rotation in force [deg]; the datum that cycle 247 named.
+        self.turned = 0.0
         self.preset: float | None = None
-
-    @property
-    def unit(self) -> float:
-        """Millimetres of a unit of length."""
-        return self.it.frames["unit"].scale if "unit" in self.it.frames else 1.0
+        words.turn_axis = self.use_axis
 
     @property
     def tilt(self) -> Frame:
         """The tilted plane in force."""
         return self.it.frames.get("plane", Frame())
-
-    def value(self, text: str) -> float:
-        """Return a number or the value of a parameter, with its sign."""
-        try:
-            return float(text)
-        except ValueError:
-            return evaluate(text.replace(",", "."), GRAMMAR, self.look_up)
-
-    def look_up(self, name: str, indices: tuple[float, ...]) -> float:
-        """Return the value of a parameter; ValueError if it has none that is known."""
-        if name in self.values and not indices:
-            return self.values[name]
-        why = self.it.unknown.get(name, "the program gives it none")
-        raise ValueError(f"parameter {name} has no value that is known: {why}")
 
     def define(self, number: int, part: int | None, rest: str) -> bool:
         """Carry out CYCL DEF 7, 8, 10, 11, 19, 26 and 247; return whether the cycle is one of them."""
@@ -80,11 +55,10 @@ class KlartextDatums:
             raise InputError(f"CYCL DEF {number} in one block is not read, expected {number}.0 and {number}.1 ..")
         if part == 0 or (not rest and number not in (8, 19)):
             if part == 0 and number == 8:
-                self.mirror = (1.0, 1.0, 1.0)
                 self.it.put(mirror=None)
             return True
         carry_out = {7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt_19,
-                     26: self._scale_26}  # fmt: skip
+                     26: self._scale_axes}  # fmt: skip
         carry_out[number](rest)
         return True
 
@@ -95,48 +69,42 @@ class KlartextDatums:
             raise InputError(f"datum table {rest[:20]!r} is not read; write the shift out")
         if not found or re.sub(r"[ABCUVW]\s*[-+]?0*\.?0*(?=\s|$)", "", AXIS_VALUE.sub("", rest)).strip():
             raise InputError(f"datum shift {rest[:30]!r} is not read, expected X Y Z with numbers")
-        old = list(self.after if self.it.tilted else self.before)
+        name = "shift" if self.it.tilted else "datum"
+        new = list(self.it.frames.get(name, Frame()).origin)
         for step, letter, text in found:
             axis = AXES.index(letter)
-            old[axis] = self.value(text) + (old[axis] if step else 0.0)
-        new = old[0], old[1], old[2]
-        if new != NOWHERE and (self.turned or self.mirror != (1.0, 1.0, 1.0)):
+            new[axis] = self.value(text) + (new[axis] if step else 0.0)
+        if any(new) and (self.turned or "mirror" in self.it.frames):
             raise InputError("a datum shift after a rotation or a mirror is not read; shift first")
-        if self.it.tilted:
-            self.after = new
-            self.it.put(shift=shift(*new))
-        else:
-            self.before = new
-            self.it.put(datum=shift(*new))
+        self.it.put(**{name: shift(new[0], new[1], new[2])})
 
     def _mirror(self, rest: str) -> None:
         letters = re.findall(r"[XYZ]", rest)
         if re.sub(r"[XYZ]|\s", "", rest):
             raise InputError(f"mirror {rest[:20]!r} is not read, expected X, Y, Z")
-        x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
-        self.mirror = x, y, z
         if letters and self.turned:
             raise InputError("a mirror after a rotation is not read; mirror first, rotate then")
-        self.it.put(mirror=stretch(x, y, z))
+        x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
+        self.it.put(mirror=stretch(x, y, z) if letters else None)
 
     def _rotate(self, rest: str) -> None:
         found = re.fullmatch(rf"(I?)ROT\s*({VALUE})", rest)
         if not found:
             raise InputError(f"rotation {rest[:20]!r} is not read, expected ROT and an angle")
         angle = self.value(found.group(2)) + (self.turned if found.group(1) else 0.0)
-        if angle and self.mirror != (1.0, 1.0, 1.0):
+        if angle and "mirror" in self.it.frames:
             raise InputError("a rotation in a mirrored frame is not read")
         self.turned = angle
-        self.it.put(rotation=rotate(self.tool_axis, angle))
+        self.it.put(rotation=rotate(self.words.tool_axis, angle))
 
     def _scale(self, rest: str) -> None:
         found = re.fullmatch(rf"SCL\s*({VALUE})", rest)
-        if not found or not 1e-6 <= self.value(found.group(1)) <= 100.0:
+        scale = self.value(found.group(1)) if found else 0.0
+        if not 1e-6 <= scale <= 100.0:
             raise InputError(f"scale {rest[:20]!r} is not read, expected SCL and a factor")
-        self.scale = self.value(found.group(1))
-        self.it.put(scale=stretch(self.scale, self.scale, self.scale))
+        self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
 
-    def _scale_26(self, rest: str) -> None:
+    def _scale_axes(self, rest: str) -> None:
         factors = [self.value(text) for _, _, text in AXIS_VALUE.findall(re.sub(r"CC[XYZ]\s*[-+\d.,]+", "", rest))]
         if any(factor != 1.0 for factor in factors):
             raise InputError("scales of single axes (cycle 26) are not read")
@@ -144,10 +112,10 @@ class KlartextDatums:
     def _tilt_19(self, rest: str) -> None:
         """Carry out cycle 19: spatial angles, or angles of rotary axes: the machine says which."""
         angles = {letter: self.value(text) for letter, text in re.findall(rf"([ABC])\s*({VALUE})", rest)}
-        kind = self.it.options.tilt_angles
+        kind = self.it.options.axes.tilt_angles
         if any(angles.values()) and kind is None:
             raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
-                             'which with [cam] tilt_angles = "spatial", or use PLANE SPATIAL')  # fmt: skip
+                             'tilt_angles = "spatial" in NAME.toml of [cam] machine, or use PLANE SPATIAL')  # fmt: skip
         if any(angles.values()) and kind != "spatial":
             raise InputError("cycle 19 with angles of rotary axes is not read; use PLANE SPATIAL")
         self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
@@ -157,27 +125,25 @@ class KlartextDatums:
         self.it.contour.refuse_open()
         if tilt == self.tilt:
             return
-        if self.turned or self.scale != 1.0 or self.mirror != (1.0, 1.0, 1.0) or self.after != NOWHERE:
+        moved = self.it.frames.get("shift", Frame()).origin != NOWHERE
+        if self.turned or moved or not {"mirror", "scale"}.isdisjoint(self.it.frames):
             raise InputError("a plane is tilted, or tilted back, while a shift made in it, a rotation, a mirror or a "
                              "scale is in force; take that back first")  # fmt: skip
         for name in TILT_ANGLES:
-            self.values.pop(name, None)
-            self.it.unknown[name] = "the machine works it out from the tilted plane"
+            self.words.forget(name, "the machine works it out from the tilted plane")
         if tilt.plain:
-            self.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
+            self.words.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
         self.it.put(plane=None if tilt.plain else tilt)
         self.point_tool()
 
-    def use_axis(self, axis: int) -> None:
+    def use_axis(self) -> None:
         """Take another tool axis, that of TOOL CALL."""
-        self.tool_axis = axis
-        self.it.put(rotation=rotate(axis, self.turned))
+        self.it.put(rotation=rotate(self.words.tool_axis, self.turned))
         self.point_tool()
 
     def point_tool(self) -> None:
         """Point the tool along the tool axis of the plane in force."""
-        x, y, z = (1.0 if axis == self.tool_axis else 0.0 for axis in range(3))
-        axis = self.tilt.turn((x, y, z))
+        axis = self.tilt.turn(PLANE_NORMALS[self.it.state.plane])
         if axis != self.it.log.axis:
             self.it.course.aim(axis)
 

@@ -1,18 +1,45 @@
-"""The words of Heidenhain blocks: places, feeds, tools, M functions, in the words that all dialects share."""
+"""The blocks of Heidenhain programs and their words: places, feeds, tools, M functions, as all dialects call them."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import set_level
-from compplan.toolpath.readers.cnc.heidenhain_frames import TILT_ANGLES, KlartextDatums
-from compplan.toolpath.readers.cnc.heidenhain_lexer import M_WORDS, VALUE, split_words
+from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, evaluate
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import POLAR
-from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock
+from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, LETTERS, CncBlock
+from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, cut_comment, split_lines
 
+NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"
+#: A value of a word: a number or a Q parameter, with or without a sign.
+VALUE = rf"[-+]?\s*(?:{NUMBER}|Q[LRS]?\d+)"
+#: The block of an ordinary cut: L X+1.5 Y-2 Z+.3 F1000.
+PLAIN = re.compile(rf"L(?: ?X({DECIMAL}))?(?: ?Y({DECIMAL}))?(?: ?Z({DECIMAL}))?(?: ?F({DECIMAL}))?(?: M90)?")
+#: Words of a motion block. Bare signs belong to DR and to R of paraxial blocks.
+WORD = re.compile(
+    rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|DR|"
+    rf"R[0LR](?![\d.,])|R|F\s*(?:MAX|AUTO)|F[UZT]?|S(?=\s*[\d.,Q])|M\s*(?=\d|Q))"
+    rf"\s*({VALUE}|[-+](?!\s*[\d.,Q]))?"
+)
+BLOCK_NUMBER = re.compile(r"\s*(\d+)\s*(?=\D|$)")
+FUNCTION_NUMBER = re.compile(r"FN\s*(\d+)\s*:\s*(.*)")
+ASSIGN = re.compile(r"(Q[LRS]?\d+)\s*=\s*(.+)")
+JUMP = re.compile(r"IF\s+(.+?)\s+(EQU|NE|GT|LT)\s+(.+?)\s+GOTO\s+LBL\s*(\".*\"|\d+|QS?\d+)\s*$")
+CALL = re.compile(r"CALL\s+LBL\s*(\"[^\"]*\"|\d+|QS?\d+)\s*(?:REP\s*(\d+|Q[LR]?\d+)(?:\s*/\s*\d+)?)?\s*$")
+LABEL = re.compile(r"LBL\s*(\"[^\"]*\"|\d+)\s*$")
+CYCLE = re.compile(r"CYCL\s+DEF\s*(\d+)(?:\s*\.(\d+))?\s*(.*)")
+ISO = re.compile(r"^\s*%\S*\s+G7[01]\b", re.MULTILINE)
+#: M functions that have words of their own; only some of them a feed.
+M_WORDS = re.compile(
+    r"M\s*(?:(10[134]|112|118|120|124|128|14[0258])(?!\d))"
+    r"((?:\s*(?:MB\s*(?:MAX|[-+]?[\d.,]+)|LA\s*[\d.]+|LIMIT|T\s*[\d.]+|E\s*[\d.]+|(?<=\d\s)[XYZ][\d.]+|"
+    r"(?:(?<=M103 )|(?<=M128 )|(?<=M140 )|(?<=MAX )|(?<=M103)|(?<=M128))F\s*(?:MAX|[\d.]+)))*)"
+)
 REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation of rotary axes",
              **dict.fromkeys(range(200, 205), "laser")}  # fmt: skip
 #: Feeds that are rapid traverse on old controls (TNC 145, 155). [mm/min]
@@ -23,23 +50,116 @@ ADDRESSES = {**{letter: letter for letter in (*AXES, *LETTERS)}, "PR": "RP", "PA
 TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
 TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$")
 TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
+#: Parameters that PLANE and cycle 19 set to the angles of the rotary axes.
+TILT_ANGLES = {"Q120", "Q121", "Q122"}
 Words = dict[str, str]
 
 
-class KlartextWords:
-    """Read the words of blocks, and let happen what they switch."""
+GRAMMAR = Grammar(
+    functions={
+        **FUNCTIONS, "ATAN": (1, lambda x: math.degrees(math.atan(x))), "SQ": (1, lambda x: x * x),
+        "LOG": (1, math.log10), "NEG": (1, lambda x: -x), "INT": (1, lambda x: float(math.trunc(x))),
+        "FRAC": (1, lambda x: x - math.trunc(x)), "SGN": (1, lambda x: float((x > 0.0) - (x < 0.0))),
+        "PI": (0, lambda: math.pi),
+    },
+    operators={
+        "+": (1, lambda a, b: a + b), "-": (1, lambda a, b: a - b), "*": (2, lambda a, b: a * b),
+        "/": (2, lambda a, b: a / b), "DIV": (2, lambda a, b: a / b), "^": (3, lambda a, b: a**b),
+        "LEN": (1, math.hypot), "ANG": (1, lambda y, x: math.degrees(math.atan2(y, x)) % 360.0),
+    },
+    bare=True,
+)  # fmt: skip
 
-    def __init__(self, it: Interpreter, datums: KlartextDatums) -> None:
-        self.it, self.datums = it, datums
+
+@dataclass(frozen=True)
+class HeidenhainBlock:
+    """Hold a block: its line, its text in capitals without number and comment (/: may be skipped), its comment."""
+
+    line: int
+    text: str
+    comment: str
+
+
+def split_blocks(text: str) -> Iterator[HeidenhainBlock]:
+    """Yield the blocks of a program; a ~ at the end of a line goes on in the next, as do lines of a cycle's values."""
+    pending, notes, first, goes_on = "", "", 0, False
+    for line, raw in enumerate(split_lines(text), start=1):
+        body = raw.strip()
+        more = body.endswith("~")
+        if more:
+            body = body[:-1].rstrip()
+        body, comment = cut_comment(body)
+        if not goes_on:
+            mark = "/" if body[:1] == "/" else ""
+            body = body[1:].lstrip() if mark else body
+            found = BLOCK_NUMBER.match(body) if body[:1].isdigit() else None
+            pending, notes, first = mark + (body[found.end() :] if found else body), comment, line
+        else:
+            pending, notes = f"{pending} {body}", f"{notes} {comment}"
+            if len(pending) > LONGEST_LINE:
+                raise ValueError(f"block of more than {LONGEST_LINE} characters in line {first}; no more are read")
+        goes_on = more
+        if not more:
+            yield HeidenhainBlock(first, _tidy(pending), notes.strip())
+    if goes_on:
+        yield HeidenhainBlock(first, _tidy(pending), notes.strip())
+
+
+def _tidy(text: str) -> str:
+    """Return a block in capitals with single spaces."""
+    tidy = (" ".join(text.split()) if "  " in text or "\t" in text else text.strip()).upper()
+    return f"CYCL{tidy[5:]}" if tidy.startswith("CYCLE ") else tidy
+
+
+class KlartextWords:
+    """Read the words of blocks and the values of parameters, and let happen what they switch."""
+
+    def __init__(self, it: Interpreter) -> None:
+        self.it = it
+        self.values: dict[str, float] = dict.fromkeys(TILT_ANGLES, 0.0)
         self.per_turn = False
         #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
         self.old = self.fast = False
         #: Side of the contour on which the tool runs: L, R, or none.
         self.side = ""
-        #: Tool in the spindle, as the program calls it, its feed, and radii that the program states.
+        #: Tool in the spindle, as the program calls it, its feed [mm/s], and radii that the program states.
         self.tool = ""
-        self.tool_feed: float | None = None
         self.radii: dict[str, float] = {}
+        self.tool_feed: float | None = None
+        #: Lets the frames follow another tool axis.
+        self.turn_axis: Callable[[], None] = lambda: None
+
+    @property
+    def unit(self) -> float:
+        """Millimetres of a unit of length."""
+        return self.it.frames["unit"].scale if "unit" in self.it.frames else 1.0
+
+    @property
+    def tool_axis(self) -> int:
+        """Axis that the tool points along."""
+        return DEEP_AXIS[self.it.state.plane]
+
+    def value(self, text: str) -> float:
+        """Return a number or the value of a parameter, with its sign."""
+        try:
+            return float(text)
+        except ValueError:
+            return self.evaluate(text.replace(",", "."))
+
+    def evaluate(self, text: str) -> float:
+        """Return the value of a formula."""
+        return evaluate(text, GRAMMAR, self._look_up)
+
+    def _look_up(self, name: str, indices: tuple[float, ...]) -> float:
+        if name in self.values and not indices:
+            return self.values[name]
+        why = self.it.unknown.get(name, "the program gives it none")
+        raise ValueError(f"parameter {name} has no value that is known: {why}")
+
+    def forget(self, name: str, why: str) -> None:
+        """Take the value of a parameter as not known."""
+        self.values.pop(name, None)
+        self.it.unknown[name] = why
 
     def set_feed_scale(self) -> None:
         """Set the feed unit of plain blocks to the one that is now in force (per minute or per turn, mm or inch)."""
@@ -48,8 +168,8 @@ class KlartextWords:
     def to_mm_s(self, number: float) -> float:
         """Return a feed in mm/s; in programs in inches F counts tenths of an inch a minute."""
         if self.per_turn:
-            return number * self.datums.unit * self.it.state.spindle / 60.0
-        return number * (1.0 if self.datums.unit == 1.0 else 0.1 * INCH) / 60.0
+            return number * self.unit * self.it.state.spindle / 60.0
+        return number * (1.0 if self.unit == 1.0 else 0.1 * INCH) / 60.0
 
     def control_tip(self, on: bool, *, spatial: bool = False) -> None:
         """Let X Y Z be the tip in the part frame, however the rotary axes stand, or not."""
@@ -66,31 +186,30 @@ class KlartextWords:
                 if found.group(1) == "140":
                     self._retract(found.group(2))
             text = M_WORDS.sub(" ", text)
-        found_words, rest = split_words(text)
-        if rest:
+        if rest := WORD.sub("", text).strip():
             raise InputError(f"cannot read {rest[:30]!r} in the block {text[:40]!r}")
         words: Words = {}
-        for letter, value in found_words:
+        for letter, value in ((word.replace(" ", ""), value.replace(" ", "")) for word, value in WORD.findall(text)):
             if letter == "M":
-                functions.add(int(self.datums.value(value)))
+                functions.add(int(self.value(value)))
             elif letter in words or (letter[0] == "I" and letter[1:] in words) or "I" + letter in words:
                 raise InputError(f"word {letter} stands twice in the block {text[:40]!r}")
             else:
                 words[letter] = value
         if "S" in words:
-            self._set_speed(self.datums.value(words.pop("S")))
+            self._set_speed(self.value(words.pop("S")))
         return words, functions
 
     def _retract(self, words: str) -> None:
         """Go back along the tool axis (M140 MB)."""
-        course, axis = self.it.course, self.datums.tool_axis
+        course, axis = self.it.course, self.tool_axis
         way = re.search(r"MB\s*([-+]?[\d.,]+)", words)
         if way is None:
             self.it.note("retracts to the end of the machine's travel (M140 MB MAX) are left out")
             course.lose((axis,))
             return
         self.it.contour.refuse_open()
-        target = set_level(course.position, axis, course.position[axis] + self.datums.value(way.group(1)))
+        target = set_level(course.position, axis, course.position[axis] + self.value(way.group(1)))
         feed = re.search(r"F\s*([\d.]+)", words)
         if feed:
             course.line(target, (), self.to_mm_s(float(feed.group(1))))
@@ -134,7 +253,7 @@ class KlartextWords:
                 raise InputError(f"tool TOOL {text[:36]!r} is not read")
             self.old = self.old or found.group(2) is not None
             if found.group(3) is not None:
-                self.radii[found.group(1) or ""] = self.datums.value(found.group(3))
+                self.radii[found.group(1) or ""] = self.value(found.group(3))
             return
         found = TOOL.match(text)
         if not found:
@@ -144,35 +263,32 @@ class KlartextWords:
         words, bare = dict(TOOL_WORD.findall(rest)), TOOL_WORD.sub("", rest)
         if re.sub(r"M\s*\d+|\"[^\"]*\"", "", bare).strip():
             raise InputError(f"cannot read {rest[:30]!r} in the tool call")
-        if any(self.datums.value(words[key]) for key in ("DL", "DR") if key in words):
+        if any(self.value(words[key]) for key in ("DL", "DR") if key in words):
             it.note("oversizes DL, DR of TOOL CALL are not applied: the path is that of the tool tip")
         if "S" in words:
-            it.state.spindle = self.datums.value(words["S"])
+            it.state.spindle = self.value(words["S"])
             self.set_feed_scale()
         if "F" in words:
-            self.tool_feed = self._set_feed(self.to_mm_s(self.datums.value(words["F"])))
+            self.tool_feed = self.to_mm_s(self.value(words["F"]))
+            it.state.feed = self.tool_feed * 60.0
         if called is not None:
-            number = 0.0 if called.startswith('"') else self.datums.value(called)
+            number = 0.0 if called.startswith('"') else self.value(called)
             key = called if called.startswith('"') else f"{number:g}"
             if key != self.tool:
                 self.tool = key
                 it.state.tool, it.state.tool_name = number, called[1:-1] if called.startswith('"') else ""
                 it.machine.change_tool(it.flow.line)
-        if axis in ("X", "Y", "Z") and AXES.index(axis) != self.datums.tool_axis:
+        if axis in ("X", "Y", "Z") and AXES.index(axis) != self.tool_axis:
             it.state.plane = PLANES[AXES.index(axis)]
-            self.datums.use_axis(AXES.index(axis))
+            self.turn_axis()
         if "S" in words and it.state.turning:
             it.log.happen(it.state.turning, it.flow.line, value=it.state.spindle)
         functions = {int(number) for number in re.findall(r"M\s*(\d+)", bare)}
         self.start_functions(functions)
         self.stop_functions(functions)
 
-    def _set_feed(self, feed: float) -> float:
-        self.it.state.feed = feed * 60.0
-        return feed
-
     def take_side(self, words: Mapping[str, str]) -> None:
-        """Keep whether the tool runs left or right of the contour."""
+        """Keep whether the tool runs left or right of the contour; note compensation of its radius, or refuse it."""
         for word in ("R0", "RL", "RR", "R"):
             if word in words and (word != "R" or words[word] in ("+", "-")):
                 self.side = word[1:].replace("0", "")
@@ -186,16 +302,16 @@ class KlartextWords:
         if "FAUTO" in words:
             if self.tool_feed is None:
                 raise InputError("F AUTO, but TOOL CALL states no F")
-            self._set_feed(self.tool_feed)
+            self.it.state.feed = self.tool_feed * 60.0
         elif "FU" in words:
-            self._set_feed(self.datums.value(words["FU"]) * self.datums.unit * self.it.state.spindle / 60.0)
+            self.it.state.feed = self.value(words["FU"]) * self.unit * self.it.state.spindle
         elif "FZ" in words or "FT" in words:
             raise InputError("feeds per tooth (FZ) or as a time (FT) are not read; write F")
         elif "F" in words:
             if not words["F"]:
                 raise InputError("word F has no number")
-            feed = self.datums.value(words["F"])
-            self._set_feed(self.to_mm_s(feed))
+            feed = self.value(words["F"])
+            self.it.state.feed = self.to_mm_s(feed) * 60.0
             self.fast = self.old and feed in OLD_RAPID
         if self.fast:
             self.it.note("F9999 and F15999 are rapid traverse in programs of old controls")
@@ -209,7 +325,7 @@ class KlartextWords:
                 text, turns = words.get(word) or words.get("I" + word) or "", word in LETTERS
                 by_plane = turns and any(name in text for name in TILT_ANGLES)
                 unread = turns and (self.it.rotary.ignored or (by_plane and self.it.tilted))
-                block.values[address] = 0.0 if unread else self.datums.value(text)
+                block.values[address] = 0.0 if unread else self.value(text)
                 if word not in words:
                     block.relative.add(address)
                 if by_plane:

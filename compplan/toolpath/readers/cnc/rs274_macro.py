@@ -1,32 +1,41 @@
-"""Macros of G-code (Fanuc, Haas, LinuxCNC): #1 = [#2 + 3] * SIN[30], X#1, conditions."""
+"""Macros of G-code (Fanuc, Haas, LinuxCNC): #1 = [#2 + 3] * SIN[30], X#1, IF, GOTO, WHILE DO, END; M98, M97, G65."""
 
 from __future__ import annotations
 
 import math
+import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
+from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, Parser, Value, need
+from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 
-#: Greatest number of variables, and greatest distance of a result from 0.
+#: Greatest number of variables.
 MOST_VARIABLES = 10_000
-GREATEST = 1e15
+#: Letters of work that a jump counts as.
+JUMP_LETTERS = 200
+HEAD = re.compile(r"\s*[O:]\s*0*(\d+)\b(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)", re.IGNORECASE)
+SEQUENCE = re.compile(r"\s*(?:/\d?\s*)?N\s*0*(\d+)", re.IGNORECASE)
+LOOP_END = re.compile(r"\s*(?:N\d+\s*)?END\s*([1-9])", re.IGNORECASE)
+LOOP = re.compile(r"\s*(?:N\d+\s*)?(?:WHILE\b.*)?DO\s*([1-9])", re.IGNORECASE)
+#: Control of the flow on a line in capitals, its number taken off.
+WHILE = re.compile(r"(?:WHILE\s*(\[.*\])\s*)?DO\s*([1-9])\s*$")
+END_LOOP = re.compile(r"END\s*([1-9])\s*$")
+GOTO = re.compile(r"GOTO\s*(.+)$")
+IF = re.compile(r"IF\s*(?=\[)")
+#: Variables that the words of a macro call set (Fanuc, first kind of arguments).
+ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)), strict=True))
 #: Words of a block: a letter and a variable, a bracket, or a number.
 WORD_START = re.compile(r"([A-Z,])\s*=?\s*([-+]?)\s*(?=[#\[])")
 ASSIGNMENT = re.compile(r"\s*(#[^=]*?)\s*=\s*")
 
 
-def _finite(rule: Callable[[float, float], float]) -> Callable[[Value, Value], float]:
-    """Return an operator on values that may be vacant, whose result is bounded."""
-
-    def work(left: Value, right: Value) -> float:
-        value = rule(need(left), need(right))
-        if not abs(value) < GREATEST:
-            raise ValueError(f"an expression gives {value:g}, less than {GREATEST:g} is allowed")
-        return value
-
-    return work
+def _work(rule: Callable[[float, float], float]) -> Callable[[Value, Value], float]:
+    """Return an operator on values that may be vacant."""
+    return lambda left, right: rule(need(left), need(right))
 
 
 def _logic(name: str, rule: Callable[[bool, bool], bool]) -> Callable[[Value, Value], float]:
@@ -39,35 +48,20 @@ def _logic(name: str, rule: Callable[[bool, bool], bool]) -> Callable[[Value, Va
     return work
 
 
-def _divide(left: float, right: float) -> float:
-    if right == 0.0:
-        raise ValueError("division by 0")
-    return left / right
-
-
-def _power(left: float, right: float) -> float:
-    try:
-        return math.pow(left, right)
-    except (ValueError, OverflowError):
-        raise ValueError(f"{left:g} ** {right:g} has no value") from None
-
-
 #: A vacant variable equals another vacant one alone, and counts as 0 in arithmetic.
 GRAMMAR = Grammar(
     functions={
         **FUNCTIONS, "ATAN": (2, lambda y, x=None: math.degrees(math.atan(y) if x is None else math.atan2(y, x))),
-        "SQR": (1, math.sqrt), "FIX": (1, math.floor), "FUP": (1, math.ceil), "POW": (2, _power),
+        "SQR": (1, math.sqrt), "FIX": (1, math.floor), "FUP": (1, math.ceil), "POW": (2, math.pow),
         "ROUND": (1, lambda x: math.copysign(math.floor(abs(x) + 0.5), x)), "RND": (1, lambda x: math.floor(x + 0.5)),
     },
     operators={
         "EQ": (1, lambda a, b: float(a == b)), "NE": (1, lambda a, b: float(a != b)),
-        "GT": (1, lambda a, b: float(need(a) > need(b))), "LT": (1, lambda a, b: float(need(a) < need(b))),
-        "GE": (1, lambda a, b: float(need(a) >= need(b))), "LE": (1, lambda a, b: float(need(a) <= need(b))),
-        "+": (2, _finite(lambda a, b: a + b)), "-": (2, _finite(lambda a, b: a - b)),
+        "GT": (1, _work(operator.gt)), "LT": (1, _work(operator.lt)), "GE": (1, _work(operator.ge)),
+        "LE": (1, _work(operator.le)), "+": (2, _work(operator.add)), "-": (2, _work(operator.sub)),
         "OR": (2, _logic("OR", lambda a, b: a or b)), "XOR": (2, _logic("XOR", lambda a, b: a != b)),
-        "*": (3, _finite(lambda a, b: a * b)), "/": (3, _finite(_divide)),
-        "MOD": (3, _finite(lambda a, b: math.fmod(a, b) if b else _divide(a, b))),
-        "AND": (3, _logic("AND", lambda a, b: a and b)), "**": (4, _finite(_power)),
+        "*": (3, _work(operator.mul)), "/": (3, _work(operator.truediv)), "MOD": (3, _work(math.fmod)),
+        "AND": (3, _logic("AND", lambda a, b: a and b)), "**": (4, _work(math.pow)),
     },
     token=re.compile(
         r"\s*(?:(\d+\.?\d*|\.\d+)|"
@@ -142,3 +136,117 @@ class Variables:
             if value is not None:
                 parts.append(f"{found.group(1)}{-value if found.group(2) == '-' else value:.12f} ")
         return "".join([*parts, line[place:]])
+
+
+class MacroFlow:
+    """Carry out the control of a G-code program."""
+
+    def __init__(self, flow: Flow) -> None:
+        self.flow = flow
+        self.variables = Variables()
+        #: Line that a jump goes to.
+        self.next: int | None = None
+        #: Variables at the last pass of each jump of each call.
+        self._passed: dict[tuple[int, int], list[tuple[str, float]]] = {}
+
+    def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
+        """Find the subprograms of a file, after O1000; return the first program."""
+        numbers = [(index, found.group(1)) for index, line in enumerate(lines)
+                   if line[:1] in "Oo: " and (found := HEAD.match(line))]  # fmt: skip
+        for (index, number), stop in zip(numbers, [*(at for at, _ in numbers[1:]), len(lines)], strict=False):
+            self.flow.programs.setdefault(number, CncProgram(lines, index + 1, stop, file))
+        return CncProgram(lines, 0, numbers[1][0] if len(numbers) > 1 else len(lines), file)
+
+    def _jump(self, index: int) -> None:
+        """Go on at a line; refuse to jump without end."""
+        self.flow.count_work(JUMP_LETTERS)
+        place = self.flow.call.number, self.flow.line
+        now = [*self.variables.local[-1].items(), *self.variables.shared.items()]
+        if self._passed.get(place) == now:
+            raise InputError("this jump repeats without end: no variable has changed since the last time")
+        self._passed[place] = now
+        self.next = index
+
+    def _find_number(self, number: int) -> int:
+        """Return where block N number stands in this program: the first one."""
+        program = self.flow.call.program
+        if program.labels is None:
+            program.labels = {}
+            for index in range(program.first, program.last):
+                if found := SEQUENCE.match(program.lines[index]):
+                    program.labels.setdefault(found.group(1), []).append(index)
+        if str(number) not in program.labels:
+            raise InputError(f"jump to block N{number}, which is not in this program")
+        return program.labels[str(number)][0]
+
+    def run_macro(self, line: str) -> str | None:
+        """Carry out the macro words of a line in capitals; return the block that is left, None without any."""
+        self.flow.count_work(2 * len(line))
+        bare = re.sub(r"^N\s*\d+\s*", "", line)
+        try:
+            if self._control(bare) or (bare.startswith("#") and self.variables.assign(bare)):
+                return None
+            return self.variables.spell_out(line)
+        except (ValueError, OverflowError) as fault:
+            raise InputError(f"{fault}, in {bare[:40]!r}") from None
+
+    def _control(self, line: str) -> bool:
+        """Carry out IF, GOTO, WHILE DO and END; return whether the line is one of them."""
+        unread = f"program control {line[:40]!r} is not read, expected"
+        if found := IF.match(line):
+            condition, used = self.variables.work_out(line[found.end() :])
+            rest = line[found.end() + used :].strip()
+            if rest.startswith("THEN"):
+                if condition and not self.variables.assign(rest[4:].strip()):
+                    raise InputError(f"{unread} IF [..] THEN #1 = ..")
+            elif not GOTO.match(rest):
+                raise InputError(f"{unread} IF [..] GOTO or THEN")
+            elif condition:
+                self._control(rest)
+            return True
+        if found := GOTO.match(line):
+            number, used = self.variables.work_out(found.group(1))
+            if number is None or number != int(number) or found.group(1)[used:].strip():
+                raise InputError(f"{unread} GOTO and the number of a block")
+            self._jump(self._find_number(int(number)))
+        elif found := WHILE.match(line):
+            if found.group(1) and not self.variables.work_out(found.group(1))[0]:
+                self._jump(self._find_loop(self.flow.line, 1, found.group(2)) + 1)
+        elif found := END_LOOP.match(line):
+            self._jump(self._find_loop(self.flow.line - 2, -1, found.group(1)))
+        elif line.startswith("WHILE"):
+            raise InputError(f"{unread} WHILE [..] DO and a number from 1 to 9")
+        return found is not None
+
+    def _find_loop(self, index: int, step: int, label: str) -> int:
+        """Return where the other end of a loop stands, END label ahead or DO label behind."""
+        program, pattern = self.flow.call.program, LOOP_END if step > 0 else LOOP
+        while program.first <= index < program.last:
+            found = pattern.match(program.lines[index])
+            if found and found.group(1) == label:
+                return index
+            index += step
+        raise InputError(f"loop {label} has no {'END' if step > 0 else 'DO'} {label} in this program")
+
+    def call_number(self, values: Mapping[str, float], *, macro: bool = False, local: bool = False) -> None:
+        """Carry out M98 and G65 (subprogram O number), and M97 (local: block N number of this program).
+
+        P names the program, L (or K in M98) says how often; the other words of G65 are arguments.
+        """
+        code = "G65" if macro else "M97" if local else "M98"
+        called = values.get("P", -1.0)
+        times = values.get("L", 1.0 if macro else values.get("K", 1.0))
+        if called != int(called) or called < 0 or times != int(times):
+            raise InputError(f"subprogram call {code} names no program, expected P and its number")
+        number, programs = str(int(called)), self.flow.programs
+        if not macro and not local and len(number) > 4 and number not in programs:
+            times, number = float(number[:-4]), str(int(number[-4:]))
+        if not local and number not in programs:
+            raise InputError(f"subprogram call {code} P{number}: O{number} is not in this file; write it into the file")
+        start = self._find_number(int(called)) if local else None
+        if macro:
+            named = {str(ARGUMENTS[letter]): value for letter, value in values.items() if letter in ARGUMENTS}
+            self.variables.local.append(named)
+        self.flow.run_program(f"P{number}", self.flow.call.program if local else programs[number], times, start)
+        if macro:
+            self.variables.local.pop()

@@ -19,12 +19,13 @@ FLOW = re.compile(
 )
 CONTROL = re.compile(r"\b(?:GOTO|IF|ELSE|END|WHILE|FOR|REPEAT|UNTIL|LOOP|CASE)", re.IGNORECASE)
 OPENING = {"IF": "ENDIF", "WHILE": "ENDWHILE", "FOR": "ENDFOR", "LOOP": "ENDLOOP", "REPEAT": "UNTIL"}
-GOTO = re.compile(r"(.*?)\b(GOTO[FBC]?)\s+(N\s*\d+|[A-Z_]\w*|\d+)\s*$")
+GOTO = r"(.*?)\b(GOTO[FBC]?)\s+(N\s*\d+|[A-Z_]\w*|\d+)\s*"
 DECLARE = re.compile(r"DEF\s+(?:CHAN\s+|NCK\s+)?(REAL|INT|BOOL|CHAR|STRING(?:\[\d+\])?|AXIS|FRAME)\s+(.*)")
-LIMIT_TEXT = 40
 #: Statements of control that are not read.
-REFUSED = {"CALL", "PCALL", "EXTCALL", "ISOCALL", "GOTOS", "ID", "IDS", "WHEN", "WHENEVER", "EVERY", "DO", "REDEF",
-           "DEFINE"}  # fmt: skip
+REFUSED = {
+    "CALL", "PCALL", "EXTCALL", "ISOCALL", "GOTOS", "ID", "IDS", "WHEN", "WHENEVER", "EVERY", "DO", "REDEF",
+    "DEFINE",
+}  # fmt: skip
 
 
 class SinumerikFlow:
@@ -52,11 +53,8 @@ class SinumerikFlow:
 
     def prepare(self, program: CncProgram) -> None:
         """Find the labels of a program that is carried out, and where its blocks of control close."""
-        if program.labels is not None:
-            return
         stack: list[tuple[str, int]] = []
-        labels: dict[str, list[int]] = {}
-        program.labels, here = labels, self.flow.line
+        program.labels, here = {}, self.flow.line
         if not CONTROL.search("\n".join(program.lines[program.first : program.last])):
             return
         for index in range(program.first, program.last):
@@ -64,28 +62,22 @@ class SinumerikFlow:
             if not body or not (body[0] in "IEWFRULN" or ":" in body):
                 continue
             if (found := LABEL.match(body)) and found.group(1) != "N":
-                labels.setdefault(found.group(1), []).append(index)
+                program.labels.setdefault(found.group(1), []).append(index)
                 body = body[found.end() :]
             word = FLOW.match(body)
-            if not word:
-                continue
-            key = word.group(1)
-            if key == "IF" and re.search(r"\bGOTO[FBCS]?\b", body):
-                continue
-            if key == "REPEAT" and body[len("REPEAT") :].strip():
+            key = word.group(1) if word else ""
+            if (key == "IF" and re.search(r"\bGOTO[FBCS]?\b", body)) or (key == "REPEAT" and body.strip() != key):
                 continue
             if key in OPENING:
                 stack.append((key, index))
             elif key == "ELSE" and stack and stack[-1][0] == "IF":
-                program.alternatives[stack[-1][1]] = index
-                program.alternatives[index] = stack[-1][1]
+                program.alternatives.update({stack[-1][1]: index, index: stack[-1][1]})
             elif key in OPENING.values():
                 self.flow.line = index + 1
                 if not stack or OPENING[stack[-1][0]] != key:
                     raise InputError(f"{key} has no matching opening word")
-                _, opened = stack.pop()
-                program.partners[opened] = index
-                program.partners[index] = opened
+                opened = stack.pop()[1]
+                program.partners.update({opened: index, index: opened})
         if stack:
             self.flow.line = stack[-1][1] + 1
             raise InputError(f"{stack[-1][0]} is never closed by {OPENING[stack[-1][0]]}")
@@ -95,11 +87,11 @@ class SinumerikFlow:
         """Carry out DEF."""
         found = DECLARE.match(text)
         if not found:
-            raise InputError(f"declaration {text[:LIMIT_TEXT]!r} is not read")
+            raise InputError(f"declaration {text[:40]!r} is not read")
         kind, rest = found.groups()
-        for item in re.findall(r"([A-Z_$][\w]*)\s*(\[[^\]]*\])?\s*(?:=\s*((?:\"[^\"]*\"|[^,(]|\([^)]*\))+))?", rest):
-            variable, _, value = item
-            if variable in ("SET",) or kind.startswith(("STRING", "CHAR", "AXIS", "FRAME")):
+        item = r"([A-Z_$][\w]*)\s*(?:\[[^\]]*\])?\s*(?:=\s*((?:\"[^\"]*\"|[^,(]|\([^)]*\))+))?"
+        for variable, value in re.findall(item, rest):
+            if variable == "SET" or kind.startswith(("STRING", "CHAR", "AXIS", "FRAME")):
                 self.it.unknown[variable] = f"line {self.flow.line} declares it as {kind}"
                 self.values.names.discard(variable)
                 continue
@@ -110,29 +102,21 @@ class SinumerikFlow:
     def run_flow(self, word: str, text: str, raw: str, program: CncProgram, index: int) -> int:
         """Carry out a statement of control; return the next line, -1 at the end."""
         rest = text[len(word) :].strip()
-        if word == "MSG":
-            told = re.search(r'MSG\s*\(\s*"([^"]*)"', raw, re.IGNORECASE)
-            if told:
-                self.it.log.happen("comment", self.flow.line, text=told.group(1))
+        if word in ("RET", "ENDPROC"):
+            return END
+        if word in REFUSED:
+            raise InputError(f"{word} {rest[:24]!r} is not read; write the program out in the CAM system")
+        if word == "MSG" and (told := re.search(r'MSG\s*\(\s*"([^"]*)"', raw, re.IGNORECASE)):
+            self.it.log.happen("comment", self.flow.line, text=told.group(1))
         elif word == "DEF":
             self._declare(text)
-        elif word in ("PROC", "EXTERN"):
-            pass
-        elif word in ("RET", "ENDPROC"):
-            return END
-        elif word in REFUSED:
-            raise InputError(f"{word} {rest[:24]!r} is not read; write the program out in the CAM system")
-        else:
-            self.flow.count_jump()
-            return self._jump(word, rest, program, index)
-        return index + 1
-
-    def _jump(self, word: str, rest: str, program: CncProgram, index: int) -> int:
-        """Carry out IF, loops and jumps; return the next line."""
+        if word in ("MSG", "DEF", "PROC", "EXTERN"):
+            return index + 1
+        self.flow.count_jump()
         if word == "IF":
             return self._run_if(rest, program, index)
-        if word == "ELSE":
-            return program.partners[program.alternatives[index]] + 1 if index in program.alternatives else index + 1
+        if word == "ELSE" and index in program.alternatives:
+            return program.partners[program.alternatives[index]] + 1
         if word in ("WHILE", "UNTIL"):
             return index + 1 if self.evaluate(rest) else program.partners[index] + 1
         if word in ("ENDWHILE", "ENDLOOP", "ENDFOR"):
@@ -147,37 +131,32 @@ class SinumerikFlow:
             return self._repeat(word, rest, program, index)
         return index + 1
 
+    def _match(self, pattern: str, rest: str, statement: str) -> tuple[str, ...]:
+        """Return the parts of a statement; refuse one of another form."""
+        found = re.fullmatch(pattern, rest)
+        if not found:
+            raise InputError(f"{statement.split()[0]} {rest[:40]!r} is not read, expected {statement}")
+        return found.groups()
+
     def _run_if(self, rest: str, program: CncProgram, index: int) -> int:
-        found = GOTO.match(rest)
-        if found:
-            holds = self.evaluate(found.group(1))
-            return self._find_goto(found.group(2), found.group(3), program, index) if holds else index + 1
         if "GOTO" in rest:
-            raise InputError(f"jump {rest[:LIMIT_TEXT]!r} is not read, expected IF .. GOTOF label")
-        if self.evaluate(rest):
-            return index + 1
-        return program.alternatives.get(index, program.partners[index]) + 1
+            condition, how, label = self._match(GOTO, rest, "IF .. GOTOF label")
+            return self._find_goto(how, label, program, index) if self.evaluate(condition) else index + 1
+        return index + 1 if self.evaluate(rest) else program.alternatives.get(index, program.partners[index]) + 1
 
     def _run_for(self, rest: str, program: CncProgram, index: int) -> int:
-        found = re.match(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)$", rest)
-        if not found:
-            raise InputError(f"FOR {rest[:LIMIT_TEXT]!r} is not read, expected FOR I = 1 TO 5")
-        variable = found.group(1)
+        variable, first, last = self._match(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)", rest, "FOR I = 1 TO 5")
         key = ("R", (float(variable[1:]),)) if re.fullmatch(r"R\d+", variable) else (variable, ())
         self.values.names |= {variable} if key[0] != "R" else set()
         counting = self.flow.call.counting
-        value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(found.group(2))
+        value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(first)
         self.values.numbers[key] = counting[index] = value
-        if value > self.evaluate(found.group(3)):
-            return program.partners[index] + 1
-        return index + 1
+        return program.partners[index] + 1 if value > self.evaluate(last) else index + 1
 
     def _run_case(self, rest: str, program: CncProgram, index: int) -> int:
-        found = re.match(r"(.+?)\s+OF\s+(.*)$", rest)
-        if not found:
-            raise InputError(f"CASE {rest[:LIMIT_TEXT]!r} is not read")
-        value = self.evaluate(found.group(1))
-        for constant, how, label in re.findall(r"(\S+)\s+(GOTO[FBC]?)\s+([A-Z_]\w*|N?\d+)", found.group(2)):
+        expression, cases = self._match(r"(.+?)\s+OF\s+(.*)", rest, "CASE .. OF .. GOTOF label")
+        value = self.evaluate(expression)
+        for constant, how, label in re.findall(r"(\S+)\s+(GOTO[FBC]?)\s+([A-Z_]\w*|N?\d+)", cases):
             if constant == "DEFAULT" or self.evaluate(constant) == value:
                 return self._find_goto(how, label, program, index)
         return index + 1
@@ -190,25 +169,20 @@ class SinumerikFlow:
         if number.isdigit():
             block = re.compile(rf"\s*[N:]\s*0*{int(number)}(?!\d)", re.IGNORECASE)
             places = [at for at in range(program.first, program.last) if block.match(program.lines[at])]
-        ahead, behind = [at for at in places if at > index], [at for at in places if at <= index]
-        chosen = ahead[:1] if how != "GOTOB" else behind[-1:]
-        if how in ("GOTO", "GOTOC") and not chosen:
-            chosen = behind[-1:]
-        if not chosen:
-            if how == "GOTOC":
-                return index + 1
-            where = "before" if how == "GOTOB" else "after"
-            raise InputError(f"{how} {label[:24]}: this label does not stand {where} it")
-        return chosen[0]
+        ahead = [at for at in places if at > index and how != "GOTOB"]
+        behind = [at for at in places if at <= index and how != "GOTOF"]
+        if ahead or behind:
+            return ahead[0] if ahead else behind[-1]
+        if how == "GOTOC":
+            return index + 1
+        raise InputError(f"{how} {label[:24]}: this label does not stand {'before' if how == 'GOTOB' else 'after'} it")
 
     def _repeat(self, word: str, rest: str, program: CncProgram, index: int) -> int:
-        """Carry out REPEAT label [label] P=n: from the label to here (or to the second one), n times more."""
-        found = re.fullmatch(r"([A-Z_]\w*)(?:\s+([A-Z_]\w*))?(?:\s*P\s*=?\s*(.+))?", rest)
-        if not found or word == "REPEATB" or found.group(2):
-            raise InputError(f"{word} {rest[:LIMIT_TEXT]!r} is not read, expected REPEAT label P=n")
-        start = self._find_goto("GOTOB", found.group(1), program, index)
-        again = self.flow.repeat(index, lambda: self.evaluate(found.group(3) or "1"))
-        return start if again else index + 1
+        """Carry out REPEAT label P=n: from the label to here, n times more."""
+        pattern = r"([A-Z_]\w*)(?:\s*P\s*=?\s*(.+))?" if word == "REPEAT" else "(?!)"
+        label, times = self._match(pattern, rest, "REPEAT label P=n")
+        start = self._find_goto("GOTOB", label, program, index)
+        return start if self.flow.repeat(index, lambda: self.evaluate(times or "1")) else index + 1
 
 
 def _holds(program: CncProgram) -> bool:

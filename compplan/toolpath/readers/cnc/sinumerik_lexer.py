@@ -87,123 +87,118 @@ def split_block(text: str, lookup: Lookup, variables: set[str]) -> CncBlock:
 
     The block is in capitals, without number, label and comment; `variables` are the names that the program declares.
     """
-    words, place = CncBlock(), 0
+    splitter = _Splitter(text, lookup, variables)
+    while splitter.place < len(text):
+        splitter.read_word()
+    return splitter.words
 
-    def look(name: str, indices: tuple[float, ...]) -> float | None:
+
+class _Splitter:
+    """Split a block into its words, from a place on."""
+
+    def __init__(self, text: str, lookup: Lookup, variables: set[str]) -> None:
+        self.text, self.lookup, self.variables = text, lookup, variables
+        self.words, self.place = CncBlock(), 0
+
+    def _look_up(self, name: str, indices: tuple[float, ...]) -> float | None:
         if name[0] == "R" and name[1:].isdigit():
             name, indices = "R", (float(name[1:]),)
-        for variable, at, value in reversed(words.assigned):  # what stands before it in the block holds already
+        for variable, at, value in reversed(self.words.assigned):  # what stands before it in the block holds already
             if variable == name and at == indices and value is not None:
                 return value
-        return lookup(name, indices)
+        return self.lookup(name, indices)
 
-    while place < len(text):
-        if text[place] in " \t,":
-            if text[place] == ",":
-                raise ValueError(f"cannot read {text[place:][:30]!r}")
-            place += 1
+    def read_word(self) -> None:
+        """Read a word, or pass over a blank."""
+        text, place = self.text, self.place
+        if text[place] in " \t":
+            self.place += 1
         elif found := LETTER.match(text, place):
-            place = found.end()
-            _keep(words, found.group(1), float(found.group(2).replace("EX", "E")), "")
-        elif found := EXTENDED.match(text, place):
-            named = found.group(1) + found.group(2)
-            if named in variables:
-                value, place, _ = read_value(text, found.end(), look)
-                words.assigned.append((named, (), value))
+            self.place = found.end()
+            self._keep(found.group(1), float(found.group(2).replace("EX", "E")))
+        elif found := EXTENDED.match(text, place):  # R1=.., I1=.., A3=.., M1=.., S1=..
+            letter, index, self.place = found.group(1), found.group(2), found.end()
+            if letter + index in self.variables:
+                self.words.assigned.append((letter + index, (), self._value()[0]))
+            elif letter == "T" and text.startswith('"', self.place):
+                self._skip_text()
+            elif letter == "R":
+                self.words.assigned.append(("R", (float(index),), self._value()[0]))
+            elif letter in "MS":
+                self._keep(letter, self._value()[0])
             else:
-                place = _read_extended(words, found.group(1), int(found.group(2)), text, found.end(), look)
+                self._keep(f"{letter}{int(index)}", *self._value())
         elif found := NAMED.match(text, place):
-            place = _read_named(words, found.group(1), text, found.end(), look, variables)
+            self.place = found.end()
+            self._read_named(found.group(1))
         else:
             raise ValueError(f"cannot read {text[place:][:40]!r}, expected words such as X12.5")
-    return words
 
+    def _keep(self, address: str, number: float, how: str = "") -> None:
+        words = self.words
+        if address == "G":
+            words.codes.append(number)
+        elif address == "M":
+            words.machine.append(number)
+        elif address in words.values:
+            raise ValueError(f"word {address} stands twice in this block, expected once")
+        else:
+            words.values[address] = number
+            (words.relative if how == "I" else words.absolute if how == "A" else set()).add(address)
 
-def _keep(words: CncBlock, address: str, number: float, how: str) -> None:
-    if address == "G":
-        words.codes.append(number)
-    elif address == "M":
-        words.machine.append(number)
-    elif address in words.values:
-        raise ValueError(f"word {address} stands twice in this block, expected once")
-    else:
-        words.values[address] = number
-        (words.relative if how == "I" else words.absolute if how == "A" else set()).add(address)
-
-
-def _read_extended(words: CncBlock, letter: str, index: int, text: str, place: int, lookup: Lookup) -> int:
-    """Read R1=.., I1=.., A3=.., M1=.., S1=.., X1=.. ."""
-    if letter == "T" and text.startswith('"', place):
-        return _skip_text(text, place)
-    value, place, how = read_value(text, place, lookup)
-    if letter == "R":
-        words.assigned.append(("R", (float(index),), value))
-    elif letter in "MS":
-        _keep(words, letter, value, "")
-    else:
-        _keep(words, f"{letter}{index}", value, how)
-    return place
-
-
-def _read_named(words: CncBlock, name: str, text: str, place: int, lookup: Lookup, variables: set[str]) -> int:
-    """Read NAME, NAME=.., NAME[..]=.., NAME(..)."""
-    indices: tuple[float, ...] = ()
-    if text.startswith("(", place):
-        inside, place = read_brackets(text, place)
-        words.calls.append((name, inside))
-        return place
-    if text.startswith("[", place):
-        close = text.find("]", place)
-        if close < 0:
-            raise ValueError(f"']' is missing in {text[:40]!r}")
-        inner = text[place + 1 : close]
-        if not re.fullmatch(r"\s*[A-Z]\w*\s*", inner) or inner.strip() in variables:
-            indices = tuple(evaluate_at(part, 0, GRAMMAR, lookup)[0] for part in inner.split(","))
-        place = close + 1
-    equals = re.compile(r"\s*=\s*(?!=)").match(text, place)
-    if not equals:
-        if indices:
-            raise ValueError(f"cannot read {name}[ in {text[:40]!r}")
-        words.names.append(name)
-        return place
-    place = equals.end()
-    if text.startswith('"', place):
-        place = _skip_text(text, place)
-        if name != "T":
+    def _read_named(self, name: str) -> None:
+        """Read NAME, NAME=.., NAME[..]=.., NAME(..)."""
+        text, words = self.text, self.words
+        indices: tuple[float, ...] = ()
+        if text.startswith("(", self.place):
+            inside, self.place = read_brackets(text, self.place)
+            words.calls.append((name, inside))
+            return
+        if text.startswith("[", self.place):
+            close = text.find("]", self.place)
+            if close < 0:
+                raise ValueError(f"']' is missing in {text[:40]!r}")
+            inner, self.place = text[self.place + 1 : close], close + 1
+            if not re.fullmatch(r"\s*[A-Z]\w*\s*", inner) or inner.strip() in self.variables:
+                indices = tuple(evaluate_at(part, 0, GRAMMAR, self._look_up)[0] for part in inner.split(","))
+        equals = re.compile(r"\s*=\s*(?!=)").match(text, self.place)
+        if not equals:
+            if indices:
+                raise ValueError(f"cannot read {name}[ in {text[:40]!r}")
+            words.names.append(name)
+            return
+        self.place = equals.end()
+        if text.startswith('"', self.place):
+            self._skip_text()
+            if name != "T":
+                words.assigned.append((name, indices, None))
+        elif name.startswith("$") and re.match(r"[A-Z_$]\w*\s*[(\[]", text[self.place :]):
             words.assigned.append((name, indices, None))
-        return place
-    if name == "R" or name in variables or name.startswith("$"):
-        if name.startswith("$") and re.match(r"[A-Z_$]\w*\s*[(\[]", text[place:]):
-            words.assigned.append((name, indices, None))
-            return len(text)
-        value, place, _ = read_value(text, place, lookup)
-        words.assigned.append((name, indices, value))
-        return place
-    value, place, how = read_value(text, place, lookup)
-    _keep(words, name, value, how)
-    return place
+            self.place = len(text)
+        elif name == "R" or name in self.variables or name.startswith("$"):
+            words.assigned.append((name, indices, self._value()[0]))
+        else:
+            self._keep(name, *self._value())
 
+    def _skip_text(self) -> None:
+        found = QUOTED.match(self.text, self.place)
+        if not found:
+            raise ValueError('a quote (") is opened and never closed')
+        self.place = found.end()
 
-def _skip_text(text: str, place: int) -> int:
-    found = QUOTED.match(text, place)
-    if not found:
-        raise ValueError('a quote (") is opened and never closed')
-    return found.end()
-
-
-def read_value(text: str, place: int, lookup: Lookup) -> tuple[float, int, str]:
-    """Return a value, where it ends, and whether it is absolute ("A"), relative ("I") or as the mode says ("")."""
-    found = PLACED.match(text, place)
-    if not found:
-        value, place = evaluate_at(text, place, GRAMMAR, lookup)
-        return value, place, ""
-    if found.group(1) in ("CAC", "CIC", "CDC"):
-        raise ValueError(f"coded positions ({found.group(1)}) are not read")
-    value, place = evaluate_at(text, found.end(), GRAMMAR, lookup)
-    closing = re.compile(r"\s*\)").match(text, place)
-    if not closing:
-        raise ValueError(f"')' is missing in {text[:40]!r}")
-    return value, closing.end(), "I" if found.group(1) == "IC" else "A"
+    def _value(self) -> tuple[float, str]:
+        """Return a value, and whether it is absolute ("A"), relative ("I") or as the mode says ("")."""
+        found = PLACED.match(self.text, self.place)
+        if found and found.group(1) in ("CAC", "CIC", "CDC"):
+            raise ValueError(f"coded positions ({found.group(1)}) are not read")
+        value, self.place = evaluate_at(self.text, found.end() if found else self.place, GRAMMAR, self._look_up)
+        if not found:
+            return value, ""
+        closing = re.compile(r"\s*\)").match(self.text, self.place)
+        if not closing:
+            raise ValueError(f"')' is missing in {self.text[:40]!r}")
+        self.place = closing.end()
+        return value, "I" if found.group(1) == "IC" else "A"
 
 
 def read_brackets(text: str, place: int) -> tuple[list[str], int]:
