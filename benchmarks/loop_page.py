@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from compplan.io.palette import CATEGORIES
 from compplan.io.quantities import format_length, format_percent
 from compplan.io.tables import write_text
 from compplan.reporting.charts import Figure
-from compplan.reporting.page import Block, Cell, Chart, DataTable, Provenance, Row, Section, render_page
+from compplan.reporting.page import Block, Cell, Chart, DataTable, Provenance, Section, Summary, render_page
 
 #: Programs of a shop, by folder, and what people call them.
 ROUNDS = {
@@ -88,7 +89,10 @@ def write_loop_page(shops: Sequence[ShopResult], floor: float, file: Path) -> No
     sections = [Section("Poses alone, and one part", each, "True rms across the path, median over drawn parts.")]
     origin = Provenance([("robot", "MuJoCo, hidden effects drawn from the seed"), ("shops", str(len(shops)))])
     said = describe_shops(shops, floor)
-    html = render_page("The loop in virtual shops", said, sections, kind="Benchmark", provenance=origin)
+    opening = Summary(said[0].partition(". ")[0] + ".")
+    html = render_page(
+        "The loop in virtual shops", opening, sections, kind="Benchmark", answers=said, provenance=origin
+    )
     write_text(file, html)
 
 
@@ -108,9 +112,9 @@ def _draw(shops: Sequence[ShopResult], before: str, after: str) -> Figure:
 
 
 def _table(shops: Sequence[ShopResult]) -> DataTable:
-    rows: list[Row] = []
+    rows = []
     for shop in shops:
-        row: Row = [shop.seed, shop.robot]
+        row: list[Any] = [shop.seed, shop.robot]
         for name, program in shop.programs.items():
             after = shop.programs.get(name.replace("taught", "poses"), program)
             bad = name == "taught_B" and program.true > WORSE * after.true

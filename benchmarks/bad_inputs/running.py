@@ -66,11 +66,12 @@ def load_commands() -> None:
     """Import everything once, so that each case starts from a warm copy of this process."""
     import importlib
 
-    from compplan.cli import COMMANDS
+    from compplan.cli import COMMANDS, load_command
 
     for name in COMMANDS:
-        importlib.import_module(f"compplan.cli.commands.{name}")
-    for module in ("compplan.reporting.page", "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
+        load_command(name)
+    heavy = ("cli.doctor", "diagnosis", "identification.campaign", "learning.part", "planning.plan", "reporting.page")
+    for module in (*(f"compplan.{name}" for name in heavy), "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
         importlib.import_module(module)
     for encoding in ("utf-8-sig", "utf-16", "latin-1"):
         codecs.lookup(encoding)

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from compplan.cli.application import COMMANDS, group, main
+from compplan.cli.application import COMMANDS, group, load_command, main
 
-__all__ = ["COMMANDS", "group", "main"]
+__all__ = ["COMMANDS", "group", "load_command", "main"]

@@ -26,7 +26,7 @@ DEBUG = "COMPPLAN_DEBUG"
 #: Threads of numeric libraries, unless the environment says otherwise: one, for many small matrices gain nothing from
 #: more, and on a busy machine threads that wait for one another take six times the processor time.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: What each command is for, by the name of its file in `compplan.cli.commands`.
+#: What each command is for, in the order of the help.
 COMMANDS = {
     "plan": "from a job to a corrected robot program",
     "compare": "every strategy side by side, in the cell as modelled and in cells that differ",
@@ -49,13 +49,24 @@ COMMANDS = {
     "init": "write a commented job, a robot folder from a URDF, or an empty measurement log",
     "doctor": "what is odd about the installation, a robot folder or a log",
 }
+#: The commands of each module of `compplan.cli.commands`.
+MODULES = {
+    "plan": ("plan", "post", "place", "compare", "forces"), "study": ("montecarlo", "map", "reproduce"),
+    "measure": ("identify", "diagnose", "predict", "campaign", "learn"),
+    "program": ("convert", "execute", "trace", "calibration"), "setup": ("init", "doctor", "view"),
+}  # fmt: skip
+
+
+def load_command(name: str) -> click.Command:
+    """Import and return a command."""
+    put_off()  # loads numpy, as every command does, and therefore not before
+    module = next(module for module, names in MODULES.items() if name in names)
+    command: click.Command = getattr(importlib.import_module(f"compplan.cli.commands.{module}"), f"run_{name}")
+    return add_verbosity(command)
 
 
 class LazyGroup(click.Group):
-    """Import a command's module only when it is asked for, so that the command line starts fast.
-
-    Each module in `compplan.cli.commands` offers a click command named `command`.
-    """
+    """Import the module of a command only when it is asked for, so that the command line starts fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the command names."""
@@ -63,11 +74,7 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return a command."""
-        if cmd_name not in COMMANDS:
-            return None
-        put_off()  # loads numpy, as every command does, and therefore not before
-        command: click.Command = importlib.import_module(f"compplan.cli.commands.{cmd_name}").command
-        return add_verbosity(command)
+        return load_command(cmd_name) if cmd_name in COMMANDS else None
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; another process that is gone is an error like any other, not a reader that has left."""
@@ -145,33 +152,27 @@ def run_words(words: list[str]) -> int:
             traceback.print_exc()
         if _received:  # an import that SIGTERM interrupts may turn the exit into an error of its own
             return 128 + _received[0]
-        line, status = describe_fault(error)
-        click.echo(f"error: {line}", err=True)
+        click.echo(f"error: {describe_fault(error)}", err=True)
+        return error.exit_status if isinstance(error, CompplanError) else 2
     return status if isinstance(status, int) else 0
 
 
-def describe_fault(error: Exception) -> tuple[str, int]:
-    """Return the one line that an exception ends with, and the exit status."""
-    said = " ".join(str(error).split())
-    if isinstance(error, CompplanError):
-        return cut(said), error.exit_status
-    if isinstance(error, click.ClickException):
-        return cut(" ".join(error.format_message().split())), 2
-    if isinstance(error, OSError):
-        return cut(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else said), 2
-    if isinstance(error, MemoryError):
-        return "this needs more memory than there is; use fewer waypoints, samples or points", 2
-    if isinstance(error, RuntimeError) and "Symlink loop" in said:
-        return cut(f"a symbolic link leads back to itself: {said.partition(' from ')[2]}"), 2
-    if isinstance(error, RecursionError):
-        return "the input is nested too deeply", 2
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    where = f"{Path(place.filename).name}:{place.lineno}"
-    return cut(f"internal fault {type(error).__name__}: {said} ({where}); {DEBUG}=1 shows where it comes from", 600), 2
-
-
-def cut(line: str, length: int = 2000) -> str:
-    """Shorten the middle of a line that is too long to read."""
+def describe_fault(error: Exception) -> str:
+    """Return the one line that an exception ends with."""
+    text = error.format_message() if isinstance(error, click.ClickException) else str(error)
+    line, length = " ".join(text.split()), 2000
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        line = f"{error.filename}: {error.strerror}"
+    elif isinstance(error, MemoryError):
+        line = "this needs more memory than there is; use fewer waypoints, samples or points"
+    elif isinstance(error, RecursionError):
+        line = "the input is nested too deeply"
+    elif isinstance(error, RuntimeError) and "Symlink loop" in line:
+        line = f"a symbolic link leads back to itself: {line.partition(' from ')[2]}"
+    elif not isinstance(error, CompplanError | click.ClickException | OSError):
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where, length = f"{Path(place.filename).name}:{place.lineno}", 600
+        line = f"internal fault {type(error).__name__}: {line} ({where}); {DEBUG}=1 shows where it comes from"
     return line if len(line) <= length else f"{line[: length // 2]} [...] {line[-length // 2 :]}"
 
 

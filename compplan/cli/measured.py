@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
-from compplan.cli.options import INPUT
+from compplan.cli.options import INPUT, add_options, split_numbers
 from compplan.diagnosis.data.plausibility import ask_unit, build_rows_model, check_plausibility
 from compplan.errors import InputError
 from compplan.io.tomlfile import check_table, read_named_table
@@ -21,28 +20,21 @@ from compplan.measurement.reading import read_campaign
 from compplan.measurement.registration import parse_parts
 from compplan.robot import Array, Robot, load_robot
 
-Command = Callable[..., Any]
-#: Farthest that a measured point may be from the TCP, along an axis. [m]
-MOST_OFFSET = 10.0
+#: Farthest that a measured point may be from the TCP, along an axis. [mm]
+MOST_OFFSET = 1e4
 
-
-def measured_options(command: Command) -> Command:
-    """Add --tool, --target-offset and --instrument to a command."""
-    options = (
-        click.option("--tool", type=INPUT,
-                     help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job; "
-                     "without a mass its weight is not known and bends nothing."),
-        click.option("--target-offset", metavar="X,Y,Z",
-                     help="Measured point in the TCP frame, mm; left out: the TCP. With --register tool it is where "
-                     "the fit begins."),
-        click.option("--instrument", type=INPUT,
-                     help="TOML file of an instrument that sees no positions: contacts (ball in a socket, tip on a "
-                     "cone), readings along a direction (dial gauge, probe), distances (ball bar). The tool is fitted "
-                     "unless --target-offset says it."),
-    )  # fmt: skip
-    for option in reversed(options):
-        command = option(command)
-    return command
+measured_options = add_options(
+    click.option("--tool", type=INPUT,
+                 help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job; "
+                 "without a mass its weight is not known and bends nothing."),
+    click.option("--target-offset", metavar="X,Y,Z",
+                 help="Measured point in the TCP frame, mm; left out: the TCP. With --register tool it is where "
+                 "the fit begins."),
+    click.option("--instrument", type=INPUT,
+                 help="TOML file of an instrument that sees no positions: contacts (ball in a socket, tip on a "
+                 "cone), readings along a direction (dial gauge, probe), distances (ball bar). The tool is fitted "
+                 "unless --target-offset says it."),
+)  # fmt: skip
 
 
 def load_measured(
@@ -56,11 +48,10 @@ def load_measured(
     """
     robot = load_robot(robot_name)
     if tool is not None:
-        data, key = read_named_table(tool, "tool")
         from compplan.job.frames import ToolTable
 
-        table = check_table(ToolTable, data, file=tool, key=key)
-        robot = table.mount(robot)
+        data, key = read_named_table(tool, "tool")
+        robot = check_table(ToolTable, data, file=tool, key=key).mount(robot)
     campaign = read_campaign(measurements, robot, None if instrument is None else read_instrument(instrument))
     if instrument is not None and campaign.sights is None:
         raise InputError(
@@ -68,7 +59,7 @@ def load_measured(
             " distance_mm", file=measurements,
         )  # fmt: skip
     if target_offset is not None:
-        campaign = replace(campaign, target_offset=parse_offset(target_offset))
+        campaign = replace(campaign, target_offset=_parse_offset(target_offset))
     return robot, campaign
 
 
@@ -85,20 +76,17 @@ def registered_parts(register: str | None, campaign: Campaign) -> tuple[str, ...
     return ("tool",) if register is None and unknown else parts
 
 
-def parse_offset(text: str) -> Array:
-    """Read the value of --target-offset. Shape (3,). [mm] -> [m].
-
-    Raises:
-        InputError: If it is not three numbers.
-    """
+def _parse_offset(text: str) -> Array:
+    """Read the value of --target-offset. Shape (3,). [mm] -> [m]."""
     try:
-        offset = np.array([float(part) for part in text.split(",")]) * 1e-3
+        offset = np.array(split_numbers(text, 3))
     except ValueError:
-        offset = np.full(1, np.nan)
-    if offset.shape != (3,) or not (np.abs(offset) <= MOST_OFFSET).all():
-        most = f"at most {MOST_OFFSET * 1e3:.0f} each"
-        raise InputError(f"--target-offset is {text!r}, expected three numbers X,Y,Z in mm, {most}")
-    return offset
+        offset = np.full(3, np.nan)
+    if not (np.abs(offset) <= MOST_OFFSET).all():
+        raise InputError(
+            f"--target-offset is {text!r}, expected three numbers X,Y,Z in mm, at most {MOST_OFFSET:.0f} each"
+        )
+    return offset * 1e-3
 
 
 def read_log(log: Path | None, robot: Robot, instrument: Path | None = None) -> Campaign | None:

@@ -1,15 +1,17 @@
-"""Options that commands share: results, whose places are checked at once, robots, and what a CAM file leaves open."""
+"""What commands share: how one is made, its job, results whose places are checked at once, robots, CAM options."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
-from compplan.errors import InputError
+from compplan.cli.terminal import show
+from compplan.errors import CompplanError, InputError
 from compplan.io.transaction import check_file, check_results
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -55,11 +57,85 @@ class ResultPath(click.Path):
         return path
 
 
+class CommandResult(NamedTuple):
+    """What a command ends with: what --json prints, the lines for people, and what was not as asked for."""
+
+    summary: Mapping[str, Any]
+    lines: Sequence[str]
+    fault: CompplanError | None = None
+
+
 FOLDER, TABLE, INPUT = ResultPath(), ResultPath(".csv"), click.Path(path_type=Path)
 out_folder = click.option("--out", "folder", type=FOLDER, default="out", show_default=True, help="Folder to write to.")
 out_table = click.option("--out", required=True, type=TABLE, help="CSV file to write.")
-json_summary = click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 assume_ok = click.option("--assume-ok", is_flag=True, help="Go on where the data raise a question.")
+#: Whose posture is kept.
+posture_kept = click.option(
+    "--keep", "keep", metavar="WHAT",
+    help="Posture to keep: robot (with --robot that which the job's own robot chooses), nothing, or joints.csv of an "
+    "earlier plan.  [default: as the job says]",
+)  # fmt: skip
+
+
+def make_command(*options: Callable[[Any], Any], epilog: str | None = None) -> Callable[[Any], click.Command]:
+    """Make the command `command` of a function that returns an `CommandResult`, with these options and --json."""
+
+    def make(function: Callable[..., CommandResult]) -> click.Command:
+        @wraps(function)
+        def run(as_json: bool, **values: Any) -> None:
+            answer = function(**values)
+            show(answer.summary, as_json, answer.lines)
+            if answer.fault is not None:
+                raise answer.fault
+
+        json_summary = click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+        return click.command("command", epilog=epilog)(add_options(*options, json_summary)(run))
+
+    return make
+
+
+def make_job_command(
+    *options: Callable[[Any], Any], several: bool = False, epilog: str | None = None
+) -> Callable[[Any], click.Command]:
+    """Make a command as `make_command` does, of a function that takes the checked `job` for the argument JOB.
+
+    It takes --set, too; `several`: whether the job may have several operations.
+    """
+    argument = click.argument("job", type=INPUT)
+    changes = click.option(
+        "--set", "changes", multiple=True, metavar="KEY=VALUE",
+        help="A key of the job in place of the file's, as TOML: --set plan.tolerance_mm=0.05; may be repeated.",
+    )  # fmt: skip
+
+    def make(function: Callable[..., CommandResult]) -> click.Command:
+        @wraps(function)
+        def run(
+            job: Path,
+            changes: tuple[str, ...],
+            robot_instead: str | None = None,
+            keep: str | None = None,
+            **values: Any,
+        ) -> CommandResult:
+            from compplan.job.job import load_job
+            from compplan.job.operations import settle_job
+
+            checked = load_job(job, robot_instead, keep, changes)
+            return function(job=checked if several else settle_job(checked), **values)
+
+        return make_command(argument, *options, changes, epilog=epilog)(run)
+
+    return make
+
+
+def add_options(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
+    """Return what gives a command options in the order of its help."""
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
 
 
 def complete_robots(context: click.Context, option: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -70,38 +146,41 @@ def complete_robots(context: click.Context, option: click.Parameter, begun: str)
     return [*names, CompletionItem(begun, type="dir")]
 
 
-def robot_option(help: str = "Robot folder, or name of a shipped robot.", *, required: bool = True) -> Any:
+def robot_option(
+    help: str = "Robot folder, or name of a shipped robot.", *, required: bool = True, name: str = "robot_name"
+) -> Any:
     """Return the option --robot, which completes the names of shipped robots."""
-    return click.option("--robot", "robot_name", required=required, shell_complete=complete_robots, help=help)
+    return click.option("--robot", name, required=required, shell_complete=complete_robots, help=help)
 
 
 #: Plan with another robot than the job's.
 robot_instead = robot_option(
-    "Robot folder in place of the job's, as diagnose, identify or learn wrote it.", required=False
+    "Robot folder in place of the job's, as diagnose, identify or learn wrote it.", required=False, name="robot_instead"
 )
-#: Whose posture is kept.
-posture_kept = click.option(
-    "--keep", "keep", metavar="WHAT",
-    help="Posture to keep: robot (with --robot that which the job's own robot chooses), nothing, or joints.csv of an "
-    "earlier plan.  [default: as the job says]",
-)  # fmt: skip
 
 
-def read_place(context: click.Context, option: click.Parameter, text: str | None) -> list[float] | None:
-    """Read X,Y,Z in mm.
+def split_numbers(text: str, count: int) -> list[float]:
+    """Read `count` numbers with commas between them.
 
     Raises:
-        InputError: If the text is no three numbers.
+        ValueError: If they are not.
     """
-    if text is None:
-        return None
+    numbers = [float(word) for word in text.split(",")]
+    if len(numbers) != count:
+        raise ValueError(f"{len(numbers)} numbers")
+    return numbers
+
+
+def split_names(text: str | None) -> tuple[str, ...]:
+    """Read names with commas between them."""
+    return tuple(name.strip() for name in (text or "").split(",") if name.strip())
+
+
+def _read_place(context: click.Context, option: click.Parameter, text: str | None) -> list[float] | None:
     try:
-        place = [float(word) for word in text.split(",")]
+        return None if text is None else split_numbers(text, 3)
     except ValueError:
-        place = []
-    if len(place) != 3:
-        raise InputError(f"{option.opts[0]} is {text!r}, expected X,Y,Z in mm")
-    return place
+        raise InputError(f"{option.opts[0]} is {text!r}, expected X,Y,Z in mm") from None
 
 
 def take_cam_options(command: Command) -> Command:
@@ -109,9 +188,9 @@ def take_cam_options(command: Command) -> Command:
     from compplan.toolpath.readers.options import list_machines
 
     machines = ", ".join(list_machines())
-    options = (
+    return add_options(
         click.option("--unit", type=click.Choice(["mm", "inch"]), help="Unit of a file that does not state one."),
-        click.option("--from", "from_mm", metavar="X,Y,Z", callback=read_place,
+        click.option("--from", "from_mm", metavar="X,Y,Z", callback=_read_place,
                      help="Where cuts begin whose start a file leaves open: mm, part frame."),
         click.option("--feed", "feed_mm_s", type=float, metavar="MM_S",
                      help="Feed of cutting moves for which the file states none."),
@@ -122,10 +201,7 @@ def take_cam_options(command: Command) -> Command:
         click.option("--wcs", metavar="G54", help="The work offset that is the part frame, if a file cuts in several."),
         click.option("--compensation", type=click.Choice(["centre_line"]),
                      help="What a file holds where the control compensates (G41)."),
-    )  # fmt: skip
-    for option in reversed(options):
-        command = option(command)
-    return command
+    )(command)  # fmt: skip
 
 
 def keep_stated(**options: Any) -> dict[str, Any]:

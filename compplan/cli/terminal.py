@@ -83,8 +83,7 @@ class Work:
 def show_progress(stages: Sequence[str] = ()) -> Iterator[Work]:
     """Give what says how far the work is; silent where stderr is no terminal.
 
-    Args:
-        stages: Beginnings of what will be said, in order; a bar then shows how many are behind.
+    stages: beginnings of what will be said, in order; a bar then shows how many are behind.
     """
     if not sys.stderr.isatty() or LOG.isEnabledFor(logging.INFO):
         yield Work()
@@ -132,21 +131,15 @@ def _set_verbose(context: click.Context, parameter: click.Parameter, value: int)
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(logging.Formatter("%(relativeCreated)7.0f ms  %(message)s"))
         logger.addHandler(handler)
-        context.find_root().call_on_close(functools.partial(_end_log, logger, handler))
+        for end in (functools.partial(logger.removeHandler, handler), functools.partial(logger.setLevel, 0)):
+            context.find_root().call_on_close(end)
     logger.setLevel(level)
-
-
-def _end_log(logger: logging.Logger, handler: logging.Handler) -> None:
-    logger.removeHandler(handler)
-    logger.setLevel(logging.NOTSET)
 
 
 class SteadyStream:
     """A text stream whose reader may leave: what nobody reads is dropped, the run keeps its exit status.
 
-    Args:
-        stream: The stream.
-        name: Its name in messages; "" for one whose every fault is dropped.
+    `name` is that of the stream in messages; "" for one whose every fault is dropped.
     """
 
     def __init__(self, stream: Any, name: str) -> None:
@@ -158,7 +151,7 @@ class SteadyStream:
     def write(self, text: str) -> int:
         """Write text; return its length."""
         try:
-            return int(self._stream.write(text))
+            self._stream.write(text)
         except OSError as error:
             self._lose(error)
         return len(text)
@@ -178,10 +171,12 @@ class SteadyStream:
             raise InputError(f"{self._name} cannot be written: {fault}; the output files are complete")
 
     def _lose(self, error: OSError) -> None:
-        """Let the rest go nowhere."""
-        point_nowhere(self._stream.fileno())
+        """Let the rest go nowhere, what the stream still holds too."""
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
         with suppress(OSError):
-            self._stream.flush()  # what it still holds would be tried again at the end
+            self._stream.flush()
         if self._name and error.errno not in GONE:
             self._fault = error.strerror or str(error)
 
@@ -193,11 +188,9 @@ def steady_streams() -> Iterator[None]:
     Cron and graphical launchers start programs with closed streams; a file that is opened then gets the number of one,
     so the numbers 0, 1 and 2 are taken first. Letters that an encoding lacks are shown as escapes.
     """
-    for number in (0, 1, 2):
-        try:
-            os.fstat(number)
-        except OSError:
-            point_nowhere(number)
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = _steady(sys.stdout, 1, "standard output"), _steady(sys.stderr, 2, "")
     try:
@@ -207,16 +200,6 @@ def steady_streams() -> Iterator[None]:
             with suppress(OSError, ValueError):
                 stream.flush()
         sys.stdout, sys.stderr = before
-
-
-def point_nowhere(number: int) -> None:
-    """Let a file descriptor lead to the null device."""
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    if nowhere == number:
-        os.set_inheritable(nowhere, True)
-    else:
-        os.dup2(nowhere, number)
-        os.close(nowhere)
 
 
 def _steady(stream: Any, number: int, name: str) -> TextIO:

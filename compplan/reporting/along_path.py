@@ -8,22 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.palette import CATEGORIES, LIMIT, NEUTRAL
 from compplan.io.quantities import format_number
-from compplan.reporting.charts import Figure, use_decades
-from compplan.reporting.style import style_line
-from compplan.reporting.thinning import thin_rows
+from compplan.reporting.charts import Figure, style_line, thin_rows, use_decades
+from compplan.reporting.page import Chart
 from compplan.robot import Array
 
-#: About how many rows of a chart are drawn.
-ROWS = 1600
-#: Fields that a path is divided into for marking waypoints.
-BANDS = 240
+#: About how many rows of a chart are drawn, and fields that a path is divided into for marking waypoints.
+ROWS, FIELDS = 1600, 240
 #: Deviations below this are drawn at it, where the axis is logarithmic. [m]
 FLOOR = 1e-8
 #: A rate that uses less of its limit is drawn large, without the limit. [%]
@@ -50,11 +47,11 @@ class Stations:
 
     @property
     def marked_spans(self) -> Array:
-        """Intervals around the marked waypoints; what lies closer than a band is wide is one. Shape (k, 2). [m]"""
+        """Intervals around the marked waypoints; what lies closer than a field is wide is one. Shape (k, 2). [m]"""
         total = max(float(self.length[-1]), 1e-12)
-        flags = np.zeros(BANDS, bool)
-        flags[np.minimum((self.length[self.marked] / total * BANDS).astype(int), BANDS - 1)] = True
-        return (find_spans(flags) + np.array([0, 1])) * total / BANDS
+        flags = np.zeros(FIELDS, bool)
+        flags[np.minimum((self.length[self.marked] / total * FIELDS).astype(int), FIELDS - 1)] = True
+        return (find_spans(flags) + np.array([0, 1])) * total / FIELDS
 
 
 def place_stations(position: Array, time: Array, cut: NDArray[np.bool_], failures: Iterable[int] = ()) -> Stations:
@@ -76,15 +73,9 @@ def find_spans(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
 
 
 class PathPanel(NamedTuple):
-    """One small chart of quantities along a path.
+    """One small chart of quantities along a path: values by name in the unit shown, shape (n,) each.
 
-    Attributes:
-        series: Values by name, already in the unit shown. Shape (n,) each.
-        label: Title of the vertical axis, shown in the first column.
-        unit: Unit of the values.
-        title: Title over the chart.
-        span: Range of the vertical axis.
-        beyond: Values from and to which lie beyond a limit.
+    `label` is that of the vertical axis in the first column, `span` its range; `beyond` values lie beyond a limit.
     """
 
     series: Mapping[str, Array]
@@ -104,11 +95,8 @@ def draw_panels(
     `shared`: the axis that charts share, "" for none; `colours`: one a series; `gaps`: share of width and height
     between charts; `shaded`: whether the intervals that the stations name are shaded.
     """
-    lines = -(-len(panels) // columns)
-    figure = Figure(
-        [panel.title for panel in panels], columns, gaps=gaps or (0.025, 0.08 if columns == 1 else 0.32 / lines),
-        shared=shared,
-    )  # fmt: skip
+    gaps = gaps or (0.025, 0.08 if columns == 1 else 0.32 / -(-len(panels) // columns))
+    figure = Figure([panel.title for panel in panels], columns, gaps=gaps, shared=shared)
     for number, panel in enumerate(panels):
         _add_lines(figure, stations, panel, number, colours, ROWS if columns == 1 else ROWS // 2)
         spans = [(stations.shaded, NEUTRAL, 0.14)] if shaded else []
@@ -170,6 +158,13 @@ def draw_lines(
     return figure
 
 
+def chart_lines(
+    stations: Stations, series: Mapping[str, Array], unit: str, title: str, caption: str, height: int = 340, **keys: Any
+) -> Chart:
+    """Return the chart of `draw_lines`, with a caption."""
+    return Chart(draw_lines(stations, series, unit, title=title, **keys), caption, height, along=True)
+
+
 def _span_positive(values: Iterable[Array]) -> tuple[float, float]:
     """Return the smallest and the largest value above zero."""
     known = np.concatenate([each[np.isfinite(each) & (each > 0)] for each in values])
@@ -196,9 +191,15 @@ def draw_strategies(
     return figure
 
 
-def measure_panels(count: int) -> int:
-    """Return the height of so many small charts [px]."""
-    return 80 + HEIGHT * -(-count // COLUMNS)
+def chart_strategies(
+    stations: Stations, deviations: Mapping[str, Mapping[str, Array]], tolerance: float, *, log: bool = False
+) -> Chart:
+    """Return the chart of `draw_strategies`, with its caption."""
+    caption = (
+        f"One chart a strategy, all with the same axes{', logarithmic' * log}; dashed: tolerance {tolerance:g} mm."
+    )
+    figure = draw_strategies(stations, deviations, tolerance, log=log)
+    return Chart(figure, caption, 80 + HEIGHT * -(-len(deviations) // COLUMNS), along=True)
 
 
 def draw_joints(
@@ -229,13 +230,10 @@ def draw_joints(
     return figure
 
 
-def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[str]]]) -> Figure:
-    """Draw rates as shares of their limits, one chart a rate, one line a joint.
-
-    shares: by rate ("velocity"), share of each joint's limit, shape (n, nq), and the joints' names.
-    """
+def draw_shares(stations: Stations, shares: Mapping[str, Array], names: Sequence[str]) -> Figure:
+    """Draw rates as shares of their limits, by rate ("velocity"), shape (n, nq); one chart a rate, one line a joint."""
     panels = []
-    for title, (share, names) in shares.items():
+    for title, share in shares.items():
         used = 100 * float(np.nanmax(share, initial=0))
         top = max(1.2 * used, 1e-6) if used < NEAR_LIMIT else max(110.0, 1.05 * used)
         series = {name: 100 * share[:, k] for k, name in enumerate(names)}
@@ -244,12 +242,11 @@ def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[s
     return draw_panels(stations, panels, shaded=False)
 
 
-def draw_wrench(stations: Stations, wrench: Array) -> Figure:
+def chart_wrench(stations: Stations, wrench: Array, caption: str) -> Chart:
     """Draw the wrench on the tool at its tip, base axes, shape (n, 6) [N, N m]; its moment where there is one."""
     force = {f"f{axis}": wrench[:, k] for k, axis in enumerate("xyz")}
     if not (np.abs(wrench[:, 3:]) > 1e-9).any():
-        return draw_lines(stations, force, "N", title="force on the tool, base axes")
+        return chart_lines(stations, force, "N", "force on the tool, base axes", caption, 300)
     moment = {f"m{axis}": wrench[:, 3 + k] for k, axis in enumerate("xyz")}
-    return draw_panels(
-        stations, [PathPanel(force, "force, N", "N"), PathPanel(moment, "moment, N m", "N m")], shaded=False
-    )
+    panels = [PathPanel(force, "force, N", "N"), PathPanel(moment, "moment, N m", "N m")]
+    return Chart(draw_panels(stations, panels, shaded=False), caption, 440, along=True)

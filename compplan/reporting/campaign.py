@@ -11,17 +11,25 @@ from compplan.controllers.writers import build_program, write_program
 from compplan.io.display import Curve, Curves
 from compplan.io.palette import CATEGORIES
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_length, format_mm, format_percent
+from compplan.io.quantities import format_length, format_mm
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.campaign import PoseCampaign
 from compplan.measurement.observations import DISTANCE, READING, Observations
-from compplan.reporting import page
 from compplan.reporting.charts import draw_curves
+from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, render_page
+from compplan.reporting.plan_page import list_leading
 from compplan.reporting.provenance import describe_robot
 from compplan.reporting.scenes import draw_cell
 from compplan.robot import Array
 from compplan.toolpath.toolpath import WRENCH_HEADERS
+
+#: What is to be done at a pose with another instrument than a tracker.
+TASKS = {
+    "sockets": "let the ball sit in the socket of the row and write the joints down as they are",
+    "gauge": "write the reading of the row's gauge down, which grows along dir",
+    "ball_bar": "hang the bar on the row's ball and write the distance of both balls' centres down",
+}
 
 
 def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
@@ -31,18 +39,18 @@ def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
         InputError: If the folder cannot be written; nothing is written then.
     """
     with replace_folder(folder, "campaign") as part:
-        write_log(campaign, part / "campaign.csv")
+        _write_log(campaign, part / "campaign.csv")
         if campaign.poses.sights is not None:
-            text = describe_instrument(campaign.poses.sights, campaign.equipment.sigma)
+            text = _describe_instrument(campaign.poses.sights, campaign.equipment.sigma)
             write_text(part / "instrument.toml", "".join(f"# {stand.says}\n" for stand in campaign.stands) + text)
-        write_moves(campaign, part)
+        _write_moves(campaign, part)
         write_text(part / "report.html", _render(campaign))
         summary = {**summarise_campaign(campaign), "files": [*map(str, list_files(part)), "campaign.json"]}
         write_json(part / "campaign.json", summary, indent=2)
     return summary
 
 
-def write_log(campaign: PoseCampaign, file: Path) -> None:
+def _write_log(campaign: PoseCampaign, file: Path) -> None:
     """Write the empty log, two rows a pose: where its approach begins, which stays empty, and the pose to measure.
 
     The first of them tells later readers from which side the joints came.
@@ -51,10 +59,10 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
     columns |= campaign.plan.robot.joint_columns(poses.log.q)
     columns |= {header: poses.log.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
-    columns |= sight_columns(poses.sights, n)
+    columns |= _list_sights(poses.sights, n)
     columns["sigma_mm"] = np.full(2 * n, campaign.equipment.sigma * 1e3)
     write_table(file, columns, decimals=7)
-    task = describe_task(campaign.equipment.instrument)
+    task = TASKS.get(campaign.equipment.instrument, "measure")
     todo = f"approach from the next row (it stays without a measurement), then {task}"
     head, *rows = file.read_text(encoding="utf-8").splitlines()
     lines = [head]
@@ -68,7 +76,7 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     write_text(file, "\n".join(lines) + "\n")
 
 
-def sight_columns(sights: Observations | None, poses: int) -> dict[str, object]:
+def _list_sights(sights: Observations | None, poses: int) -> dict[str, object]:
     """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose."""
     empty = np.full(2 * poses, np.nan)
     if sights is None:
@@ -90,20 +98,7 @@ def sight_columns(sights: Observations | None, poses: int) -> dict[str, object]:
     return columns
 
 
-#: What is to be done at a pose with another instrument than a tracker.
-TASKS = {
-    "sockets": "let the ball sit in the socket of the row and write the joints down as they are",
-    "gauge": "write the reading of the row's gauge down, which grows along dir",
-    "ball_bar": "hang the bar on the row's ball and write the distance of both balls' centres down",
-}
-
-
-def describe_task(instrument: str) -> str:
-    """Say what is to be done at a pose."""
-    return TASKS.get(instrument, "measure")
-
-
-def describe_instrument(sights: Observations, sigma: float) -> str:
+def _describe_instrument(sights: Observations, sigma: float) -> str:
     """Return the text of instrument.toml for a campaign that is filled in. sigma: [m]"""
     lines = ["schema = 1", "[instrument]", f"sigma_mm = {1e3 * sigma:g}"]
     known = sights.known
@@ -114,11 +109,11 @@ def describe_instrument(sights: Observations, sigma: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_moves(campaign: PoseCampaign, folder: Path) -> list[Path]:
+def _write_moves(campaign: PoseCampaign, folder: Path) -> None:
     """Write programs of joint moves: to where each approach begins, then to the pose, stopping at every point."""
     plan = campaign.plan
     if plan.job is None or not plan.job.output.programs:
-        return []
+        return
     n = len(campaign.poses)
     comments = [
         f"compplan: {n} poses to measure for {plan.name}",
@@ -130,10 +125,8 @@ def write_moves(campaign: PoseCampaign, folder: Path) -> list[Path]:
         plan.robot, campaign.poses.log.q, np.zeros(2 * n), moves,
         name=f"{plan.job.file.stem}_poses", comments=comments, exact=moves,
     )  # fmt: skip
-    files: list[Path] = []
     for language in plan.job.output.programs:
-        files += write_program(program, language, folder, any_brand=plan.job.output.any_brand)
-    return files
+        write_program(program, language, folder, any_brand=plan.job.output.any_brand)
 
 
 def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
@@ -184,34 +177,42 @@ def describe_campaign(campaign: PoseCampaign) -> str:
 
 def _render(campaign: PoseCampaign) -> str:
     """Return the page: which poses, what they will bring, when to stop."""
-    plan, place = campaign.plan, campaign.equipment.place
-    rest: list[page.Row] = [[name, format_percent(share)] for name, share in campaign.rest]
-    heads = ["if this were exact", "the variance of the tip would shrink by"]
+    plan, place, choice = campaign.plan, campaign.equipment.place, campaign.choice
+    bands = [
+        ["now", 1e3 * campaign.design.model_band(campaign.start)],
+        [f"{len(choice.rows)} designed poses", Cell(1e3 * campaign.design.model_band(choice.covariance), "strong")],
+    ]
+    caption = f"Instrument {1e3 * campaign.design.sigma:g} mm per axis."
+    brings = DataTable(["after", "band of the parameters alone, rms [mm]"], bands, caption)
+    tip, figure = 1e3 * campaign.poses.tip[:-1], draw_cell(plan.robot, plan.q, plan.task.position)
+    figure.add(
+        "scatter3d", x=tip[:, 0], y=tip[:, 1], z=tip[:, 2], mode="markers+text", name="poses",
+        text=[str(k + 1) for k in range(len(tip))], marker={"size": 5, "color": CATEGORIES[1]},
+    )  # fmt: skip
+    scene = Chart(figure, "Dots: the tip at the poses, numbered. Line: the path.", 460)
     sections = [
-        page.Section("What it brings", [_compare(campaign)], f"The 95 % band of the true tip {place}."),
-        page.Section("Poses", [_draw_poses(campaign), _list_poses(campaign)],
-                     "In the order of measuring. Approach each from the stated side, let it settle, then measure."),
-        page.Section("What remains", [page.DataTable(heads, rest or [["nothing stands out", None]])],
-                     "What would narrow the band most afterwards."),
+        Section("What it brings", [brings], f"The 95 % band of the true tip {place}."),
+        Section("Poses", [scene, _list_poses(campaign)],
+                "In the order of measuring. Approach each from the stated side, let it settle, then measure."),
+        Section("What remains", [list_leading(campaign.rest)], "What would narrow the band most afterwards."),
     ]  # fmt: skip
     if campaign.stands:
-        stands: list[page.Row]
-        stands = [[stand.label, *(float(v) for v in 1e3 * stand.place), stand.says] for stand in campaign.stands]
-        columns = ["label", *(f"{name} [mm, 4]" for name in "xyz"), "put up"]
+        rows = [[stand.label, *(float(v) for v in 1e3 * stand.place), stand.says] for stand in campaign.stands]
+        table = DataTable(["label", *(f"{name} [mm, 4]" for name in "xyz"), "put up"], rows)
         about = "In the robot's base frame; within centimetres is enough where nothing else is said."
-        sections.insert(2, page.Section("Where it stands", [page.DataTable(columns, stands)], about))
+        sections.insert(2, Section("Where it stands", [table], about))
     warning = ""
     if len(campaign.touching):
         numbers = ", ".join(str(k + 1) for k in campaign.touching)
         warning = f"On the straight joint move to pose {numbers} the arm touches something: go around by hand."
-    return page.render_page(
-        f"{plan.name}: {len(campaign.poses) - 1} poses to measure", describe_campaign(campaign), sections,
-        kind=f"Campaign, {plan.robot.name}", opening=_open(campaign), warning=warning, notes=campaign.notes,
+    return render_page(
+        f"{plan.name}: {len(campaign.poses) - 1} poses to measure", _open(campaign), sections,
+        kind=f"Campaign, {plan.robot.name}", warning=warning, notes=campaign.notes,
         provenance=describe_robot(plan.robot, [("known from", campaign.design.known.source)]),
     )  # fmt: skip
 
 
-def _open(campaign: PoseCampaign) -> page.Summary:
+def _open(campaign: PoseCampaign) -> Summary:
     """Return the first screen: what the poses bring."""
     choice, place = campaign.choice, campaign.equipment.place
     now, then = float(choice.greatest[0]), float(choice.greatest[-1])
@@ -222,9 +223,9 @@ def _open(campaign: PoseCampaign) -> page.Summary:
     if useful == 0:
         verdict, tone = f"No further pose is worth measuring: none narrows the band {place}.", "good"
     figures = [
-        page.KeyFigure(format_mm(now), "95 % band at its widest point, now"),
-        page.KeyFigure(format_mm(then), f"expected after all {len(choice.rows)} poses", tone),
-        page.KeyFigure(str(useful), "poses that are worth measuring; each further one brings less than 0.5 %"),
+        (format_mm(now), "95 % band at its widest point, now"),
+        (format_mm(then), f"expected after all {len(choice.rows)} poses", tone),
+        (str(useful), "poses that are worth measuring; each further one brings less than 0.5 %"),
     ]
     count, floor = np.arange(float(len(choice.rms))), float(campaign.design.floor.max())
     lines = (Curve("at its widest point", count, 1e3 * choice.greatest, "after", "lines+markers"),
@@ -237,54 +238,23 @@ def _open(campaign: PoseCampaign) -> page.Summary:
     )
     todo = "Measure the poses in the order of the list and fill in campaign.csv. Then: compplan diagnose campaign.csv "
     todo += "--robot ROBOT --out updated."
-    return page.Summary(verdict, tone, figures, page.Chart(chart, caption, 340), todo)
+    return Summary(verdict, tone, figures, Chart(chart, caption, 340), todo)
 
 
-def _compare(campaign: PoseCampaign) -> page.DataTable:
-    count, designed = len(campaign.choice.rows), 1e3 * campaign.design.model_band(campaign.choice.covariance)
-    rows: list[page.Row] = [
-        ["now", 1e3 * campaign.design.model_band(campaign.start)],
-        [f"{count} designed poses", page.Cell(designed, "strong")],
-    ]
-    sigma = f"{1e3 * campaign.design.sigma:g} mm per axis"
-    caption = f"Instrument {sigma}."
-    return page.DataTable(["after", "band of the parameters alone, rms [mm]"], rows, caption)
-
-
-def _draw_poses(campaign: PoseCampaign) -> page.Chart:
-    plan, tip = campaign.plan, 1e3 * campaign.poses.tip[:-1]
-    figure = draw_cell(plan.robot, plan.q, plan.task.position)
-    figure.add(
-        "scatter3d", x=tip[:, 0], y=tip[:, 1], z=tip[:, 2], mode="markers+text", name="poses",
-        text=[str(k + 1) for k in range(len(tip))], marker={"size": 5, "color": CATEGORIES[1]},
-    )  # fmt: skip
-    return page.Chart(figure, "Dots: the tip at the poses, numbered. Line: the path.", 460)
-
-
-def _list_poses(campaign: PoseCampaign) -> page.DataTable:
+def _list_poses(campaign: PoseCampaign) -> DataTable:
     robot, poses = campaign.plan.robot, campaign.poses
-    scale = np.where(robot.prismatic, 1e3, 180 / np.pi)
-    rows: list[page.Row] = []
+    scale, rows = np.where(robot.prismatic, 1e3, 180 / np.pi), list[list[Any]]()
     for k in range(len(poses)):
-        again = k == len(poses) - 1
-        side = "rising" if poses.rising[k] else "falling"
-        load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "none"
+        again, pull = k == len(poses) - 1, poses.wrench[k, :2]
+        axis = int(np.abs(pull).argmax())
+        force = f"{abs(pull[axis]):.0f} N along {'-' if pull[axis] < 0 else '+'}{'xyz'[axis]}".replace(" ", "\u00a0")
         rows.append(
-            [page.Cell("1 again", "muted") if again else k + 1, None if again else int(campaign.worth[k]),
-             *(float(v) for v in poses.q[k] * scale), side, load, _describe_pull(poses.wrench[k, :2]),
+            [Cell("1 again", "muted") if again else k + 1, None if again else int(campaign.worth[k]),
+             *(float(v) for v in poses.q[k] * scale), "rising" if poses.rising[k] else "falling",
+             f"{poses.weight[k]:g} kg" if poses.weight[k] else "none", force if pull.any() else "none",
              *(float(v) for v in 1e3 * poses.tip[k])]
         )  # fmt: skip
-    units = ["mm" if slides else "deg" for slides in robot.prismatic]
-    joints = [f"q{k + 1} [{unit}, 5]" for k, unit in enumerate(units)]
-    tip = [f"{name} [mm, 5]" for name in "xyz"]
-    columns = ["pose", "worth", *joints, "joints come", "weight", "pull [base axes]", *tip]
+    joints = [f"q{k + 1} [{'mm' if slides else 'deg'}, 5]" for k, slides in enumerate(robot.prismatic)]
+    columns = ["pose", "worth", *joints, "joints come", "weight", "pull [base axes]", *(f"{a} [mm, 5]" for a in "xyz")]
     caption = "Worth: 1 brings the most. The tip's place is that of the loaded tip."
-    return page.DataTable(columns, rows, caption, scroll=24)
-
-
-def _describe_pull(pull: Array) -> str:
-    """Say a pull along one axis, such as 400 N along -y."""
-    axis = int(np.abs(pull).argmax())
-    if not pull.any():
-        return "none"
-    return f"{abs(pull[axis]):.0f}\u00a0N\u00a0along\u00a0{'-' if pull[axis] < 0 else '+'}{'xyz'[axis]}"
+    return DataTable(columns, rows, caption, scroll=24)

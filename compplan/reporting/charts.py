@@ -1,4 +1,4 @@
-"""The chart layer of pages: figures as the plain JSON that the plotly.js of a page draws.
+"""The chart layer of pages: figures as the plain JSON that the plotly.js of a page draws, colours, thinned paths.
 
 Traces and layouts have the keys of plotly.js. Arrays are written in base64, as plotly.js reads them.
 """
@@ -6,18 +6,32 @@ Traces and layouts have the keys of plotly.js. Arrays are written in base64, as 
 from __future__ import annotations
 
 import base64
+import json
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from string import Template
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.io.display import Curves, pick_style
-from compplan.io.palette import NEUTRAL, TOLERANCE
-from compplan.reporting.style import mark_decades
-from compplan.reporting.thinning import thin_rows
+from compplan.io.palette import CATEGORIES, DASHES, NEUTRAL, TOLERANCE
+from compplan.io.quantities import name_length
 from compplan.robot import Array
 
+#: Small to large, for quantities that are best at zero.
+SEQUENTIAL = ((0.0, "#2f7fb5"), (0.3, "#6fae8f"), (0.55, "#dfb441"), (0.8, "#d1603d"), (1.0, "#8f1d2c"))
+FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", "Noto Sans", sans-serif'
+#: Colours of a page by theme.
+PAPER = {"light": "#ffffff", "dark": "#16191d"}
+INK = {"light": "#1d2329", "dark": "#dfe4ea"}
+GRID = {"light": "#e4e7ea", "dark": "#2c3238"}
+SPACE_GRID = {"light": "#ccd2d8", "dark": "#3b434b"}
+LINE = {"light": "#aab1b9", "dark": "#59626c"}
+#: The template of charts; colours of the theme stand in it as marks.
+TEMPLATE = Path(__file__).parent / "templates" / "plotly.json"
 #: Points of a curve that are drawn at most.
 POINTS = 1500
 #: Share of the greatest value that a linear axis shows below zero: a curve at zero stays apart from the axis.
@@ -77,6 +91,12 @@ class Figure:
     def line(self, x: Any, y: Any, name: str = "", panel: int = 0, **keys: Any) -> dict[str, Any]:
         """Add a line, or dots where `mode` says so."""
         return self.add("scatter", panel, x=x, y=y, name=name, **{"mode": "lines", **keys})
+
+    def heat(self, x: Any, y: Any, z: Any, title: str = "", panel: int = 0, **keys: Any) -> dict[str, Any]:
+        """Add a heat map of values z, shape (len(y), len(x)), with a bar of that title."""
+        bar = {"title": {"text": title, "side": "top"}, "thickness": 12, "outlinewidth": 0}
+        scale = {"colorscale": [list(stop) for stop in SEQUENTIAL], "colorbar": bar, "hoverongaps": False}
+        return self.add("heatmap", panel, x=x, y=y, z=z, **{**scale, **keys})
 
     def axis(self, which: str, panel: int | None = None, title: str | None = None, **keys: Any) -> None:
         """Set keys of the "x" or "y" axis of one small chart, or of all."""
@@ -155,15 +175,7 @@ def add_area(figure: Figure, x: Array, y: Array, name: str, colour: str, **keys:
 
 
 class Bars(NamedTuple):
-    """Bars of one colour, or of a colour each.
-
-    Attributes:
-        values: Shape (n,).
-        colour: Of all bars, or of each.
-        low: Lower end of the interval that is drawn at each; None: the value. Shape (n,).
-        high: Upper end; None: no interval is drawn. Shape (n,).
-        text: Words at each bar.
-    """
+    """Bars of one colour, or of a colour each; with an interval from `low` (None: the value) to `high`, and a text."""
 
     values: Sequence[float] | Array
     colour: str | Sequence[str]
@@ -236,3 +248,59 @@ def _pack(values: np.ndarray[Any, Any]) -> dict[str, Any]:
     kind = f"{values.dtype.kind}{values.dtype.itemsize}"
     packed = {"dtype": kind, "bdata": base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()}
     return packed if values.ndim == 1 else packed | {"shape": ", ".join(map(str, values.shape))}
+
+
+def style_line(number: int, colours: Sequence[str] = CATEGORIES) -> dict[str, str]:
+    """Return colour and dash of a line by its number: all colours solid, then all of them dashed, then dotted."""
+    return {"color": colours[number % len(colours)], "dash": DASHES[number // len(colours) % len(DASHES)]}
+
+
+def mark_decades(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Choose round lengths [m] for a logarithmic axis, and their names; 1, 2, 5 where it spans under two decades."""
+    steps = (1, 2, 5) if high < 100 * low else (1,)
+    powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
+    lengths = [step * 10.0**power for power in powers for step in steps]
+    return lengths, [name_length(length) for length in lengths]
+
+
+def build_template(theme: str) -> dict[str, Any]:
+    """Build the plotly template of a theme, "light" or "dark", as plain data."""
+    marks = {
+        "paper": PAPER[theme], "ink": INK[theme], "grid": GRID[theme], "space": SPACE_GRID[theme], "line": LINE[theme],
+        "font": FONT.replace('"', '\\"'),
+    }  # fmt: skip
+    told = json.loads(Template(TEMPLATE.read_text(encoding="utf-8")).substitute(marks))
+    axes = {"xaxis": told["axis"], "yaxis": told["axis"], "scene": {f"{name}axis": told["space"] for name in "xyz"}}
+    return {"layout": {**told["layout"], "colorway": list(CATEGORIES), **axes}}
+
+
+def thin_rows(signals: Array | Sequence[Array], limit: int) -> NDArray[np.int_]:
+    """Choose the rows that draw signals faithfully: ends, and the smallest and largest value of each signal per bucket.
+
+    signals: shape (n,) each, or (n, k), NaN is passed over; about `limit` rows are kept. Returns ascending rows.
+    """
+    columns = np.asarray(signals, float) if isinstance(signals, np.ndarray) else np.column_stack(list(signals))
+    columns = columns.reshape(len(columns), -1)
+    n, k = columns.shape
+    if n <= limit:
+        return np.arange(n)
+    buckets = max(limit // (2 * k), 1)
+    width = -(-n // buckets)
+    padded = np.full((buckets * width, k), np.nan)
+    padded[:n] = columns
+    blocks = padded.reshape(buckets, width, k)
+    start = (np.arange(buckets) * width)[:, None]
+    low = np.argmin(np.where(np.isnan(blocks), np.inf, blocks), axis=1) + start
+    high = np.argmax(np.where(np.isnan(blocks), -np.inf, blocks), axis=1) + start
+    rows = np.unique(np.concatenate([[0, n - 1], low.ravel(), high.ravel()]))
+    return rows[rows < n]
+
+
+def thin_path(position: Array, signals: Array | Sequence[Array], limit: int) -> NDArray[np.int_]:
+    """Choose about `limit` rows that draw a path (n, 3) and the signals along it, a third of them at even lengths."""
+    n = len(position)
+    if n <= limit:
+        return np.arange(n)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
+    even = np.searchsorted(length, np.linspace(0, length[-1], limit // 3))
+    return np.unique(np.concatenate([np.clip(even, 0, n - 1), thin_rows(signals, limit - limit // 3)]))

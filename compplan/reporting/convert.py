@@ -9,8 +9,8 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.io.palette import CATEGORIES
 from compplan.io.quantities import format_number
-from compplan.reporting import page
 from compplan.reporting.charts import Figure
+from compplan.reporting.page import Chart, DataTable, Provenance, Section, Summary, render_page
 from compplan.reporting.scenes import add_moves, frame_scenes
 from compplan.robot import Array
 from compplan.toolpath.readers import CamFacts
@@ -23,45 +23,40 @@ POINTS, RAPID = 8000, "#d62728"
 def render_toolpath(toolpath: Toolpath, facts: CamFacts) -> str:
     """Return the page of a CAM file that was read; the toolpath is in the part frame."""
     tools, number = _number_tools(toolpath)
-    name = Path(facts.file).name
+    name, tone = Path(facts.file).name, "unsure" if facts.notes else "good"
     verdict = f"{name} is read: {facts.cutting_moves} cutting moves, {facts.cutting_length_mm:.1f}\u00a0mm."
-    tone = "unsure" if facts.notes else "good"
     figures = [
-        page.KeyFigure(f"{format_number(facts.cutting_length_mm)}\u00a0mm", f"cut in {facts.cutting_moves} moves"),
-        page.KeyFigure(str(facts.rapid_moves), "rapid moves"),
-        page.KeyFigure(str(len(facts.notes)), "assumptions", tone),
-    ]
+        (f"{format_number(facts.cutting_length_mm)}\u00a0mm", f"cut in {facts.cutting_moves} moves"),
+        (str(facts.rapid_moves), "rapid moves"), (str(len(facts.notes)), "assumptions", tone),
+    ]  # fmt: skip
     figure = Figure(scenes=True)
     styles = [(tool, CATEGORIES[k % len(CATEGORIES)], 5) for k, tool in enumerate(tools)]
     hover, kind = "x %{x:.3f}, y %{y:.3f}, z %{z:.3f} mm", np.where(toolpath.rapid, len(tools), number)
     add_moves(figure, toolpath.position, kind, [*styles, ("rapid", RAPID, 2)], POINTS, hover)
     frame_scenes(figure, 1e3 * toolpath.position, size=1.75)
     figure.layout["showlegend"] = True
-    scene = page.Chart(figure, "The path by tool; rapid moves are red.", height=480)
-    todo = "Check box, tools and assumptions against the drawing, then plan: compplan plan JOB."
+    scene = Chart(figure, "The path by tool; rapid moves are red.", 480)
     sides = () if facts.box_mm is None else zip("xyz", *facts.box_mm, strict=True)
-    box: list[page.Row] = [[axis, low, high, high - low] for axis, low, high in sides]
+    box = [[axis, low, high, high - low] for axis, low, high in sides]
     heads = ["axis", *(f"{title} [mm, 6]" for title in ("least", "greatest", "extent"))]
     sections = [
-        page.Section("Box of the cut", [page.DataTable(heads, box)], open=True),
-        page.Section("Tools", [_list_tools(toolpath, tools, number)], open=True),
+        Section("Box of the cut", [DataTable(heads, box)], open=True),
+        Section("Tools", [_list_tools(toolpath, tools, number)], open=True),
     ]
     if facts.notes:
-        notes = page.DataTable(["number", "what"], [[k, note] for k, note in enumerate(facts.notes, start=1)])
-        sections.append(page.Section("Assumed or read past", [notes], open=True))
-    origin = [("language", facts.kind), ("lines", str(facts.lines)), ("unit", facts.unit)]
-    opening = page.Summary(verdict, tone, figures, scene, todo)
-    return page.render_page(
-        name, verdict, sections, kind="CAM file", opening=opening, provenance=page.Provenance(origin)
-    )
+        notes = DataTable(["number", "what"], [[k, note] for k, note in enumerate(facts.notes, start=1)])
+        sections.append(Section("Assumed or read past", [notes], open=True))
+    todo = "Check box, tools and assumptions against the drawing, then plan: compplan plan JOB."
+    origin = Provenance([("language", facts.kind), ("lines", str(facts.lines)), ("unit", facts.unit)])
+    return render_page(name, Summary(verdict, tone, figures, scene, todo), sections, kind="CAM file", provenance=origin)
 
 
 def render_refusal(camfile: Path, error: InputError) -> str:
     """Return the page of a CAM file that is refused: the line, why, and what to do."""
     place = f"line {error.where}" if error.where else camfile.name
-    opening = page.Summary(f"{camfile.name} is refused.", "bad", next=f"{place}: {error.message}")
-    section = page.Section("Refused", [page.DataTable(["where", "what"], [[place, error.message]])], open=True)
-    return page.render_page(camfile.name, opening.verdict, [section], kind="CAM file", opening=opening)
+    opening = Summary(f"{camfile.name} is refused.", "bad", next=f"{place}: {error.message}")
+    section = Section("Refused", [DataTable(["where", "what"], [[place, error.message]])], open=True)
+    return render_page(camfile.name, opening, [section], kind="CAM file")
 
 
 def _number_tools(toolpath: Toolpath) -> tuple[list[str], Array]:
@@ -75,14 +70,13 @@ def _number_tools(toolpath: Toolpath) -> tuple[list[str], Array]:
     return names, number
 
 
-def _list_tools(toolpath: Toolpath, tools: list[str], number: Array) -> page.DataTable:
-    steps, rows = np.r_[0.0, toolpath.steps], list[page.Row]()
+def _list_tools(toolpath: Toolpath, tools: list[str], number: Array) -> DataTable:
+    steps, rows = np.r_[0.0, toolpath.steps], []
     for k, name in enumerate(tools):
         own = ~toolpath.rapid & (number == k) & (steps > 0.0)
         if own.any():
             feeds = 6e4 * toolpath.feed[own]
             deepest = 1e3 * float(toolpath.position[own, 2].min())
             rows.append([name, 1e3 * float(steps[own].sum()), float(feeds.min()), float(feeds.max()), deepest])
-    columns = ["tool", "cut [mm, 5]", "least feed [mm/min, 4]",
-               "greatest feed [mm/min, 4]", "least z [mm, 5]"]  # fmt: skip
-    return page.DataTable(columns, rows)
+    columns = ["tool", "cut [mm, 5]", "least feed [mm/min, 4]", "greatest feed [mm/min, 4]", "least z [mm, 5]"]
+    return DataTable(columns, rows)

@@ -22,7 +22,6 @@ from compplan.io.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
 from compplan.process.engagement import Engagement
 from compplan.process.fit import ForceFit
-from compplan.process.force_law import Process
 from compplan.process.force_models import name_force_model
 from compplan.process.learned_force import (
     SCATTER,
@@ -34,11 +33,10 @@ from compplan.process.learned_force import (
     write_learned_force,
 )
 from compplan.process.materials import CoefficientTable
-from compplan.reporting import page
-from compplan.reporting.along_path import Stations, draw_lines, draw_wrench, find_spans
-from compplan.reporting.charts import Figure
+from compplan.reporting.along_path import Stations, chart_lines, chart_wrench, find_spans
+from compplan.reporting.charts import Figure, thin_path
+from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Provenance, Section, Summary, render_page
 from compplan.reporting.scenes import add_path, colour_axis, frame_scenes
-from compplan.reporting.thinning import thin_path
 from compplan.robot import Array
 from compplan.toolpath.toolpath import WRENCH_HEADERS, Toolpath
 
@@ -51,27 +49,26 @@ POINTS = 4000
 
 
 def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
-    """Return what forces.json holds."""
-    force = np.linalg.norm(found.wrench[:, :3], axis=1)
+    """Return what forces.json holds; the uncertainty counts as stated where the job says it, else it is assumed."""
+    force, process = np.linalg.norm(found.wrench[:, :3], axis=1), found.job.process
     acts = force > 0.0
+    tables = filter(None, (process, getattr(process, "coefficients", None)))
     summary: dict[str, Any] = {
-        "schema": 1, "name": found.job.name, "model": found.job.process.model, "waypoints": len(found.nominal),
+        "schema": 1, "name": found.job.name, "model": process.model, "waypoints": len(found.nominal),
         "waypoints_in_contact": int(acts.sum()),
         "force_N": {"max": float(force.max()), "mean_in_contact": float(force[acts].mean()) if acts.any() else 0.0},
         "moment_Nm": {"max": float(np.linalg.norm(found.wrench[:, 3:], axis=1).max())},
-        "uncertainty": getattr(found.job.process, "uncertainty", None),
-        "uncertainty_stated": _states_uncertainty(found.job.process),
-        "notes": found.notes,
+        "uncertainty": getattr(process, "uncertainty", None),
+        "uncertainty_stated": any("uncertainty" in table.model_fields_set for table in tables),
+        "notes": found.notes, "stops": list_stops(found.notes),
     }  # fmt: skip
-    summary["stops"] = list_stops(summary["notes"])
     if found.law.cutting is not None:
-        cut = found.law.cutting.engagement
+        cut, resistance = found.law.cutting.engagement, found.law.cutting.process.resistance
         summary["engagement"] = {
             "axial_depth_mm": {"max": float(1e3 * cut.axial.max())},
             "radial_width_mm": {"max": float(1e3 * cut.radial.max())},
             "removed_mm3": float(1e9 * (cut.section[1:] * found.nominal.steps * ~found.nominal.rapid[1:]).sum()),
         }
-        resistance = found.law.cutting.process.resistance
         summary["coefficients"] = {
             "cutting_N_mm2": list(resistance.cutting), "edge_N_mm": list(resistance.edge),
             "exponent": list(resistance.exponent), "source": resistance.source, "assumed": resistance.assumed,
@@ -83,12 +80,6 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
             "level": found.fit.ratio[0], "level_sigma": found.fit.ratio[1], "notes": list(found.fit.notes),
         }  # fmt: skip
     return summary
-
-
-def _states_uncertainty(process: Process) -> bool:
-    """Tell whether the job states the uncertainty of its force, in place of an assumed one."""
-    return any("uncertainty" in table.model_fields_set for table in (process, getattr(process, "coefficients", None))
-               if table is not None)  # fmt: skip
 
 
 def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
@@ -110,7 +101,7 @@ def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
 
 
 def write_coefficients(found: ForcePrediction, file: Path) -> None:
-    """Write the fitted coefficients as a file of materials that holds `measured`.
+    """Write the fitted coefficients as the table [process.coefficients] of a later job.
 
     Raises:
         InputError: If the force model has no coefficients, or the file cannot be written.
@@ -122,16 +113,16 @@ def write_coefficients(found: ForcePrediction, file: Path) -> None:
     table = {
         "cutting_N_mm2": [float(f"{value:.5g}") for value in fitted.cutting],
         "edge_N_mm": [float(f"{value:.4g}") for value in fitted.edge], "exponent": list(fitted.exponent),
-        "uncertainty": fitted.uncertainty, "source": fitted.source,
+        "uncertainty": fitted.uncertainty,
     }  # fmt: skip
     try:
         CoefficientTable.model_validate(table)
     except ValidationError as error:
         why = error.errors()[0]["msg"].removeprefix("Value error, ")
         raise InputError(f"the fitted coefficients are no job's: {why}", file=file) from None
-    text = (f'# A later job says under [process]: materials = "{file.name}" and material = "measured". uncertainty is\n'
-            "# that of the force along the cut that was logged, one standard deviation; another tool, wear, another\n"
-            "# cut add to it.\n" + tomli_w.dumps({"measured": table}))  # fmt: skip
+    text = (f"# {fitted.source}. Copy this table into a later job, in place of [process] material.\n"
+            "# uncertainty is that of the force along the cut that was logged, one standard deviation; another tool,\n"
+            "# wear, another cut add to it.\n" + tomli_w.dumps({"process": {"coefficients": table}}))  # fmt: skip
     write_text(file, text)
 
 
@@ -151,9 +142,9 @@ def write_level(found: ForcePrediction, file: Path) -> None:
         raise InputError(f"the log's force is {level:.3g} times the predicted one, above 0 is allowed", file=file)
     known = read_learned_force(file.parent, process)
     scatter = SCATTER if known is None else known.scatter
-    before, width = (1.0, getattr(process, "uncertainty", np.inf)) if known is None else (
-        known.level, known.common * known.level
-    )  # fmt: skip
+    before, width = 1.0, getattr(process, "uncertainty", np.inf)
+    if known is not None:
+        before, width = known.level, known.common * known.level
     own = sigma**2 + (scatter * level) ** 2
     share = 1.0 if not np.isfinite(width) else width**2 / max(width**2 + own, 1e-300)
     force = LearnedForce(
@@ -179,90 +170,68 @@ def _tabulate(found: ForcePrediction) -> dict[str, object]:
             "axial_depth_mm": 1e3 * cut.axial, "radial_width_mm": 1e3 * cut.radial, "section_mm2": 1e6 * cut.section,
             "first_angle_deg": arc[:, 0], "last_angle_deg": arc[:, 1],
         }  # fmt: skip
-    columns |= {name: found.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
-    return columns
+    return columns | {name: found.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
 
 
 def _render(found: ForcePrediction, summary: Mapping[str, Any]) -> str:
     """Return the page: the path coloured by force and engagement, and both along the path."""
     stations, cut, notes = _locate_stations(found.nominal), found.engagement, list(summary["notes"])
     size = np.linalg.norm(found.wrench[:, :3], axis=1)
-    scenes = [page.Chart(_colour_path(found, size, "N"), "The path coloured by the size of the force.", 430, True)]
+    scenes = [Chart(_colour_path(found, size, "N"), "The path coloured by the size of the force.", 430, True)]
     if cut is not None:
-        swept = _colour_path(found, 1e6 * cut.section, "mm²")
         about = "The path coloured by what the tool sweeps through material a length of path."
-        scenes.append(page.Chart(swept, about, 430, True))
+        scenes.append(Chart(_colour_path(found, 1e6 * cut.section, "mm²"), about, 430, True))
     turns = "; turning one scene turns the other" if len(scenes) > 1 else ""
     sections = [
-        page.Section("Along the path", [page.Columns([[scene] for scene in scenes])],
-                     f"Moves without contact are grey{turns}."),
-        page.Section("Force", _show_force(found, stations)),
-    ]  # fmt: skip
-    sections += [] if cut is None else [page.Section("Engagement", _show_engagement(found, cut, stations))]
-    sections += [] if found.fit is None else [page.Section("Measured log", _show_fit(found.fit))]
-    facts = [("force model", name_force_model(found.job.process.model)), *_list_coefficients(summary)]
-    lines = draw_lines(stations, {"force": _leave_out_air(found, size)}, "N", title="force", zero=True)
-    picture = page.Chart(lines, "Size of the force along the path.", height=330)
-    return page.render_page(
-        found.job.name or "Forces", _describe(summary), sections, kind="Forces",
-        opening=_open(found, summary, picture), notes=notes,
-        provenance=page.Provenance(facts, [note for note in notes if "assumed" in note]),
+        Section("Along the path", [Columns([[scene] for scene in scenes])], f"Moves without contact are grey{turns}."),
+        Section("Force", _show_force(found, stations)),
+    ]
+    sections += [] if cut is None else [Section("Engagement", _show_engagement(found, cut, stations))]
+    sections += [] if found.fit is None else [Section("Measured log", _show_fit(found.fit))]
+    series = {"force": _leave_out_air(found, size)}
+    picture = chart_lines(stations, series, "N", "force", "Size of the force along the path.", 330, zero=True)
+    contact = f"{summary['waypoints_in_contact']} of {summary['waypoints']} waypoints"
+    facts = [("force model", name_force_model(found.job.process.model)), ("in contact", contact)]
+    if (known := summary.get("coefficients")) is not None:
+        names = (("cutting coefficients, N/mm²", "cutting_N_mm2"), ("edge coefficients, N/mm", "edge_N_mm"),
+                 ("Kienzle's exponent", "exponent"))  # fmt: skip
+        for words, name in names:
+            parts = zip(("tangential", "radial", "axial"), known[name], strict=True)
+            facts.append((words, ", ".join(f"{part} {value:g}" for part, value in parts)))
+        facts.append(("coefficients are", f"{'assumed' if known['assumed'] else 'taken over'}: {known['source']}"))
+    return render_page(
+        found.job.name or "Forces", _open(found, summary, picture), sections, kind="Forces", notes=notes,
+        provenance=Provenance(facts, [note for note in notes if "assumed" in note]),
     )  # fmt: skip
 
 
-def _describe(summary: Mapping[str, Any]) -> str:
-    force, level = summary["force_N"], summary.get("uncertainty")
-    share = summary["waypoints_in_contact"] / max(summary["waypoints"], 1)
-    most, mean = format_number(force["max"]), format_number(force["mean_in_contact"])
-    text = (f"The tool carries up to {most}\u00a0N, {mean}\u00a0N on average where it is in contact, which is at "
-            f"{100 * share:.0f}\u00a0% of the waypoints.")  # fmt: skip
-    if level is None:
-        return text
-    whence = "as the job says" if summary["uncertainty_stated"] else "assumed"
-    return f"{text} The level is uncertain by {100 * level:.0f}\u00a0% (one standard deviation, {whence})."
-
-
-def _open(found: ForcePrediction, summary: Mapping[str, Any], picture: page.Chart) -> page.Summary:
+def _open(found: ForcePrediction, summary: Mapping[str, Any], picture: Chart) -> Summary:
     """Return the first screen: what force the tool carries."""
     force, level, stated = summary["force_N"], summary.get("uncertainty"), summary["uncertainty_stated"]
-    most, mean = format_number(force["max"]), format_number(force["mean_in_contact"])
-    sizes = np.abs(found.local)
+    most, sizes = format_number(force["max"]), np.abs(found.local)
     along, across = sizes[:, 2].max(initial=0.0), np.hypot(sizes[:, 0], sizes[:, 1]).max(initial=0.0)
     about = np.abs(np.einsum("ni,ni->n", found.wrench[:, 3:], found.nominal.axis)).max(initial=0.0)
     verdict = (f"The force on the tool is at most {most}\u00a0N: {format_number(float(along))}\u00a0N along its axis, "
                f"{format_number(float(across))}\u00a0N across")  # fmt: skip
     verdict += f"; torque {format_number(float(about))}\u00a0N\u00a0m." if about > 1e-3 else "."
-    figures = [page.KeyFigure(f"{most}\u00a0N", "greatest force"),
-               page.KeyFigure(f"{mean}\u00a0N", "mean force in the cut")]  # fmt: skip
+    figures = [(f"{most}\u00a0N", "greatest force"),
+               (f"{format_number(force['mean_in_contact'])}\u00a0N", "mean force in the cut")]  # fmt: skip
     if level is not None:
         words = f"uncertainty of these forces, one standard deviation, {'as the job says' if stated else 'assumed'}"
-        figures.append(page.KeyFigure(f"± {100 * level:.0f}\u00a0%", words))
+        figures.append((f"± {100 * level:.0f}\u00a0%", words))
     todo = "Plan with it: compplan plan JOB."
     if level is not None and not stated:
         todo = "Measure the force of one cut and give the log: compplan forces JOB --log LOG.csv."
-    if stops := list_stops(summary["notes"]):
+    if summary["stops"]:
         todo = "Settle what is listed before the machine moves."
-        return page.Summary(verdict, "bad", figures, picture, todo, stops)
-    return page.Summary(verdict, "" if found.fit is None else "good", figures, picture, todo)
+    tone = "bad" if summary["stops"] else "" if found.fit is None else "good"
+    return Summary(verdict, tone, figures, picture, todo, summary["stops"])
 
 
 def _leave_out_air(found: ForcePrediction, value: Array) -> Array:
     """Return values with NaN in rapid moves that carry nothing: no line goes from a cut into the air. As value."""
     idle = found.nominal.rapid & ~found.wrench.any(axis=1)
     return np.where(idle if value.ndim == 1 else idle[:, None], np.nan, value)
-
-
-def _list_coefficients(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the coefficients of a cut as the page shows them; nothing where there are none."""
-    found = summary.get("coefficients")
-    if found is None:
-        return []
-    names = (("cutting coefficients, N/mm²", "cutting_N_mm2"), ("edge coefficients, N/mm", "edge_N_mm"),
-             ("Kienzle's exponent", "exponent"))  # fmt: skip
-    parts = ("tangential", "radial", "axial")
-    facts = [(words, ", ".join(f"{part} {value:g}" for part, value in zip(parts, found[name], strict=True)))
-             for words, name in names]  # fmt: skip
-    return [*facts, ("coefficients are", f"{'assumed' if found['assumed'] else 'taken over'}: {found['source']}")]
 
 
 def _locate_stations(nominal: Toolpath) -> Stations:
@@ -292,52 +261,47 @@ def _colour_path(found: ForcePrediction, value: Array, unit: str) -> Figure:
     return figure
 
 
-def _show_force(found: ForcePrediction, stations: Stations) -> list[page.Block]:
-    names = ("along the travel", "to the left", "along the tool axis")
+def _show_force(found: ForcePrediction, stations: Stations) -> list[Block]:
+    names, colours = ("along the travel", "to the left", "along the tool axis"), CATEGORIES[:3]
     series = dict(zip(names, _leave_out_air(found, found.local[:, :3]).T, strict=True))
-    mean = draw_lines(stations, series, "N", title="force", colours=CATEGORIES[:3])
-    about = "Mean force of the environment on the tool; left as seen down the tool axis, the axis from tip up."
-    tall = 440 if np.abs(found.wrench[:, 3:]).max() > 1e-9 else 300
-    lines = draw_wrench(stations, _leave_out_air(found, found.wrench))
-    base = page.Chart(lines, "The same wrench at the tip, base axes.", height=tall)
-    return [page.Chart(mean, about, height=340), base]
+    caption = "Mean force of the environment on the tool; left as seen down the tool axis, the axis from tip up."
+    mean = chart_lines(stations, series, "N", "force", caption, colours=colours)
+    wrench = _leave_out_air(found, found.wrench)
+    return [mean, chart_wrench(stations, wrench, "The same wrench at the tip, base axes.")]
 
 
-def _show_engagement(found: ForcePrediction, cut: Engagement, stations: Stations) -> list[page.Block]:
+def _show_engagement(found: ForcePrediction, cut: Engagement, stations: Stations) -> list[Block]:
     """Show depth, width and angle along the path, and all of them at even lengths of the cut."""
     depth = {"axial depth": 1e3 * _leave_out_air(found, cut.axial),
              "radial width": 1e3 * _leave_out_air(found, cut.radial)}  # fmt: skip
     arc, length = np.degrees(cut.arc), 1e3 * found.nominal.arc_length
-    angles = {"first": arc[:, 0], "last": arc[:, 1]}
     force, touches = np.linalg.norm(found.wrench[:, :3], axis=1), np.flatnonzero(cut.touches)
-    rows = touches[np.unique(np.linspace(0, len(touches) - 1, min(len(touches), 60)).astype(int))]
-    table: list[page.Row] = [
+    rows = [
         [int(i), float(length[i]), float(1e3 * cut.axial[i]), float(1e3 * cut.radial[i]), float(arc[i, 0]),
-         float(arc[i, 1]), page.Cell(float(force[i]), "strong")]
-        for i in rows
+         float(arc[i, 1]), Cell(float(force[i]), "strong")]
+        for i in touches[np.unique(np.linspace(0, len(touches) - 1, min(len(touches), 60)).astype(int))]
     ]  # fmt: skip
     columns = ["waypoint", "length [mm, 4]", "axial depth [mm]", "radial width [mm]", "first angle [deg]",
                "last angle [deg]", "force [N]"]  # fmt: skip
-    colours = (AFTER, BEFORE)
+    colours, caption = (AFTER, BEFORE), "Axial depth and radial width of what the cutter meets."
+    angles = {"first": arc[:, 0], "last": arc[:, 1]}
+    turn = "First and last engaged angle, from the travel to the left; none in the air."
     return [
-        page.Chart(draw_lines(stations, depth, "mm", title="engaged", colours=colours, zero=True),
-                   "Axial depth and radial width of what the cutter meets.", height=300),
-        page.Chart(draw_lines(stations, angles, "deg", title="angle", colours=colours),
-                   "First and last engaged angle, from the travel to the left; none in the air.", height=280),
-        page.DataTable(columns, table, "At even steps of the cut; forces.csv has every waypoint.", scroll=14),
-    ]  # fmt: skip
+        chart_lines(stations, depth, "mm", "engaged", caption, 300, colours=colours, zero=True),
+        chart_lines(stations, angles, "deg", "angle", turn, 280, colours=colours),
+        DataTable(columns, rows, "At even steps of the cut; forces.csv has every waypoint.", 14),
+    ]
 
 
-def _show_fit(fit: ForceFit) -> list[page.Block]:
-    table: list[page.Row] = []
+def _show_fit(fit: ForceFit) -> list[Block]:
+    table = []
     for number in fit.numbers:
         inside = number.low <= number.in_job <= number.high
-        verdict = page.Cell("within" if inside else "differs", "good" if inside else "bad")
-        fitted = page.Cell(number.value, "strong")
+        verdict = Cell("within" if inside else "differs", "good" if inside else "bad")
+        fitted = Cell(number.value, "strong")
         table.append([number.name, number.in_job, fitted, number.low, number.high, number.unit, verdict])
-    columns = ["number", "in the job [, 4]", "fitted [, 4]", "from", "to (95 %)", "unit",
-               "the job's value"]  # fmt: skip
+    columns = ["number", "in the job [, 4]", "fitted [, 4]", "from", "to (95 %)", "unit", "the job's value"]
     before, after, level = (format_number(v) for v in (fit.rms_before, fit.rms_after, fit.level))
     text = (f"{fit.rows} rows of the log lie in the cut. The prediction is off by {before} N (rms), of {level} N "
             f"measured; with the fitted numbers by {after} N.")  # fmt: skip
-    return [text, *fit.notes, page.DataTable(columns, table, "Intervals from leaving out blocks of the path.")]
+    return [text, *fit.notes, DataTable(columns, table, "Intervals from leaving out blocks of the path.")]

@@ -75,7 +75,7 @@ def draw_residuals(robot: Robot, q: Array, point: Array, before: Array, after: A
 
 def draw_gap_shares(shares: Mapping[str, Share], title: str) -> Figure:
     """Draw shares of the gap, by what they are divided by, as bars with their intervals."""
-    value, low, high = (100 * np.array([getattr(s, key) for s in shares.values()]) for key in ("share", "low", "high"))
+    value, low, high = 100 * np.array([(s.share, s.low, s.high) for s in shares.values()]).reshape(-1, 3).T
     bars = Bars(value, CATEGORIES[0], low, high)
     figure = draw_bars(list(shares), {"": bars}, f"share of the gap by {title}, %", hover="%{x:.1f} %")
     figure.axis("x", range=[0, 104])

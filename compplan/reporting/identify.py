@@ -10,8 +10,7 @@ import numpy as np
 
 from compplan.identification.campaign import Identification
 from compplan.identification.estimate import Estimate
-from compplan.identification.parameters import Parameter
-from compplan.identification.refine import RefinementRound, RoundCandidate
+from compplan.identification.refine import RefinementRound
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_mm_change, format_number
@@ -20,8 +19,8 @@ from compplan.io.transaction import replace_folder
 from compplan.measurement.fit.rows import SIGMA_ENCODER
 from compplan.measurement.registration import write_registration
 from compplan.planning.tolerance_verdict import MEASURE
-from compplan.reporting import page
 from compplan.reporting.charts import Bars, draw_bars
+from compplan.reporting.page import Cell, Chart, DataTable, Fold, Provenance, Section, Summary, render_page
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 
 #: Unit in which a parameter is shown, and factor from SI.
@@ -35,13 +34,11 @@ FRAMES = ("geometry", "base", "tool", "contact")
 
 def write_identification(result: Identification, out: Path, log_notes: Sequence[str] = ()) -> dict[str, Any]:
     """Write identify.json, report.html and the updated robot folder with what the reading of the log noted."""
-    said = {"log_notes": list(log_notes), "made_by": describe_origin()}
-    summary = {**summarise_identification(result), **said}
+    summary = {**summarise_identification(result), "log_notes": list(log_notes), "made_by": describe_origin()}
     with replace_folder(out, "identify") as part:
-        folder = part / "robot"
-        deliver_robot_folder(result.robot, folder, result.nominal)
+        deliver_robot_folder(result.robot, part / "robot", result.nominal)
         if result.registration.parts:
-            write_registration(result.registration, folder / "registration.toml")
+            write_registration(result.registration, part / "robot" / "registration.toml")
         write_json(part / "identify.json", summary)
         write_text(part / "report.html", _render(summary))
     return summary
@@ -58,11 +55,7 @@ def summarise_identification(result: Identification) -> dict[str, Any]:
         scatter["orientation_deg"] = _round(np.rad2deg(noise[1] * np.median(rows.deviation[:, 3])))
     if rows.encoder is not None:
         scatter["encoder_difference_deg"] = _round(np.rad2deg(noise[2] * SIGMA_ENCODER))
-    gaps = {
-        "before": gap.before, "after": gap.after, "held_out_before": gap.held_out_before,
-        "held_out_after": gap.held_out_after, "under_load_before": gap.under_load_before,
-        "under_load_after": gap.under_load_after,
-    }  # fmt: skip
+    gaps = ("before", "after", "held_out_before", "held_out_after", "under_load_before", "under_load_after")
     return {
         "schema": 1, "robot": result.nominal.name, "rows": len(rows), "poses": rows.poses, "reference": rows.reference,
         "geometry": result.geometry, "parameters": parameters,
@@ -73,12 +66,12 @@ def summarise_identification(result: Identification) -> dict[str, Any]:
         "condition_number": _round(result.estimate.condition),
         "intervals_from": "groups of neighbouring poses" if result.estimate.clustered else "residuals",
         "residual_per_axis": scatter,
-        "gap": {f"{key}_rms_mm": _round(None if value is None else value * 1e3) for key, value in gaps.items()},
+        "gap": {f"{key}_rms_mm": _round(getattr(gap, key), 1e3) for key in gaps},
         "structure": [_describe_round(entry, result) for entry in result.refinement.rounds],
         "registration": {
             "fitted": list(frames.parts),
-            "base_position_mm": [_round(v * 1e3) for v in frames.base[:3, 3]],
-            "tool_position_mm": [[_round(v * 1e3) for v in tool[:3, 3]] for tool in frames.tool],
+            "base_position_mm": [_round(v, 1e3) for v in frames.base[:3, 3]],
+            "tool_position_mm": [[_round(v, 1e3) for v in tool[:3, 3]] for tool in frames.tool],
         },
         "outlier_rows": list(result.outliers), "notes": list(result.notes),
     }  # fmt: skip
@@ -96,13 +89,14 @@ def describe_identification(summary: Mapping[str, Any]) -> list[str]:
         if entry["kind"] not in FRAMES:
             interval = "[{:.4g}, {:.4g}]".format(*entry["interval_95"])
             figures = f"{entry['before']:>10.4g}{entry['value']:>10.4g}{interval:>24}"
-            lines.append(
-                f"{entry['name']:<26}{entry['unit']:<12}{figures}{'' if entry['written'] else '  not written'}"
-            )
+            written = "" if entry["written"] else "  not written"
+            lines.append(f"{entry['name']:<26}{entry['unit']:<12}{figures}{written}")
     for entry in summary["unidentifiable"]:
-        if not _is_geometry(entry["parameter"]):
+        name = entry["parameter"]
+        geometry = name.endswith(".offset") or ".end." in name or name.startswith(("base.", "tool", "contact("))
+        if not geometry:
             mates = f" apart from {' and '.join(entry['together_with'])}" if entry["together_with"] else ""
-            lines.append(f"cannot be determined{mates}: {entry['parameter']}; {entry['reason']}")
+            lines.append(f"cannot be determined{mates}: {name}; {entry['reason']}")
     lines.append(
         f"gap rms {gap['before_rms_mm']:.4g} -> {gap['after_rms_mm']:.4g} mm,"
         f" on poses not in the fit {gap['held_out_before_rms_mm']:.4g} -> {gap['held_out_after_rms_mm']:.4g} mm"
@@ -123,124 +117,108 @@ def _list_free(estimate: Estimate) -> list[str]:
 
 def _describe(estimate: Estimate, name: str, *, kept: bool) -> dict[str, Any]:
     k = estimate.names.index(name)
-    parameter: Parameter = estimate.parameters[k]
+    parameter = estimate.parameters[k]
     unit, factor = SHOWN.get(parameter.unit, (parameter.unit, 1.0))
     return {
-        "name": name, "kind": parameter.kind, "unit": unit, "before": _round(parameter.nominal * factor),
-        "value": _round(estimate.values[k] * factor),
-        "standard_error": _round(estimate.standard_errors[k] * factor),
-        "interval_95": [_round(v * factor) for v in estimate.intervals()[k]], "written": kept,
+        "name": name, "kind": parameter.kind, "unit": unit, "before": _round(parameter.nominal, factor),
+        "value": _round(estimate.values[k], factor), "standard_error": _round(estimate.standard_errors[k], factor),
+        "interval_95": [_round(v, factor) for v in estimate.intervals()[k]], "written": kept,
     }  # fmt: skip
 
 
 def _describe_round(entry: RefinementRound, result: Identification) -> dict[str, Any]:
     units = {p.name: SHOWN.get(p.unit, (p.unit, 1.0)) for p in (*result.estimate.parameters, *result.kept.parameters)}
-
-    def describe(candidate: RoundCandidate) -> dict[str, Any]:
-        unit, factor = units.get(candidate.name, ("urad/(N m)", 1e6))
-        return {
-            "name": candidate.name, "told": candidate.told, "value": _round(candidate.value * factor),
-            "standard_error": _round(candidate.standard_error * factor), "unit": unit,
-            "held_out_rms_mm": _round(candidate.held_out_rms * 1e3), "gain_in_standard_errors": _round(candidate.gain),
-        }  # fmt: skip
-
-    candidates = [describe(candidate) for candidate in entry.candidates]
-    return {"held_out_rms_mm": _round(entry.held_out_rms * 1e3), "added": entry.added or None, "candidates": candidates}
+    candidates = []
+    for one in entry.candidates:
+        unit, factor = units.get(one.name, ("urad/(N m)", 1e6))
+        candidates.append({
+            "name": one.name, "told": one.told, "value": _round(one.value, factor),
+            "standard_error": _round(one.standard_error, factor), "unit": unit,
+            "held_out_rms_mm": _round(one.held_out_rms, 1e3), "gain_in_standard_errors": _round(one.gain),
+        })  # fmt: skip
+    return {"held_out_rms_mm": _round(entry.held_out_rms, 1e3), "added": entry.added or None, "candidates": candidates}
 
 
-def _is_geometry(name: str) -> bool:
-    return name.endswith(".offset") or ".end." in name or name.startswith(("base.", "tool", "contact("))
-
-
-def _round(value: float | None) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(f"{value:.6g}")
+def _round(value: float | None, factor: float = 1.0) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(f"{value * factor:.6g}")
 
 
 def _render(summary: Mapping[str, Any]) -> str:
     """Return the page: values with intervals, what cannot be determined, the gap, how the model grew."""
-    gap, robot, notes = summary["gap"], summary["robot"], summary["notes"]
-    lede = [
-        f"{summary['rows']} rows at {summary['poses']} poses; the gap shrinks from {gap['before_rms_mm']:.3g} to"
-        f" {gap['after_rms_mm']:.3g} mm rms, on poses not in the fit from {gap['held_out_before_rms_mm']:.3g} to"
-        f" {gap['held_out_after_rms_mm']:.3g} mm.",
-        *(note for note in notes if "assumed" not in note),
-    ]
+    robot, notes = summary["robot"], summary["notes"]
     compliances = [p for p in summary["parameters"] if p["kind"] not in FRAMES]
     geometry = [p for p in summary["parameters"] if p["kind"] in FRAMES]
-    changes, gaps = _chart_changes(compliances), _chart_gap(gap)
+    changes, gaps = _chart_changes(compliances), _chart_gap(summary["gap"])
     held = [
         [entry["parameter"], ", ".join(entry["together_with"]) or None, entry["reason"]]
         for entry in summary["unidentifiable"]
-    ]
-    held = held or [["none", None, "every parameter can be determined"]]
+    ] or [["none", None, "every parameter can be determined"]]
     about = "Identified values with 95 % intervals. What does not help on poses not in the fit is not written."
     sections = [
-        page.Section("Compliances", [*changes, _list_parameters(compliances)], about),
-        page.Section("What cannot be determined",
-                     [page.DataTable(["parameter", "together with", "reason"], held, scroll=24)],
-                     "Held at their nominal values, and why."),
-        page.Section("Gap", [gaps], "Root mean square of the distance between measured and predicted positions."),
-        page.Section("Which parameters were added", [_list_rounds(summary["structure"])],
-                     "Candidates and the gap if they were added."),
+        Section("Compliances", [*changes, _list_parameters(compliances)], about),
+        Section("What cannot be determined", [DataTable(["parameter", "together with", "reason"], held, "", 24)],
+                "Held at their nominal values, and why."),
+        Section("Gap", [gaps], "Root mean square of the distance between measured and predicted positions."),
+        Section("Which parameters were added", [_list_rounds(summary["structure"])],
+                "Candidates and the gap if they were added."),
     ]  # fmt: skip
     if geometry:
-        fold = page.Fold(f"{len(geometry)} changes of geometry", [_list_parameters(geometry)])
-        about = "Fitted along, since it is wrong on poses not in the fit too."
-        sections.insert(1, page.Section("Geometry", [fold], about))
+        fold = Fold(f"{len(geometry)} changes of geometry", [_list_parameters(geometry)])
+        sections.insert(1, Section("Geometry", [fold], "Fitted along, since it is wrong on poses not in the fit too."))
     facts = [
         ("robot", str(robot)), ("positions", summary["reference"]), ("intervals from", summary["intervals_from"]),
         ("condition number", f"{summary['condition_number']:.3g}" if summary["condition_number"] else "none"),
         ("outliers left out", str(len(summary["outlier_rows"]))),
         *((f"residual {name}, per axis", f"{value:.3g}") for name, value in summary["residual_per_axis"].items()),
     ]  # fmt: skip
-    return page.render_page(
-        f"{robot}: identified", lede, sections, kind="Identification", opening=_open(summary, (*changes, gaps)[0]),
-        provenance=page.Provenance(facts, [note for note in notes if "assumed" in note]),
+    assumed = [note for note in notes if "assumed" in note]
+    return render_page(
+        f"{robot}: identified", _open(summary, (*changes, gaps)[0]), sections, kind="Identification",
+        notes=[note for note in notes if note not in assumed], provenance=Provenance(facts, assumed),
     )  # fmt: skip
 
 
-def _open(summary: Mapping[str, Any], picture: page.Block) -> page.Summary:
+def _open(summary: Mapping[str, Any], picture: Chart) -> Summary:
     """Return the first screen: how far the fitted robot model is from the measurements."""
-    gap = summary["gap"]
-    before, after = 1e-3 * gap["held_out_before_rms_mm"], 1e-3 * gap["held_out_after_rms_mm"]
+    before, after = (1e-3 * summary["gap"][f"held_out_{name}_rms_mm"] for name in ("before", "after"))
     better = after < before
     verdict = "The fit makes the robot model no better."
     if better:
         verdict = f"The fitted robot model is {format_number(before / after, 2)} times closer to the measurements."
     tone, written = "good" if better else "bad", sum(1 for entry in summary["parameters"] if entry["written"])
     figures = [
-        page.KeyFigure(format_mm_change(before, after), "rms error before and after, on poses not in the fit", tone),
-        page.KeyFigure(str(written), "values are written to the robot folder"),
-        page.KeyFigure(str(summary["poses"]), f"poses, {summary['rows']} rows"),
+        (format_mm_change(before, after), "rms error before and after, on poses not in the fit", tone),
+        (str(written), "values are written to the robot folder"),
+        (str(summary["poses"]), f"poses, {summary['rows']} rows"),
     ]
     todo = "Plan with it: compplan plan JOB --robot OUT/robot." if better else MEASURE
-    return page.Summary(verdict, tone, figures, picture, todo)
+    return Summary(verdict, tone, figures, picture, todo)
 
 
-def _chart_changes(entries: Sequence[Mapping[str, Any]]) -> list[page.Chart]:
+def _chart_changes(entries: Sequence[Mapping[str, Any]]) -> list[Chart]:
     """Draw by how much each value differs from the one before, with its interval; nothing where none is known."""
     known = [entry for entry in entries if entry["before"] and None not in entry["interval_95"]]
     if not known:
         return []
     change = [100 * (entry["value"] / entry["before"] - 1) for entry in known]
     ends = np.sort([[100 * (end / entry["before"] - 1) for end in entry["interval_95"]] for entry in known], axis=1)
-    said = [
+    texts = [
         f"{value:+.0f} % ({low:+.0f} to {high:+.0f})".replace("-", "−")
         for value, (low, high) in zip(change, ends.tolist(), strict=True)
     ]
     colours = [AFTER if entry["written"] else NEUTRAL for entry in known]
     figure = draw_bars(
-        [entry["name"] for entry in known], {"": Bars(change, colours, ends[:, 0], ends[:, 1], said)},
+        [entry["name"] for entry in known], {"": Bars(change, colours, ends[:, 0], ends[:, 1], texts)},
         "change from the value before, %", level=0.0, dots=True, hover="%{y}: %{x:.1f} %",
     )  # fmt: skip
     low, high = min(0.0, float(ends.min())), max(0.0, float(ends.max()))
     room = 0.35 * max(high - low, 1e-6)  # for the words over the outermost dots, on a phone too
     figure.axis("x", range=[low - room, high + room])
     caption = "Dot: change, with its 95 % interval; grey dots are not written to the robot folder."
-    return [page.Chart(figure, caption, height=100 + 44 * len(known))]
+    return [Chart(figure, caption, 100 + 44 * len(known))]
 
 
-def _chart_gap(gap: Mapping[str, Any]) -> page.Chart:
+def _chart_gap(gap: Mapping[str, Any]) -> Chart:
     """Draw the gap before and after, on rows of the fit and on held-out ones."""
     rows = {"rows of the fit": "", "poses not in the fit": "held_out_"}
     if gap["under_load_before_rms_mm"] is not None:
@@ -249,31 +227,26 @@ def _chart_gap(gap: Mapping[str, Any]) -> page.Chart:
     for name, colour in (("before", BEFORE), ("after", AFTER)):
         values = [gap[f"{key}{name}_rms_mm"] for key in rows.values()]
         series[name] = Bars(values, colour, text=[f"{value:.3g} mm" for value in values])
-    return page.Chart(draw_bars(list(rows), series, "gap, rms, mm"), "", height=110 + 60 * len(rows))
+    return Chart(draw_bars(list(rows), series, "gap, rms, mm"), "", 110 + 60 * len(rows))
 
 
-def _list_parameters(entries: Sequence[Mapping[str, Any]]) -> page.DataTable:
-    rows: list[page.Row] = [
-        [entry["name"], entry["unit"].replace(" ", "\u00a0"), entry["before"], page.Cell(entry["value"], "strong"),
-         *entry["interval_95"],
-         page.Cell("written", "good") if entry["written"] else page.Cell("not written", "muted")]
+def _list_parameters(entries: Sequence[Mapping[str, Any]]) -> DataTable:
+    rows = [
+        [entry["name"], entry["unit"].replace(" ", "\u00a0"), entry["before"], Cell(entry["value"], "strong"),
+         *entry["interval_95"], Cell("written", "good") if entry["written"] else Cell("not written", "muted")]
         for entry in entries
     ]  # fmt: skip
-    return page.DataTable(["parameter", "unit", "before", "value", "from", "to", "robot folder"], rows, scroll=24)
+    return DataTable(["parameter", "unit", "before", "value", "from", "to", "robot folder"], rows, scroll=24)
 
 
-def _list_rounds(rounds: Sequence[Mapping[str, Any]]) -> page.DataTable:
-    rows: list[page.Row] = []
+def _list_rounds(rounds: Sequence[Mapping[str, Any]]) -> DataTable:
+    rows: list[list[Any]] = []
     for number, entry in enumerate(rounds, 1):
-        rows.append(
-            [number, page.Cell("model as it stands", "muted"), None, None, entry["held_out_rms_mm"], None, None]
-        )
+        rows.append([number, Cell("model as it stands", "muted"), None, None, entry["held_out_rms_mm"], None, None])
         for candidate in entry["candidates"][:8]:
             verdict = "" if candidate["told"] else "cannot be determined"
             verdict = "added" if candidate["name"] == entry["added"] else verdict
             keys = ("name", "value", "unit", "held_out_rms_mm", "gain_in_standard_errors")
             rows.append([None, *(candidate[key] for key in keys), verdict])
-    columns = [
-        "round", "candidate", "value", "unit", "gap on poses not in the fit [mm]", "gain [standard errors]", "",
-    ]  # fmt: skip
-    return page.DataTable(columns, rows, scroll=24)
+    columns = ["round", "candidate", "value", "unit", "gap on poses not in the fit [mm]", "gain [standard errors]", ""]
+    return DataTable(columns, rows, scroll=24)

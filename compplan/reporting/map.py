@@ -10,11 +10,10 @@ import numpy as np
 from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
-from compplan.reporting import page
-from compplan.reporting.maps.maps import DeflectionMap
 from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_deflection, draw_joint_map
 from compplan.reporting.maps.reach import ELBOWS
-from compplan.reporting.maps.survey import WRIST_FOR_QUALITY_DEG, RobotMaps
+from compplan.reporting.maps.survey import WRIST_FOR_QUALITY_DEG, DeflectionMap, RobotMaps
+from compplan.reporting.page import Columns, DataTable, Picture, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot
 from compplan.robot import Array
 
@@ -30,21 +29,21 @@ LINES = (
     "White lines: contours. Black line: limit of reach inside the joint limits. Dotted line: the stiffer posture "
     "changes from elbow up to elbow down. Cross: maximum. The arm is drawn where the worst unit force has its maximum."
 )
+POSTURE_WORDS = {"straight": "wrist straight", "down": "tool down", "outward": "tool outward"}
 
 
 def write_map(result: RobotMaps, folder: Path) -> None:
     """Write map.json, the pictures and report.html into a folder."""
-    table = result.summary()
+    table, joints = result.summary(), result.dexterity
     for name, plane in result.planes.items():
         table["planes"][name] |= _list_values(plane, result.quality[name])
-    joints = result.dexterity
     table["dexterity_over_joints"] = {
         "joints": [result.robot.joint_names[j] for j in joints.joints],
         "first_deg": _round(np.degrees(joints.first)), "second_deg": _round(np.degrees(joints.second)),
         "inverse_condition": _round(joints.inverse_condition),
     }  # fmt: skip
     table["made_by"] = describe_origin()
-    pictures = draw_maps(result)
+    pictures = _draw_maps(result)
     with replace_folder(folder, "map") as part:
         for file, picture in pictures.items():
             (part / file).write_bytes(picture.png)
@@ -52,26 +51,22 @@ def write_map(result: RobotMaps, folder: Path) -> None:
         write_text(part / "report.html", _render(result, pictures))
 
 
-def draw_maps(result: RobotMaps) -> dict[str, page.Picture]:
+def _draw_maps(result: RobotMaps) -> dict[str, Picture]:
     """Draw the pictures, by the names of their files."""
-    settings, joints = result.settings, result.dexterity
-    posture = {"straight": "wrist straight", "down": "tool down", "outward": "tool outward"}[settings.posture]
-    where = {
-        "horizontal": f"z = {settings.height * 1e3:.0f} mm",
-        "vertical": f"azimuth {np.degrees(settings.azimuth):.0f} deg",
-    }
-    pictures = {}
+    settings, joints, pictures = result.settings, result.dexterity, {}
+    where = {"horizontal": f"z = {settings.height * 1e3:.0f} mm",
+             "vertical": f"azimuth {np.degrees(settings.azimuth):.0f} deg"}  # fmt: skip
     for name, plane in result.planes.items():
-        title = f"{result.robot.name}: {name} plane, {where[name]}, {posture}"
+        title = f"{result.robot.name}: {name} plane, {where[name]}, {POSTURE_WORDS[settings.posture]}"
         panels = deflection_panels(plane, result.quality[name])
-        pictures[f"map_{name}.png"] = page.Picture(draw_deflection(result.robot, plane, panels, title), LINES, title)
+        pictures[f"map_{name}.png"] = Picture(draw_deflection(result.robot, plane, panels, title), LINES, title)
     first, second = (result.robot.joint_names[j] for j in joints.joints)
     caption = (
         f"Inverse condition number of the Jacobian over the characteristic length of {joints.length * 1e3:.0f} mm. "
         f"Wrist joints are at {WRIST_FOR_QUALITY_DEG:.0f} deg, the first joint in the middle of its limits."
     )
     png = draw_joint_map(joints, [], (first, second), "Dexterity 1/κ (1 is best)")
-    return {**pictures, "dexterity.png": page.Picture(png, caption)}
+    return {**pictures, "dexterity.png": Picture(png, caption)}
 
 
 def _list_values(plane: DeflectionMap, quality: Array) -> dict[str, Any]:
@@ -96,47 +91,37 @@ def _round(values: Array) -> Any:
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
 
 
-def _render(result: RobotMaps, pictures: dict[str, page.Picture]) -> str:
-    summary = result.summary()
-    worst = {name: plane["worst_unit_force_um_per_N"] for name, plane in summary["planes"].items()}
-    lede = (
-        f"Under the worst unit force the tool of {result.robot.name} yields {worst['horizontal']['mean']:.2f} µm/N on "
-        f"average over the horizontal plane and at most {worst['horizontal']['max']:.2f} µm/N; over the vertical plane "
-        f"{worst['vertical']['mean']:.2f} and {worst['vertical']['max']:.2f} µm/N."
-    )
-    rows: list[page.Row] = [
+def _render(result: RobotMaps, pictures: dict[str, Picture]) -> str:
+    """Return the page: how soft the arm is where it works, where it is stiffest, and the maps."""
+    summary, robot = result.summary(), result.robot
+    rows = [
         [name, title, *(plane[key][k] for k in ("min", "mean", "max"))]
         for name, plane in summary["planes"].items() for key, title in ROWS.items() if key in plane
     ]  # fmt: skip
     caption = "Over the reached points, in the stiffer elbow configuration."
     sections = [
-        page.Section("Figures", [page.DataTable(["plane", "quantity", "least", "mean", "greatest"], rows, caption)]),
-        *(page.Section(f"{name.capitalize()} plane", [pictures[f"map_{name}.png"]]) for name in result.planes),
-        page.Section("Dexterity over the second and third joint", [page.Columns([[pictures["dexterity.png"]], []])]),
+        Section("Figures", [DataTable(["plane", "quantity", "least", "mean", "greatest"], rows, caption)]),
+        *(Section(f"{name.capitalize()} plane", [pictures[f"map_{name}.png"]]) for name in result.planes),
+        Section("Dexterity over the second and third joint", [Columns([[pictures["dexterity.png"]], []])]),
     ]
-    assumptions = ["tool axis and roll of the tool on the grid are those of the chosen posture, not of a job"]
-    assumptions += [f"reduced model: {result.reduced_note}"] if result.reduced_note else []
-    facts = [("poses", str(summary["poses"])), ("time for the maps", f"{result.seconds:.2f} s")]
-    return page.render_page(
-        f"Deflection maps of {result.robot.name}", lede, sections, kind="Map",
-        opening=_open(result, worst["horizontal"]), provenance=describe_robot(result.robot, facts, assumptions),
-    )  # fmt: skip
-
-
-def _open(result: RobotMaps, flat: dict[str, Any]) -> page.Summary:
-    """Return the first screen: how soft the arm is where it works, and where it is stiffest."""
+    flat, plane = summary["planes"]["horizontal"]["worst_unit_force_um_per_N"], result.planes["horizontal"]
     verdict = (
-        f"Under 1000 N the tool of {result.robot.name} gives way by {flat['mean']:.2f} mm on average, by "
+        f"Under 1000 N the tool of {robot.name} gives way by {flat['mean']:.2f} mm on average, by "
         f"{flat['min']:.2f} mm where the arm is stiffest."
     )
     figures = [
-        page.KeyFigure(f"{flat['min']:.2f} mm", "under 1000 N in the worst direction, where the arm is stiffest"),
-        page.KeyFigure(f"{flat['mean']:.2f} mm", "mean over the horizontal plane"),
-        page.KeyFigure(f"{flat['max']:.2f} mm", "where it is softest"),
+        (f"{flat['min']:.2f} mm", "under 1000 N in the worst direction, where the arm is stiffest"),
+        (f"{flat['mean']:.2f} mm", "mean over the horizontal plane"),
+        (f"{flat['max']:.2f} mm", "where it is softest"),
     ]
-    plane = result.planes["horizontal"]
     panel = Panel("Under 1000 N in the worst direction", plane.best.worst * 1e6, "mm")
     caption = f"Deflection of the tool over the plane z = {result.settings.height * 1e3:.0f} mm, seen from above."
-    picture = page.Picture(draw_deflection(result.robot, plane, [panel], result.robot.name), caption)
+    picture = Picture(draw_deflection(robot, plane, [panel], robot.name), caption)
     todo = "Put the part where the map is low: compplan place JOB finds it."
-    return page.Summary(verdict, "", figures, picture, todo)
+    assumptions = ["tool axis and roll of the tool on the grid are those of the chosen posture, not of a job"]
+    assumptions += [f"reduced model: {result.reduced_note}"] if result.reduced_note else []
+    facts = [("poses", str(summary["poses"])), ("time for the maps", f"{result.seconds:.2f} s")]
+    return render_page(
+        f"Deflection maps of {robot.name}", Summary(verdict, "", figures, picture, todo), sections, kind="Map",
+        provenance=describe_robot(robot, facts, assumptions),
+    )  # fmt: skip

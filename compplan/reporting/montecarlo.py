@@ -5,9 +5,7 @@ The page says what each strategy brings on this path, how sure that is, and what
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,11 +15,11 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length, format_mm, format_percent, format_set_length, format_set_value
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
-from compplan.reporting import page
-from compplan.reporting.along_path import FLOOR, Stations, draw_strategies, measure_panels
+from compplan.reporting.along_path import FLOOR, Stations, chart_strategies
 from compplan.reporting.charts import Bars, Figure, draw_bars, draw_curves, use_decades
-from compplan.reporting.provenance import describe_grade, describe_robot, list_assumptions
-from compplan.reporting.strategy_text import colour_strategies, name_strategy
+from compplan.reporting.compare import colour_strategies, name_strategy
+from compplan.reporting.page import Cell, Chart, DataTable, Fold, Section, Summary, render_page
+from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.studies.job_study import JobStudy
 from compplan.studies.runner import Run
 from compplan.studies.sensitivity import Sensitivity
@@ -48,12 +46,18 @@ def write_study(study: JobStudy, folder: Path) -> list[Path]:
 
 
 def _render(result: JobStudy) -> str:
-    study, summary = result.run.study, result.summary
-    sections = [_show_strategies(result), _show_path(result.run), _show_pairs(summary)]
+    run, study, summary = result.run, result.run.study, result.summary
+    sections = [_show_strategies(result, _find_best(result)), _show_path(run), _show_pairs(result)]
     if result.sensitivity is not None:
         sections.append(_show_sensitivity(result.sensitivity, summary["sensitivity_of"]))
+    lines = []
+    for k, name in enumerate(study.strategies):
+        trace = trace_convergence(1e3 * run.evaluated.rms[:, k], run.settings.replicates)
+        samples, half = np.array([[float(count), each.half_width] for count, each in trace]).T
+        lines.append(Curve(name_strategy(name), samples, np.maximum(half, 1e3 * FLOOR), k, "lines+markers"))
+    curves = Curves("", "samples", "half of the interval [mm]", tuple(lines), logarithmic=True)
     caption = "Half of the 95 % interval of the mean rms against the number of samples."
-    sections.append(page.Section("Convergence", [page.Chart(_draw_convergence(result.run), caption, 320)]))
+    sections.append(Section("Convergence", [Chart(draw_curves(curves), caption, 320)]))
     facts = [
         ("job", str(result.job.file)),
         ("samples", f"{summary['samples']} in {summary['replicates']} replicates of a Sobol sequence"),
@@ -67,138 +71,105 @@ def _render(result: JobStudy) -> str:
     if summary["waypoints"] < summary["waypoints_of_path"]:
         thinned = f"{summary['waypoints_of_path']} waypoints; the study uses {summary['waypoints']}"
         notes.insert(0, f"The path has {thinned}, spread evenly.")
-    return page.render_page(
-        summary["name"], _describe(result), sections, kind=f"Strategies under uncertainty, {study.task.robot.name}",
-        opening=_open(result), notes=notes,
+    return render_page(
+        summary["name"], _open(result, _find_best(result)), sections, notes=notes,
+        kind=f"Strategies under uncertainty, {study.task.robot.name}",
         provenance=describe_robot(study.task.robot, facts, [*list_assumptions(result.job), *summary["assumptions"]]),
     )  # fmt: skip
 
 
-def choose_closest(figures: Mapping[str, Any]) -> str:
+def _find_best(result: JobStudy) -> str:
     """Return the strategy of the least mean rms."""
+    figures = result.summary["strategies"]
     return min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
 
 
-def _open(result: JobStudy) -> page.Summary:
+def _open(result: JobStudy, best: str) -> Summary:
     """Return the first screen: how many parts keep the tolerance, and what to know better."""
     figures, tolerance = result.summary["strategies"], 1e-3 * result.summary["tolerance_mm"]
-    best = choose_closest(figures)
-    entry = figures[best]
-    share = float(entry["within_tolerance"])
+    entry, share = figures[best], float(figures[best]["within_tolerance"])
     tone = "good" if share >= 0.95 else "unsure" if share >= 0.5 else "bad"
     verdict = f"{f'{100 * share:.0f}' if share else 'None'} of 100 parts keep {format_set_length(tolerance)},"
     verdict += f"{' even' if share < 0.5 else ''} with the best strategy: {name_strategy(best)}."
     numbers = [
-        page.KeyFigure(f"{100 * share:.0f} of 100", "parts within the tolerance over the whole path", tone),
-        page.KeyFigure(format_mm(1e-3 * entry["rms_mm"]["mean"]), "rms deviation with the best strategy, mean of all"),
-        page.KeyFigure(format_mm(1e-3 * entry["max_mm"]["p95"]), "95 of 100 parts are nowhere farther off than that"),
+        (f"{100 * share:.0f} of 100", "parts within the tolerance over the whole path", tone),
+        (format_mm(1e-3 * entry["rms_mm"]["mean"]), "rms deviation with the best strategy, mean of all"),
+        (format_mm(1e-3 * entry["max_mm"]["p95"]), "95 of 100 parts are nowhere farther off than that"),
     ]
     todo = "More samples narrow the intervals: --samples."
     if result.sensitivity is not None:
         group = result.sensitivity.groups[int(np.argmax(result.sensitivity.total[result.summary["sensitivity_of"]]))]
         todo = f"Measure {GROUPS.get(group, group.replace('_', ' '))}: it makes most of the deviation that is left."
     boxes = "Box: middle half of the robots drawn; line: 5 to 95 %; dashed: the tolerance. Logarithmic."
-    picture = page.Chart(_draw_distributions(result.run), boxes, 90 + 34 * len(figures))
-    return page.Summary(verdict, tone, numbers, picture, todo)
+    picture = Chart(_draw_distributions(result.run), boxes, 90 + 34 * len(figures))
+    return Summary(verdict, tone, numbers, picture, todo)
 
 
-def _describe(result: JobStudy) -> str:
-    figures = result.summary["strategies"]
-    best = choose_closest(figures)
-    text = f"Closest of all: {name_strategy(best)}, {_format_mm(figures[best]['rms_mm']['mean'])} rms on average, "
-    text += f"{_format_mm(figures[best]['rms_mm']['p95'])} in 95 of 100 cells"
-    if "none" in figures:
-        text += f", against {_format_mm(figures['none']['rms_mm']['mean'])} without correction"
-    text += "."
-    answers = result.run.study.answers
-    blind = {name: figures[name] for name, a in answers.items() if a.measures == "nothing" and name != "none"}
-    if blind and best not in blind:
-        offline = choose_closest(blind)
-        text += (
-            f" Closest without any sensor: {name_strategy(offline)}, {_format_mm(blind[offline]['rms_mm']['mean'])}."
-        )
-    return f"{text} {describe_grade(result.run.study.task.robot)}"
-
-
-def _show_strategies(result: JobStudy) -> page.Section:
-    rows: list[page.Row] = []
-    figures = result.summary["strategies"]
-    best = choose_closest(figures)
-    for name, entry in figures.items():
-        rms, most, tone = entry["rms_mm"], entry["max_mm"], "good" if name == best else ""
+def _show_strategies(result: JobStudy, best: str) -> Section:
+    rows = []
+    for name, entry in result.summary["strategies"].items():
+        rms, most = entry["rms_mm"], entry["max_mm"]
         rows.append(
-            [page.Cell(name_strategy(name), "strong"), page.Cell(_format_mm(rms["mean"]), tone),
-             f"{_format_mm(rms['ci95'][0])} – {_format_mm(rms['ci95'][1])}", _format_mm(rms["p50"]),
-             _format_mm(rms["p95"]), _format_mm(most["p50"]), _format_mm(most["p95"]),
-             format_percent(entry.get("of_uncorrected", float("nan"))), format_percent(entry["within_tolerance"]),
-             format_percent(entry["waypoints_within_tolerance"])]
+            [Cell(name_strategy(name), "strong"), Cell(_format_mm(rms["mean"]), "good" if name == best else ""),
+             _format_interval(rms["ci95"]), _format_mm(rms["p50"]), _format_mm(rms["p95"]), _format_mm(most["p50"]),
+             _format_mm(most["p95"]), format_percent(entry.get("of_uncorrected", float("nan"))),
+             format_percent(entry["within_tolerance"]), format_percent(entry["waypoints_within_tolerance"])]
         )  # fmt: skip
     columns = [
         "strategy", "rms, mean", "95 % interval", "rms, median", "rms, 95 %", "greatest, median", "greatest, 95 %",
         "of uncorrected", f"parts within {format_set_value(result.summary['tolerance_mm'])} mm", "waypoints within",
     ]  # fmt: skip
-    about: list[page.Row] = [
-        [page.Cell(name_strategy(name), "strong"), answer.knows, answer.measures, answer.commands]
+    about = [
+        [Cell(name_strategy(name), "strong"), answer.knows, answer.measures, answer.commands]
         for name, answer in result.run.study.answers.items()
     ]
-    known = page.DataTable(["strategy", "knows", "measures", "commands"], about)
-    table = page.DataTable(columns, rows, "Deviation of the loaded tool tip from the path.")
-    return page.Section("Strategies", [table, page.Fold("What each strategy knows, measures and commands", [known])])
+    known = DataTable(["strategy", "knows", "measures", "commands"], about)
+    table = DataTable(columns, rows, "Deviation of the loaded tool tip from the path.")
+    return Section("Strategies", [table, Fold("What each strategy knows, measures and commands", [known])])
 
 
-def _show_path(run: Run) -> page.Section:
+def _show_path(run: Run) -> Section:
     """Show the distance along the path, one chart a strategy: median over the cells, and 95 of 100 of them."""
-    study, tolerance = run.study, run.study.task.tolerance
+    study = run.study
     steps = np.linalg.norm(np.diff(study.task.position, axis=0), axis=1)
-    length = np.concatenate([[0.0], np.cumsum(steps)])[study.stations]
-    time = np.concatenate([[0.0], np.cumsum(study.task.step_time)])[study.stations]
+    length, time = (np.r_[0.0, np.cumsum(step)][study.stations] for step in (steps, study.task.step_time))
     median, most = (1e3 * np.maximum(np.quantile(run.evaluated.along, share, axis=0), FLOOR) for share in (0.5, 0.95))
     deviations = {
         name_strategy(name): {"median": median[k], "95 of 100 cells": most[k]}
         for k, name in enumerate(study.strategies)
     }
     stations = Stations(length, time, np.zeros(0, int), np.zeros((0, 2)))
-    figure = draw_strategies(stations, deviations, 1e3 * tolerance, log=True)
-    caption = "One chart a strategy, all with the same axes, logarithmic; dashed: tolerance "
-    chart = page.Chart(
-        figure, f"{caption}{format_set_length(tolerance)}.", measure_panels(len(study.strategies)), along=True
-    )
-    return page.Section("Along the path", [chart], "Distance of the loaded tool tip from the path.")
+    chart = chart_strategies(stations, deviations, 1e3 * study.task.tolerance, log=True)
+    return Section("Along the path", [chart], "Distance of the loaded tool tip from the path.")
 
 
-def _show_pairs(summary: Mapping[str, Any]) -> page.Section:
+def _show_pairs(result: JobStudy) -> Section:
     """Show the paired differences of all strategies from the one that the study looks at."""
-    main = summary["sensitivity_of"]
-    names, means, ends = [], [], []
-    rows: list[page.Row] = []
-    for pair in summary["paired_differences"]:
+    main = result.summary["sensitivity_of"]
+    names, means, ends, rows = [], [], [], []
+    for pair in result.summary["paired_differences"]:
         (first, second), mean, interval = pair["strategies"], pair["rms_mm"]["mean"], pair["rms_mm"]["ci95"]
-        between = f"{_format_mm(interval[0])} – {_format_mm(interval[1])}"
         share = format_percent(pair["second_better"])
-        rows.append([name_strategy(first), name_strategy(second), _format_mm(mean), between, share])
+        rows.append([name_strategy(first), name_strategy(second), _format_mm(mean), _format_interval(interval), share])
         if main in (first, second):
             sign = 1.0 if first == main else -1.0
             names.append(name_strategy(second if first == main else first))
             means.append(sign * mean)
             ends.append(sorted(sign * end for end in interval))
-    low, high = np.array(ends).reshape(-1, 2).T
+    bars = Bars(means, CATEGORIES[0], *np.array(ends).reshape(-1, 2).T)
     figure = draw_bars(
-        names, {"": Bars(means, CATEGORIES[0], low, high)}, f"rms deviation less that of {name_strategy(main)}, mm",
-        level=0.0, dots=True, hover="%{x:.4g} mm",
+        names, {"": bars}, f"rms deviation less that of {name_strategy(main)}, mm", level=0.0, dots=True,
+        hover="%{x:.4g} mm",
     )  # fmt: skip
-    caption = (
-        f"rms deviation of each strategy less that of {name_strategy(main)}, cell by cell; 95 % interval of the mean."
-    )
+    caption = f"rms deviation of each strategy less that of {name_strategy(main)}, cell by cell; 95 % interval of the"
     heads = ["first", "second", "second less first", "95 % interval", "second closer in"]
-    fold = page.Fold("All pairs", [page.DataTable(heads, rows, scroll=14)])
+    fold = Fold("All pairs", [DataTable(heads, rows, scroll=14)])
     about = "All strategies meet the same cells, so that differences are paired."
-    return page.Section("Differences", [page.Chart(figure, caption, 90 + 26 * len(names)), fold], about)
+    return Section("Differences", [Chart(figure, f"{caption} mean.", 90 + 26 * len(names)), fold], about)
 
 
-def _show_sensitivity(found: Sensitivity, strategy: str) -> page.Section:
-    rows: list[page.Row] = [
-        [group, *(float(found.total[name][k]) for name in found.total)] for k, group in enumerate(found.groups)
-    ]
+def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
+    rows = [[group, *(float(found.total[name][k]) for name in found.total)] for k, group in enumerate(found.groups)]
     heads = ["total index", *(f"{name_strategy(name)} [, 2]" for name in found.total)]
     caption = (
         "Share of the variance of the rms deviation that remains if all but this were exact, with 95 % interval; "
@@ -209,12 +180,9 @@ def _show_sensitivity(found: Sensitivity, strategy: str) -> page.Section:
     names = [found.groups[k].replace("_", " ") for k in order]
     series = {"": Bars(total, CATEGORIES[0], total - half, total + half)}
     chart = draw_bars(names, series, f"total index, strategy {name_strategy(strategy)}")
-    blocks: list[page.Block]
-    blocks = [
-        page.Chart(chart, caption, 90 + 40 * len(names)),
-        page.Fold("All strategies", [page.DataTable(heads, rows)]),
-    ]
-    return page.Section("Which uncertainty matters", blocks, "Total Sobol indices.")
+    fold = Fold("All strategies", [DataTable(heads, rows)])
+    return Section("Which uncertainty matters", [Chart(chart, caption, 90 + 40 * len(names)), fold],
+                   "Total Sobol indices.")  # fmt: skip
 
 
 def _draw_distributions(run: Run) -> Figure:
@@ -222,8 +190,7 @@ def _draw_distributions(run: Run) -> Figure:
     figure, rms, names = Figure(), np.maximum(run.evaluated.rms, FLOOR), list(run.study.strategies)
     colours = colour_strategies(names, names[int(np.argmin(rms.mean(axis=0)))])
     ends = 1e3 * np.quantile(rms, (0.05, 0.25, 0.5, 0.75, 0.95), axis=0)
-    for name, colour, values in zip(names, colours, ends.T.tolist(), strict=True):
-        low, q1, median, q3, high = values
+    for name, colour, (low, q1, median, q3, high) in zip(names, colours, ends.T.tolist(), strict=True):
         figure.add(
             "box", y=[name_strategy(name)], orientation="h", marker={"color": colour}, showlegend=False,
             name=name_strategy(name), lowerfence=[low], q1=[q1], median=[median], q3=[q3], upperfence=[high],
@@ -235,14 +202,8 @@ def _draw_distributions(run: Run) -> Figure:
     return figure
 
 
-def _draw_convergence(run: Run) -> Figure:
-    """Draw how narrow the interval of the mean rms of every strategy becomes."""
-    lines = []
-    for k, name in enumerate(run.study.strategies):
-        trace = trace_convergence(1e3 * run.evaluated.rms[:, k], run.settings.replicates)
-        samples, half = np.array([[float(count), each.half_width] for count, each in trace]).T
-        lines.append(Curve(name_strategy(name), samples, np.maximum(half, 1e3 * FLOOR), k, "lines+markers"))
-    return draw_curves(Curves("", "samples", "half of the interval [mm]", tuple(lines), logarithmic=True))
+def _format_interval(ends: list[float]) -> str:
+    return f"{_format_mm(ends[0])} – {_format_mm(ends[1])}"
 
 
 def _format_mm(value: float) -> str:

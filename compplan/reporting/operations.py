@@ -23,8 +23,8 @@ from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.planning.operations import summarise_operations
 from compplan.planning.result import Plan
-from compplan.reporting import page
 from compplan.reporting.charts import Bars, draw_bars
+from compplan.reporting.page import Cell, Chart, DataTable, Provenance, Section, Summary, render_page
 from compplan.reporting.plan_summary import TONES
 from compplan.reporting.writers.plan import head_of_status, make_program, write_beside, write_moves
 
@@ -127,32 +127,28 @@ def describe_operations(summary: Mapping[str, Any]) -> str:
 def _render(summary: Mapping[str, Any]) -> str:
     """Return the page: the whole in a sentence, one line a tool, and the way to each tool's own page."""
     tools, mains = summary["tools"], summary.get("main_programs", [])
-    rows: list[page.Row] = [
-        [page.Cell(tool["label"], "strong", f"./{quote(tool['folder'])}/report.html"), tool["length_mm"],
-         page.Cell(tool["status"], "good" if tool["status"] == "solved" else "bad"),
+    rows = [
+        [Cell(tool["label"], "strong", f"./{quote(tool['folder'])}/report.html"), tool["length_mm"],
+         Cell(tool["status"], "good" if tool["status"] == "solved" else "bad"),
          tool["verdict"]["word"].replace("_", " "), format_mm(1e-3 * tool["error_before_mm"]["max"]),
          format_mm(1e-3 * tool["error_after_mm"]["max"]), tool["verdict"]["band_mm"], tool["waypoints"],
          tool["duration_s"]]
         for tool in tools
     ]  # fmt: skip
-    columns = [
-        "tool", "flange to tip [mm, 5]", "status", "verdict", "uncorrected, max", "planned, max",
-        "95 % band [mm]", "waypoints", "time [s]",
-    ]  # fmt: skip
+    columns = ["tool", "flange to tip [mm, 5]", "status", "verdict", "uncorrected, max", "planned, max",
+               "95 % band [mm]", "waypoints", "time [s]"]  # fmt: skip
     files = [[tool["label"], ", ".join(tool["programs"]) or "none asked for"] for tool in tools]
     files += [["all, in order", ", ".join(mains)]] if mains else []
     sections = [
-        page.Section("Tools", [page.DataTable(columns, rows)], "One plan a tool; its name opens its page.", True),
-        page.Section("Programs", [page.DataTable(["tool", "files"], files)],
-                     "In this order; each begins with its tool change.", True),
+        Section("Tools", [DataTable(columns, rows)], "One plan a tool; its name opens its page.", True),
+        Section("Programs", [DataTable(["tool", "files"], files)],
+                "In this order; each begins with its tool change.", True),
     ]  # fmt: skip
-    return page.render_page(
-        summary["name"], describe_operations(summary), sections, kind="Plan", opening=_open(summary),
-        notes=list_remarks(summary["notes"]), provenance=page.Provenance([("robot", summary["robot"])]),
-    )  # fmt: skip
+    return render_page(summary["name"], _open(summary), sections, kind="Plan", notes=list_remarks(summary["notes"]),
+                       provenance=Provenance([("robot", summary["robot"])]))  # fmt: skip
 
 
-def _open(summary: Mapping[str, Any]) -> page.Summary:
+def _open(summary: Mapping[str, Any]) -> Summary:
     """Return the first screen: the verdict of the whole, and what stops the machine."""
     tools, verdict = summary["tools"], summary["verdict"]
     bands = [tool["verdict"]["band_mm"] for tool in tools]
@@ -161,16 +157,15 @@ def _open(summary: Mapping[str, Any]) -> page.Summary:
              "not_known": "It is not known whether all operations keep"}[verdict["word"]]  # fmt: skip
     band, tone = "not known" if None in bands else format_mm(1e-3 * max(bands)), TONES[verdict["word"]]
     figures = [
-        page.KeyFigure(band, "95 % band, the widest of all operations", tone),
-        page.KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
-        page.KeyFigure(f"{summary['duration_s']:.0f}\u00a0s", f"for {len(tools)} operations, without the tool changes"),
+        (band, "95 % band, the widest of all operations", tone),
+        (change, "greatest deviation without and with correction, if the robot is as modelled"),
+        (f"{summary['duration_s']:.0f}\u00a0s", f"for {len(tools)} operations, without the tool changes"),
     ]
     series = {"without correction": Bars([tool["error_before_mm"]["max"] for tool in tools], BEFORE),
               "95 % band": Bars(bands, BAND)}  # fmt: skip
-    chart = draw_bars(
-        [tool["label"] for tool in tools], series, "greatest deviation of the tip, mm", level=verdict["tolerance_mm"]
-    )
+    names = [tool["label"] for tool in tools]
+    chart = draw_bars(names, series, "greatest deviation of the tip, mm", level=verdict["tolerance_mm"])
     caption = "Each operation; dashed: the tolerance. The 95 % band has to stay below it."
-    picture, stops = page.Chart(chart, caption, 120 + 70 * len(tools)), list_stops(summary["notes"])
     todo = "Open the page of each operation below; run the programs in the order below."
-    return page.Summary(f"{words} {verdict['tolerance_mm']:g} mm.", tone, figures, picture, todo, stops)
+    return Summary(f"{words} {verdict['tolerance_mm']:g} mm.", tone, figures,
+                   Chart(chart, caption, 120 + 70 * len(tools)), todo, list_stops(summary["notes"]))  # fmt: skip

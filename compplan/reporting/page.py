@@ -1,9 +1,9 @@
-"""The frame of every page: one HTML file that opens without a network, readable on paper, in light and in dark.
+"""Pages: one HTML file that opens without a network, readable on paper, in light and in dark.
 
 Every page has the same anatomy: the summary fills the first screen and the first sheet of paper (the verdict in a line,
-what stops the machine, a picture, three figures, what to do next); below it, folded, stand the same in more words,
-remarks, sections made of blocks (paragraphs, tables, charts, pictures), and what the page was made from. Paper shows
-what is open on the screen. No script but the page's own runs in it, and nothing is fetched.
+what stops the machine, a picture, three figures, what to do next); below it, folded, stand remarks, sections made of
+blocks (paragraphs, tables, charts, pictures), and what the page was made from. Paper shows what is open on the screen.
+No script but the page's own runs in it, and nothing is fetched.
 """
 
 from __future__ import annotations
@@ -14,15 +14,14 @@ import hashlib
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_number
-from compplan.reporting.charts import Figure
-from compplan.reporting.style import build_template
+from compplan.reporting.charts import Figure, build_template
 from compplan.version import VERSION
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -30,6 +29,8 @@ TEMPLATES = Path(__file__).parent / "templates"
 PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 #: A command in a sentence: its options with their values, words in capitals, and files.
 COMMAND = r"compplan [a-z]+(?: --[a-z-]+(?: (?:[\w/.-]*\w))?| [A-Z]{2,}[\w/.]*\b| [\w./-]+\.(?:csv|toml|nc)\b)*"
+#: Significant digits of numbers in a table.
+DIGITS = 3
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,6 @@ class Cell:
     value: str | float | int | None
     tone: str = ""
     link: str = ""
-
-
-#: Significant digits of numbers in a table.
-DIGITS = 3
-Row = list[Cell | str | float | int | None]
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,7 @@ class DataTable:
     """
 
     columns: Sequence[str]
-    rows: Sequence[Sequence[Cell | str | float | int | None]]
+    rows: Sequence[Sequence[Any]]
     caption: str = ""
     scroll: int = 0
 
@@ -95,7 +91,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Columns:
-    """Set blocks side by side where the page is wide enough, one group a column, each of its share of the width."""
+    """Set groups of blocks side by side where the page is wide enough, each with its share of the width."""
 
     groups: Sequence[Sequence[Block]]
     widths: Sequence[float] = ()
@@ -123,22 +119,13 @@ class Section:
 
 
 @dataclass(frozen=True)
-class KeyFigure:
-    """One of the figures of a first screen: the number with its unit, and what it is."""
-
-    value: str
-    words: str
-    tone: str = ""
-
-
-@dataclass(frozen=True)
 class Summary:
     """What the first screen of a page says.
 
     Args:
         verdict: The answer in one line.
         tone: "good", "bad", "unsure", or "" where the page judges nothing.
-        figures: Three figures.
+        figures: Three figures: the number with its unit, what it is, and a tone where it has one.
         picture: One picture.
         next: What to do next, one sentence.
         stops: What has to be settled before the machine moves, one sentence each.
@@ -147,7 +134,7 @@ class Summary:
 
     verdict: str
     tone: str = ""
-    figures: Sequence[KeyFigure] = ()
+    figures: Sequence[tuple[str, ...]] = ()
     picture: Block | None = None
     next: str = ""
     stops: Sequence[str] = ()
@@ -159,30 +146,28 @@ class Provenance:
     """Say what a page was made from: facts in rows of (what, value), and sentences of what was assumed."""
 
     facts: Sequence[tuple[str, str]] = ()
-    assumptions: Sequence[str] = field(default=())
+    assumptions: Sequence[str] = ()
 
 
 def render_page(
-    title: str, lede: str | Sequence[str], sections: Sequence[Section], *, kind: str = "",
-    opening: Summary | None = None, warning: str = "", notes: Sequence[str] = (), provenance: Provenance | None = None,
+    title: str, opening: Summary, sections: Sequence[Section], *, kind: str = "", answers: Sequence[str] = (),
+    warning: str = "", notes: Sequence[str] = (), provenance: Provenance | None = None,
 ) -> str:  # fmt: skip
     """Return a page as one self-contained HTML file.
 
     Args:
         title: Title of the page.
-        lede: What the page says, in one sentence or several; several stand as a numbered list.
+        opening: The first screen.
         sections: The sections.
         kind: Small line above the title, such as "Plan".
-        opening: The first screen; left out: the first sentence of the lede.
+        answers: The answer in more words, in one sentence or several, folded.
         warning: Sentence that comes first of what stops the machine, such as why a plan is infeasible.
         notes: Remarks; they are folded.
         provenance: What the page was made from.
     """
     charts: list[dict[str, Any]] = []
-    ledes = [lede] if isinstance(lede, str) else list(lede)
-    first = opening or Summary(ledes[0].partition(". ")[0].rstrip(".") + "." if ledes else title)
-    picture = None if first.picture is None else _describe(first.picture, charts)
-    sheet = [] if first.sheet is None else [replace(first.sheet, open=True)]
+    picture = None if opening.picture is None else _describe(opening.picture, charts)
+    sheet = [] if opening.sheet is None else [replace(opening.sheet, open=True)]
     parts = [
         {"title": section.title, "lede": section.lede, "open": section.open, "sheet": section in sheet,
          "blocks": [_describe(block, charts) for block in section.blocks]}
@@ -193,14 +178,19 @@ def render_page(
     script = (TEMPLATES / "page.js").read_text(encoding="utf-8")
     library = PLOTLY.read_bytes() if charts else b""
     html = _environment().get_template("page.html.j2").render(
-        title=title, ledes=ledes, kind=kind, opening=first, picture=picture, notes=list(notes), sections=parts,
-        stops=[*([warning] if warning else []), *first.stops],
-        provenance=None if provenance is None else _with_origin(provenance),
+        title=title, answers=list(answers), kind=kind, opening=opening, picture=picture, notes=list(notes),
+        sections=parts, stops=[*([warning] if warning else []), *opening.stops],
+        provenance=None if provenance is None else _add_origin(provenance),
         version=VERSION, css=(TEMPLATES / "page.css").read_text(encoding="utf-8"), script=script,
         policy=_write_policy(script, library), plotly=base64.b64encode(library).decode("ascii"),
         payload=base64.b64encode(gzip.compress(payload.encode(), mtime=0)).decode("ascii"),
     )  # fmt: skip
     return str(html)
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Join names as a sentence does."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _write_policy(script: str, library: bytes) -> str:
@@ -214,7 +204,7 @@ def _write_policy(script: str, library: bytes) -> str:
     return "; ".join(f"{rule} {value}" for rule, value in rules.items())
 
 
-def _with_origin(provenance: Provenance) -> Provenance:
+def _add_origin(provenance: Provenance) -> Provenance:
     """Add commit, seeds and the digests of the files that were read."""
     origin = describe_origin()
     facts = [("compplan", f"{origin['compplan']}, commit {origin.get('commit', 'not known')}")]
@@ -263,7 +253,12 @@ def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _describe_table(table: DataTable) -> dict[str, Any]:
-    heads = [_read_head(text) for text in table.columns]
+    """Read title, unit and digits of each head, and write the numbers of its column with them."""
+    heads: list[dict[str, Any]] = []
+    for text in table.columns:
+        title, _, rest = text.partition(" [")
+        unit, _, digits = rest.rstrip("]").partition(", ")
+        heads.append({"title": title, "unit": unit, "digits": int(digits or DIGITS)})
     rows = [
         [cell if isinstance(cell, Cell) else Cell(cell) for cell, _ in zip(row, heads, strict=True)]
         for row in table.rows
@@ -277,13 +272,6 @@ def _describe_table(table: DataTable) -> dict[str, Any]:
     ]  # fmt: skip
     scroll = table.scroll if 0 < table.scroll < len(rows) else 0
     return {"kind": "table", "heads": heads, "rows": shown, "caption": table.caption, "scroll": scroll}
-
-
-def _read_head(text: str) -> dict[str, Any]:
-    """Return title, unit and significant digits of a column."""
-    title, _, rest = text.partition(" [")
-    unit, _, digits = rest.rstrip("]").partition(", ")
-    return {"title": title, "unit": unit, "digits": int(digits or DIGITS)}
 
 
 def _show(value: str | float | int | None, digits: int) -> str:

@@ -1,16 +1,17 @@
-"""The page of a plan: what it reaches in a sentence, then the path, the joints, the corrections and the feed."""
+"""The page of a plan: what it reaches, then the path, the joints, the corrections, the feed, the 95 % band, posture."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.io.display import Curve, Curves
 from compplan.io.notes import list_remarks
-from compplan.io.palette import AFTER, BEFORE, CATEGORIES, NEUTRAL
+from compplan.io.palette import AFTER, BEFORE, CATEGORIES, LIMIT, NEUTRAL, TOLERANCE
 from compplan.io.quantities import (
     format_angle,
     format_bound,
@@ -21,38 +22,60 @@ from compplan.io.quantities import (
     format_set_value,
 )
 from compplan.io.tables import write_text
-from compplan.planning.deflection import describe_bending
 from compplan.planning.lost_motion import describe_reversals
 from compplan.planning.notes import describe_causes, mark_slow
 from compplan.planning.tolerance_verdict import describe_tolerance
 from compplan.process.force_models import name_force_model
-from compplan.reporting import page
 from compplan.reporting.along_path import (
     FLOOR,
     Stations,
+    chart_lines,
+    chart_wrench,
     draw_joints,
-    draw_lines,
     draw_shares,
-    draw_wrench,
     find_spans,
     place_stations,
 )
-from compplan.reporting.charts import add_area
-from compplan.reporting.error_band_section import show_error_band
-from compplan.reporting.force_moves import busiest_rate, describe_force, list_rates, mark_force
+from compplan.reporting.charts import Figure, draw_curves
+from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, render_page
 from compplan.reporting.plan_summary import describe_clearance, describe_margin, open_plan
-from compplan.reporting.posture_section import list_uncertainties, show_extra_axis, show_posture
-from compplan.reporting.provenance import describe_grade, describe_robot, list_assumptions
+from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.reporting.scenes import describe_magnification, draw_cell, draw_deviation_paths, place_meshes
-from compplan.robot import Array
+from compplan.robot import Array, Robot
+from compplan.uncertainty.band import PARTS, ErrorBand
+from compplan.uncertainty.ladder import DO
 
 if TYPE_CHECKING:
     from compplan.planning.plan import Plan
+    from compplan.planning.posture.summary import PostureMap, PostureSummary
 
 #: Waypoints and stretches that a table lists at most.
 LISTED = 40
-#: Name of the band in the chart of what a plan reaches.
-BAND = "true tip, 95 %"
+#: Forces below this share of the greatest one are none.
+NO_FORCE = 1e-3
+#: What the parts of the 95 % band are called.
+WORDS = {
+    "model": "parameters of the robot", "unexplained": "what no parameter explains", "repeatability": "repeatability",
+    "force": "the force", "motion": "inertia and vibration", "placement": "place of the part",
+}  # fmt: skip
+#: Why a posture cannot be used, and the colour it gets: out of reach, joint limit, collision, not wanted.
+FORBIDDEN = {1: "#b9c0c7", 2: "#8e979f", 4: "#5c4a57", 5: "#d9dde1"}
+SINGULAR = 3
+#: Rotations whose remaining deviations differ by less than this share are alike.
+ALIKE = 0.02
+#: What each cost of a posture is, by its key.
+COSTS = {
+    "sensitivity_rms_mm": ("expected deviation that remains after compensation, rms", "mm"),
+    "sensitivity_p95_mm": ("deviation that remains after compensation, 95 %", "mm"),
+    "deviation_rms_mm": ("deviation before compensation, rms", "mm"),
+    "limit_distance_deg": ("least distance from a joint limit", "deg"),
+    "dexterity_min": ("least dexterity (inverse condition number)", ""),
+    "joint_travel_deg": ("joint travel in all", "deg"),
+    "travel_error_rms_mm": ("gear error and lost motion of the joints that travel, rms", "mm"),
+    "inertia_rms_mm": ("bending by the inertia of the joints at the programmed feed, estimated, rms", "mm"),
+    "time_s": ("time at the programmed feed", "s"),
+    "driven_s": ("time of the run within the limits of the joints", "s"),
+}
 
 
 def write_plan_page(plan: Plan, file: Path) -> None:
@@ -63,61 +86,46 @@ def write_plan_page(plan: Plan, file: Path) -> None:
     """
     task = plan.task
     stations = place_stations(task.position, plan.timing.time, task.compensated, plan.command.failures)
+    rates = [
+        (name, values, limits) for name, values, limits in (
+            ("velocity", plan.timing.velocity, task.velocity_limits),
+            ("acceleration", plan.timing.acceleration, task.acceleration_limits),
+        ) if np.isfinite(limits).any()
+    ]  # fmt: skip
+    figure = draw_joints(stations, plan.q, task.robot.lower, task.robot.upper, task.robot.joint_names,
+                         task.robot.prismatic)  # fmt: skip
+    joints = Chart(figure, "Commanded joint positions; red is beyond the limit.", 60 + 215 * -(-task.robot.nq // 3),
+                   along=True)  # fmt: skip
     sections = [
-        _show_reach(plan, stations), _show_deviation(plan, stations), _show_joints(plan, stations),
-        _show_corrections(plan, stations), _show_feed(plan, stations),
+        _show_reach(plan, rates), _show_deviation(plan, stations),
+        Section("Joints", [joints], "Each chart spans the whole range of its joint."),
+        _show_corrections(plan, stations), _show_feed(plan, stations, rates),
     ]  # fmt: skip
     sections += [] if plan.promise is None else [show_error_band(plan.promise, stations, task.tolerance)]
     assumptions = list_assumptions(plan.job)
     choice = None if task.start is None else task.start.posture_choice
     if choice is not None:
-        assumptions.append(list_uncertainties(choice))
-        sections += [show_posture(plan, choice, stations), *show_extra_axis(plan.robot, choice)]
-    html = page.render_page(
-        plan.name, describe_plan(plan), sections, kind=f"Path plan, {plan.robot.name}",
-        opening=open_plan(plan, file.parent), warning=_warn(plan), notes=list_remarks(plan.notes),
-        provenance=describe_robot(plan.robot, _list_facts(plan), assumptions),
-    )  # fmt: skip
-    write_text(file, html)
+        assumptions.append(_list_uncertainties(choice))
+        sections += _show_posture(plan, choice, stations)
+    write_text(file, render_page(
+        plan.name, open_plan(plan, file.parent), sections, kind=f"Path plan, {plan.robot.name}", warning=_warn(plan),
+        notes=list_remarks(plan.notes), provenance=describe_robot(plan.robot, _list_facts(plan), assumptions),
+    ))  # fmt: skip
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str]]:
     facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", plan.judge)]
-    if plan.job is not None and plan.job.file.is_file():
-        facts.append(("job", str(plan.job.file)))
     if plan.job is not None:
+        facts += [("job", str(plan.job.file))] if plan.job.file.is_file() else []
         facts.append(("force model", name_force_model(plan.job.process.model)))
-    facts.append(("toolpath", plan.task.nominal.source or "given in memory"))
     words = ", ".join(f"{name} {word}" for name, word in plan.task.configuration.items())
     return [
-        *facts, *([("configuration", words)] if words else []),
+        *facts, ("toolpath", plan.task.nominal.source or "given in memory"),
+        *([("configuration", words)] if words else []),
         ("axes turn back", describe_reversals(plan.reversals)),
         ("rotation about the tool axis", "free" if plan.task.spin_free else "fixed by the job"),
         ("time in the solver", f"{plan.command.solve_time:.3g} s"),
     ]  # fmt: skip
-
-
-def describe_plan(plan: Plan) -> list[str]:
-    """Say in a few sentences what the plan reaches."""
-    before, after = plan.before.max_deviation, plan.after.max_deviation
-    tolerance = plan.task.tolerance
-    verb = "keeps" if plan.status == "solved" else "is a compromise that keeps"
-    model = f"If the robot is as modelled, the plan {verb} the loaded tool within {format_bound(after)} of the path"
-    if before > 0 and plan.strategy != "none":
-        model += f"; uncorrected it strays up to {format_length(before)}"
-    within = format_percent(plan.after.share_within(tolerance))
-    left, bending = format_length(plan.mismatch.max_deviation), describe_bending(plan.bending)
-    lowered = ""
-    if not plan.notes and (slow := mark_slow(plan.task, plan.timing)).any():
-        lowered = f" The feed is lowered at {slow.sum()} of {plan.after.cut.sum()} waypoints."
-    return [
-        plan.verdict.sentence,
-        f"{model}. {within} of the cut is then within the tolerance of {format_set_length(tolerance)}.",
-        f"If it is not ({plan.mismatch.cell}, assumed), up to {left} is left.",
-        f"{bending[0].upper()}{bending[1:]}.",
-        f"The path takes {format_set_value(round(float(plan.timing.time[-1]), 1))}\u00a0s.{lowered}",
-        describe_grade(plan.robot),
-    ]
 
 
 def _warn(plan: Plan) -> str:
@@ -131,69 +139,20 @@ def _warn(plan: Plan) -> str:
     return f"Infeasible: {count}this is the best compromise, not a program to run."
 
 
-def _show_reach(plan: Plan, stations: Stations) -> page.Section:
-    """Show the band along the path, the figures and the robot in its cell."""
-    cut = plan.after.cut
-    kinds = np.where(mark_force(plan.task.wrench, cut), 0, np.where(cut, 1, 2))
-    start = int(np.flatnonzero(cut)[0])
-    scene = None if plan.task.start is None else plan.task.start.settings.scene
-    around = [] if scene is None else place_meshes(plan.robot, plan.q[start], scene.meshes)
-    named = ", ".join(shape.link for shape in around)
-    with_them = f", with the meshes that the job names ({named})" if named else ""
-    cell = page.Chart(
-        draw_cell(plan.robot, plan.q, plan.task.position, start=start, around=around, kinds=kinds),
-        f"The robot at the first waypoint of the cut, drawn from its URDF shapes{with_them}, and the path of the tool "
-        "tip: which moves carry force, which are in the cut without, and which are rapid.",
-        height=400, along=True,
-    )  # fmt: skip
-    columns = page.Columns([[_list_figures(plan)], [cell]], (0.5, 0.5))
-    return page.Section("What it reaches", [_draw_band(plan, stations), columns])
-
-
-def _draw_band(plan: Plan, stations: Stations) -> page.Chart:
-    """Show how far the true tip may be from the path, against the tolerance."""
-    evaluated = np.where(plan.after.cut, 1e3, np.nan)
-    tolerance, cell = 1e3 * plan.task.tolerance, plan.mismatch.cell
-    series = {"as modelled": plan.after.distance * evaluated, cell: plan.mismatch.distance * evaluated}
-    said = "Distance of the loaded tool tip from the path. As modelled: what the plan leaves if the model is the truth."
-    said += f" {cell.capitalize()}: what it leaves if all of them are wrong by that much (assumed)."
-    if plan.promise is not None:
-        series = {BAND: plan.promise.along * evaluated, **series}
-        said = f"Shaded: where the true tip is with 95 %, by what is known of robot and force. {said}"
-    shown = max(1.25 * tolerance, *(1.08 * float(np.nanmax(values)) for values in series.values()))
-    uncorrected = plan.before.distance * evaluated
-    most = float(np.nanmax(uncorrected))
-    if most < 3 * shown:
-        series["uncorrected"], shown = uncorrected, max(shown, 1.08 * most)
-    else:
-        said += f" Uncorrected lies off the chart, up to {format_length(1e-3 * most)}."
-    limit: tuple[float, str] | None = (tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
-    if plan.task.allowed is not None:
-        limit, series["tolerance here"] = None, plan.task.allowed.normal * evaluated
-        shown = max(shown, 1.08 * float(np.nanmax(series["tolerance here"])))
-        said += " The tolerance is that of each part, across the travel where it counts apart."
-    known = {BAND: NEUTRAL, "as modelled": AFTER, "uncorrected": BEFORE}
-    colours = [known.get(name, CATEGORIES[3]) for name in series]
-    figure = draw_lines(stations, series, "mm", title="deviation", limit=limit, zero=True, colours=colours)
-    figure.axis("y", range=[0.0, shown])
-    if plan.promise is not None:
-        line, colour = figure.data[0], "rgba(127, 127, 127, 0.35)"
-        add_area(figure, line["x"], line["y"], BAND, colour, showlegend=False, legendgroup=BAND)
-        figure.data.insert(0, figure.data.pop())
-    return page.Chart(figure, said, height=340, along=True)
-
-
-def _list_figures(plan: Plan) -> page.DataTable:
-    """Return the figures of the plan, uncorrected and planned."""
+def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Section:
+    """Show the figures of the plan, uncorrected and planned, and the robot in its cell."""
     task, sides, between, bending = plan.task, (plan.before, plan.after), plan.between, plan.bending
     names = {"rms": "deviation, rms", "mean": "deviation, mean", "max": "deviation, largest"}
-    both = {words: [format_length(1e-3 * side.figures[name]) for side in sides] for name, words in names.items()}
+    rows: list[list[Any]] = [
+        [words, *(format_length(1e-3 * side.figures[name]) for side in sides)] for name, words in names.items()
+    ]
     uses = [task.use_tolerance(side.deviation)[side.cut] for side in sides]
     within = format_set_length(task.tolerance) if task.allowed is None else describe_tolerance(task)
-    both[f"within {within}"] = [format_percent(float((use <= 1.0).mean())) for use in uses]
+    rows.append([f"within {within}", *(format_percent(float((use <= 1.0).mean())) for use in uses)])
     if task.allowed is not None:
-        both["worst, in shares of its tolerance"] = [format_percent(float(use.max())) for use in uses]
-    both["tool axis off by up to"] = [format_angle(side.max_tilt) for side in sides]
+        worst = [format_percent(float(use.max())) for use in uses]
+        rows.append(["worst, in shares of its tolerance", *worst])
+    rows.append(["tool axis off by up to", *(format_angle(side.max_tilt) for side in sides)])
     ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:
@@ -204,8 +163,8 @@ def _list_figures(plan: Plan) -> page.DataTable:
     allowed = format_set_length(task.max_correction)
     planned["largest correction"] = f"{format_length(plan.margins.max_correction)} of {allowed}"
     planned["smallest joint margin"] = describe_margin(plan)
-    for name, rates, limits in list_rates(task, plan.timing):
-        share = np.abs(rates) / limits
+    for name, values, limits in rates:
+        share = np.abs(values) / limits
         joint = plan.robot.joint_names[int(np.argmax(share.max(axis=0)))]
         planned[f"{name} used"] = f"{format_percent(float(share.max()))} ({joint})"
     if plan.promise is not None:
@@ -223,17 +182,26 @@ def _list_figures(plan: Plan) -> page.DataTable:
     length = format_number(1e3 * float(task.nominal.arc_length[-1]), 4)
     planned["path"] = f"{length} mm in {format_number(len(task))} waypoints"
     planned["time"] = f"{format_number(float(plan.timing.time[-1]), 4)} s"
-    rows: list[page.Row] = [[words, *values] for words, values in both.items()]
-    return page.DataTable(
-        ["", "uncorrected", "planned"], [*rows, *([words, None, value] for words, value in planned.items())]
-    )
+    table = DataTable(["", "uncorrected", "planned"], [*rows, *([key, None, value] for key, value in planned.items())])
+    cut = plan.after.cut
+    kinds = np.where(mark_force(task.wrench, cut), 0, np.where(cut, 1, 2))
+    start, scene = int(np.flatnonzero(cut)[0]), None if task.start is None else task.start.settings.scene
+    around = [] if scene is None else place_meshes(plan.robot, plan.q[start], scene.meshes)
+    named = f", with the meshes that the job names ({', '.join(shape.link for shape in around)})" if around else ""
+    cell = Chart(
+        draw_cell(plan.robot, plan.q, task.position, start=start, around=around, kinds=kinds),
+        f"The robot at the first waypoint of the cut, drawn from its URDF shapes{named}, and the path of the tool "
+        "tip: which moves carry force, which are in the cut without, and which are rapid.",
+        height=400, along=True,
+    )  # fmt: skip
+    return Section("What it reaches", [Columns([[table], [cell]], (0.5, 0.5))])
 
 
-def _show_deviation(plan: Plan, stations: Stations) -> page.Section:
-    before, after = (side.distance for side in (plan.before, plan.after))
-    names, cut = ("uncorrected", "planned"), np.flatnonzero(plan.after.cut)
-    path, off = plan.task.position[cut], plan.before.deviation[cut]
-    scene = page.Chart(
+def _show_deviation(plan: Plan, stations: Stations) -> Section:
+    sides, names = (plan.before, plan.after), ("uncorrected", "planned")
+    cut = np.flatnonzero(plan.after.cut)
+    path, off, after = plan.task.position[cut], plan.before.deviation[cut], plan.after.distance
+    scene = Chart(
         draw_deviation_paths(path, off, plan.after.deviation[cut], names=names),
         "Grey: the wanted path. Coloured: where the loaded tip goes, its deviation "
         f"{describe_magnification(path, off)}. Both use one colour scale, which is logarithmic; turning one turns the "
@@ -241,93 +209,290 @@ def _show_deviation(plan: Plan, stations: Stations) -> page.Section:
         height=440, linked_scenes=True, along=True,
     )  # fmt: skip
     evaluated = np.where(plan.after.cut, 1e3, np.nan)
-    series = {name: np.maximum(size, FLOOR) * evaluated for name, size in zip(names, (before, after), strict=True)}
-    limit = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
-    line = draw_lines(stations, series, "mm", title="deviation", colours=(BEFORE, AFTER), log=True, limit=limit)
-    shaded = " Grey bands are rapid moves, which are not compensated." if len(stations.shaded) else ""
-    marked = " Red bands mark waypoints that fail." if plan.command.failures else ""
-    floor = f" What is below {format_bound(0.0)} is drawn there." if after[cut].min() < FLOOR else ""
-    caption = f"Distance of the loaded tool tip from the path, logarithmic.{floor}{shaded}{marked}"
-    fold = page.Fold("Along the path, logarithmic", [page.Chart(line, caption, height=340, along=True)])
+    series = {name: np.maximum(side.distance, FLOOR) * evaluated for name, side in zip(names, sides, strict=True)}
+    series[plan.mismatch.cell] = np.maximum(plan.mismatch.distance, FLOOR) * evaluated
+    limit: tuple[float, str] | None = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
+    if plan.task.allowed is not None:
+        limit, series["tolerance here"] = None, plan.task.allowed.normal * evaluated
+    caption = (
+        f"Distance of the loaded tool tip from the path, logarithmic. {plan.mismatch.cell.capitalize()} (assumed): "
+    )
+    caption += "what the plan leaves if all of them are wrong by that much."
+    caption += f" What is below {format_bound(0.0)} is drawn there." if after[cut].min() < FLOOR else ""
+    caption += " Grey bands are rapid moves, which are not compensated." if len(stations.shaded) else ""
+    caption += " Red bands mark waypoints that fail." if plan.command.failures else ""
+    colours = (BEFORE, AFTER, CATEGORIES[3], TOLERANCE)
+    line = chart_lines(stations, series, "mm", "deviation", caption, colours=colours, log=True, limit=limit)
     failed = [_list_failures(plan, after)] if plan.command.failures else []
     about = "Distance of the loaded tool tip from the toolpath."
-    return page.Section("Deviation", [scene, fold, *failed], about)
+    return Section("Deviation", [scene, Fold("Along the path, logarithmic", [line]), *failed], about)
 
 
-def _list_failures(plan: Plan, after: Array) -> page.DataTable:
+def _list_failures(plan: Plan, after: Array) -> DataTable:
     failures, length = plan.command.failures, plan.task.nominal.arc_length
     failed = np.array(sorted(failures))
     reasons = np.array([failures[i] for i in failed.tolist()])
     first = np.flatnonzero(np.r_[True, (np.diff(failed) > 1) | (reasons[1:] != reasons[:-1])])
     last = np.r_[first[1:] - 1, len(failed) - 1]
-    rows: list[page.Row] = []
-    for a, b, reason in zip(failed[first].tolist(), failed[last].tolist(), reasons[first].tolist(), strict=True):
-        reach = [1e3 * float(length[a]), 1e3 * float(length[b])]
-        rows.append([a, b, *reach, reason, page.Cell(1e3 * float(after[a : b + 1].max()), "bad")])
+    rows = [
+        [a, b, 1e3 * float(length[a]), 1e3 * float(length[b]), reason, Cell(1e3 * float(after[a : b + 1].max()), "bad")]
+        for a, b, reason in zip(failed[first].tolist(), failed[last].tolist(), reasons[first].tolist(), strict=True)
+    ]
     more = f" The first {LISTED} of {len(rows)} stretches." if len(rows) > LISTED else ""
-    columns = ["from waypoint", "to", "from [mm, 4]", "to [mm, 4]", "stopped by",
-               "deviation left [mm]"]  # fmt: skip
-    return page.DataTable(
-        columns, rows[:LISTED], f"Waypoints that fail and the limit that stops them.{more}", scroll=12
-    )
+    columns = ["from waypoint", "to", "from [mm, 4]", "to [mm, 4]", "stopped by", "deviation left [mm]"]
+    return DataTable(columns, rows[:LISTED], f"Waypoints that fail and the limit that stops them.{more}", 12)
 
 
-def _show_joints(plan: Plan, stations: Stations) -> page.Section:
-    robot = plan.robot
-    figure = draw_joints(stations, plan.q, robot.lower, robot.upper, robot.joint_names, robot.prismatic)
-    caption, height = "Commanded joint positions; red is beyond the limit.", 60 + 215 * -(-robot.nq // 3)
-    chart = page.Chart(figure, caption, height, along=True)
-    return page.Section("Joints", [chart], "Each chart spans the whole range of its joint.")
-
-
-def _show_corrections(plan: Plan, stations: Stations) -> page.Section:
-    size, task = np.linalg.norm(plan.correction, axis=1), plan.task
+def _show_corrections(plan: Plan, stations: Stations) -> Section:
+    size, task, cut = np.linalg.norm(plan.correction, axis=1), plan.task, plan.after.cut
     series = {f"d{axis}": 1e3 * plan.correction[:, k] for k, axis in enumerate("xyz")} | {"distance": 1e3 * size}
     near = size.max() > 0.5 * task.max_correction
     limit = (1e3 * task.max_correction, f"limit {format_set_length(task.max_correction)}") if near else None
-    colours = (*CATEGORIES[:3], NEUTRAL)
-    chart = draw_lines(stations, series, "mm", title="correction", colours=colours, limit=limit)
     caption = "Commanded (unloaded) tip minus wanted tip, base axes."
-    blocks: list[page.Block] = [page.Chart(chart, caption, height=320, along=True)]
+    blocks: list[Block] = [
+        chart_lines(stations, series, "mm", "correction", caption, 320, colours=(*CATEGORIES[:3], NEUTRAL), limit=limit)
+    ]
     if np.abs(task.wrench).max() > 0:
-        tall = 440 if np.abs(task.wrench[:, 3:]).max() > 1e-9 else 300
         caption = "Predicted wrench of the environment on the tool at its tip, base axes."
-        blocks.append(page.Chart(draw_wrench(stations, task.wrench), caption, height=tall, along=True))
-    cut = plan.after.cut
+        blocks.append(chart_wrench(stations, task.wrench, caption))
     about = describe_force(task.nominal.arc_length, cut, mark_force(task.wrench, cut))
-    return page.Section("Corrections and forces", blocks, about)
+    return Section("Corrections and forces", blocks, about)
 
 
-def _show_feed(plan: Plan, stations: Stations) -> page.Section:
-    wanted = np.where(plan.task.compensated & ~plan.task.nominal.rapid, plan.task.nominal.feed, np.nan)
+def mark_force(wrench: Array, cut: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mark the moves of the cut (n,) that carry force, by the waypoint that they end at; wrench: (n, 6) [N, N m]."""
+    size = np.linalg.norm(wrench[:, :3], axis=1)
+    acts = size > NO_FORCE * max(float(size.max(initial=0.0)), 1e-12)
+    return np.asarray(cut & (acts | np.r_[acts[:1], acts[:-1]]))
+
+
+def describe_force(length: Array, cut: NDArray[np.bool_], pushed: NDArray[np.bool_]) -> str:
+    """Say which share of the cut carries force; length up to each waypoint (n,) [m], masks (n,)."""
+    steps = np.r_[0.0, np.diff(length)]
+    whole, share = float(steps[cut].sum()), float(steps[pushed].sum())
+    if not pushed.any() or whole <= 0:
+        return "No force is predicted."
+    if share > 0.9999 * whole:
+        return "The tool carries force all along the cut."
+    count = len(find_spans(cut & ~pushed))
+    stretches = "one stretch" if count == 1 else f"{count} stretches"
+    return (
+        f"The tool carries force on {format_percent(share / whole)} of the cut's length; on {stretches} none is "
+        "predicted (above the stock, straight in or out of it, or at rest)."
+    )
+
+
+def _show_feed(plan: Plan, stations: Stations, rates: Sequence[tuple[str, Array, Array]]) -> Section:
+    task, nominal = plan.task, plan.task.nominal
+    wanted = np.where(task.compensated & ~nominal.rapid, nominal.feed, np.nan)
     series = {"programmed": 1e3 * wanted, "planned": 1e3 * np.where(np.isfinite(wanted), plan.timing.feed, np.nan)}
-    chart = draw_lines(stations, series, "mm/s", title="feed", colours=(BEFORE, AFTER), zero=True)
-    blocks: list[page.Block] = [page.Chart(chart, "Feed of the tool tip along the cut.", height=280, along=True)]
-    rates = list_rates(plan.task, plan.timing)
+    caption = "Feed of the tool tip along the cut."
+    blocks: list[Block] = [
+        chart_lines(stations, series, "mm/s", "feed", caption, 280, colours=(BEFORE, AFTER), zero=True)
+    ]
     if rates:
-        shares = {name: (np.abs(values) / limits, plan.robot.joint_names) for name, values, limits in rates}
+        figure = draw_shares(stations, {name: np.abs(v) / limits for name, v, limits in rates}, plan.robot.joint_names)
         caption = (
-            "How much of its limits each joint uses; red is beyond the limit, which lies off the chart where it is far."
+            "How much of its limits each joint uses; red is beyond the limit, which lies off the chart where it is"
         )
-        blocks.append(page.Chart(draw_shares(stations, shares), caption, height=60 + 220 * len(rates), along=True))
-    slow = mark_slow(plan.task, plan.timing)
+        blocks.append(Chart(figure, f"{caption} far.", 60 + 220 * len(rates), along=True))
+    slow, length = mark_slow(task, plan.timing), 1e3 * nominal.arc_length
     if slow.any():
-        blocks.append(_list_lowered(plan, slow, rates))
-    lede = describe_causes(plan.task, plan.timing) or "The programmed feed holds all along the cut."
-    return page.Section("Feed and rates", blocks, lede)
+        spans, share = find_spans(slow), plan.timing.feed / np.maximum(nominal.feed, 1e-12)
+        depth = np.array([share[a : b + 1].min() for a, b in spans])
+        rows = []
+        for a, b in spans[np.sort(np.argsort(depth)[:LISTED])].tolist():
+            k = a + int(np.argmin(share[a : b + 1]))
+            numbers = [float(v) for v in (length[a], length[b], 1e3 * nominal.feed[k], 1e3 * plan.timing.feed[k])]
+            rows.append([a, b, *numbers, _name_busiest(rates, plan.robot.joint_names, k)])
+        columns = ["from waypoint", "to", "from [mm, 4]", "to [mm, 4]", "programmed [mm/s]", "lowest [mm/s]",
+                   "busiest there"]  # fmt: skip
+        more = f" The {LISTED} deepest of {len(spans)} stretches." if len(spans) > LISTED else ""
+        blocks.append(DataTable(columns, rows, f"Where the feed is lowered.{more}", 12))
+    lede = describe_causes(task, plan.timing) or "The programmed feed holds all along the cut."
+    return Section("Feed and rates", blocks, lede)
 
 
-def _list_lowered(plan: Plan, slow: NDArray[np.bool_], rates: Sequence[tuple[str, Array, Array]]) -> page.DataTable:
-    length, wanted, feed = plan.task.nominal.arc_length, plan.task.nominal.feed, plan.timing.feed
-    spans = find_spans(slow)
-    share = feed / np.maximum(wanted, 1e-12)
-    depth = np.array([share[a : b + 1].min() for a, b in spans])
-    rows: list[page.Row] = []
-    for a, b in spans[np.sort(np.argsort(depth)[:LISTED])]:
-        slowest = a + int(np.argmin(share[a : b + 1]))
-        numbers = [1e3 * float(value) for value in (length[a], length[b], wanted[slowest], feed[slowest])]
-        rows.append([int(a), int(b), *numbers, busiest_rate(rates, plan.robot.joint_names, slowest)])
-    columns = ["from waypoint", "to", "from [mm, 4]", "to [mm, 4]", "programmed [mm/s]",
-               "lowest [mm/s]", "busiest there"]  # fmt: skip
-    more = f" The {LISTED} deepest of {len(spans)} stretches." if len(spans) > LISTED else ""
-    return page.DataTable(columns, rows, f"Where the feed is lowered.{more}", scroll=12)
+def _name_busiest(rates: Sequence[tuple[str, Array, Array]], joints: Sequence[str], row: int) -> str:
+    """Name the rate and joint used the most around a waypoint; rates: name, values (n, nq), limits (nq,)."""
+    best, said = 0.0, "–"
+    for name, values, limits in rates:
+        near = np.abs(values[max(row - 3, 0) : row + 4]) / limits
+        k = int(np.argmax(near.max(axis=0)))
+        if near.max() > best:
+            best = float(near.max())
+            said = f"{name} of {joints[k]} ({format_percent(best)})"
+    return said
+
+
+def show_error_band(band: ErrorBand, stations: Stations, tolerance: float) -> Section:
+    """Show the band that holds the true tip with 95 %; tolerance: greatest deviation within tolerance. [m]"""
+    evaluated, cut, widest = np.where(band.cut, 1e3, np.nan), band.cut, band.widest
+    series = {"all together": band.radius * evaluated}
+    series |= {WORDS[name]: band.parts[name] * evaluated for name in PARTS if band.parts[name].any()}
+    limit = (1e3 * tolerance, f"tolerance {format_set_value(1e3 * tolerance)} mm")
+    caption = "95 % band: distance from the path that contains the true tip, in all and by each cause alone."
+    blocks: list[Block] = [chart_lines(stations, series, "mm", "95 % band", caption, 360, zero=True, limit=limit)]
+    total, rows = band.radius[widest] ** 2, list[list[Any]]()
+    for name in (name for name in PARTS if band.parts[name].any()):
+        values, without = band.parts[name], band.without.get(name)
+        share = float(values[widest] ** 2 / total) if total > 0 else 0.0
+        rows.append([WORDS[name], 1e3 * _rms(values[cut]), 1e3 * float(values[widest]), format_percent(share),
+                     None if without is None else 1e3 * without])  # fmt: skip
+    together = [Cell(1e3 * value, "strong") for value in (_rms(band.radius[cut]), float(band.radius[widest]))]
+    rows.append(["all together", *together, None, None])
+    rows += [["between waypoints, on top", None, 1e3 * band.between, None, None]] if band.between > 0 else []
+    rows.append(["the whole path at once", None, Cell(1e3 * band.whole, "strong"), None, None])
+    columns = ["95 % band by", "rms [mm]", "at its widest [mm]", "share of its square", "greatest without it [mm]"]
+    blocks.append(DataTable(columns, rows, f"The band is widest at waypoint {widest}."))
+    if band.ladder:
+        steps = [
+            [DO.get(rung.step, "as it is now"), 1e3 * rung.band, 1e3 * rung.alone, "yes" if rung.keeps else "no",
+             format_set_value(rung.minutes), rung.instrument or None]
+            for rung in band.ladder
+        ]  # fmt: skip
+        columns = ["measure, one after the other", "band of the whole cut then [mm]", "after this alone [mm]", "keeps",
+                   "work, assumed [min]", "with"]  # fmt: skip
+        cheapest = " and ".join(DO[step] for step in band.cheapest)
+        blocks.append(DataTable(columns, steps, f"Cheapest that keeps the tolerance: {cheapest}." if cheapest else ""))
+    if band.leading:
+        blocks.append(list_leading(band.leading, "What would narrow the band most, mean over the path."))
+    if band.assumed:
+        blocks.append(Fold("What is assumed", list(band.assumed)))
+    return Section("95 % band", blocks, _describe_error_band(band, tolerance))
+
+
+def list_leading(leading: Sequence[tuple[str, float]], caption: str = "") -> DataTable:
+    """List what would narrow the band, by the share of the tip's variance that it makes."""
+    rows: list[list[Any]] = [[name, format_percent(share)] for name, share in leading]
+    rows = rows or [["nothing stands out", None]]
+    return DataTable(["if this were exact", "the variance of the tip would shrink by"], rows, caption)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
+    """Say in a sentence or two how far the tip may be from the path; tolerance: [m]"""
+    kept = "That keeps" if band.whole <= tolerance else "That does not keep"
+    text = (
+        f"At any point the true tip is within {format_length(band.greatest)} of the path with 95 %; along the whole"
+        f" part within {format_length(band.whole)}. {kept} the tolerance of {format_set_value(1e3 * tolerance)} mm."
+    )
+    if band.before is not None:
+        text += f" The uncorrected program: within {format_length(band.before[1])} along the whole part."
+    known = band.known
+    if known.grade != "measured":
+        return f"{text} The widths are {'assumed' if known.grade == 'assumed' else 'from literature'}: {known.source}."
+    if known.groups:
+        text += (
+            f" Widths are measured ({known.source}) and widened by {known.calibration:.3g} from {known.groups}"
+            " groups of poses left out of the fit."
+        )
+    return text
+
+
+def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> list[Section]:
+    """Show how the posture along the path was chosen, and how far it keeps clear where that was asked for."""
+    blocks: list[Block] = [chart_posture(choice.map), _list_costs(choice)]
+    if (clearance := plan.clearance) is not None:
+        waypoint, contact = clearance.least
+        least = format_length(contact.distance) if contact.distance > 0 else "none: they overlap"
+        blocks.append(chart_lines(
+            stations, {"clearance": 1e3 * clearance.distance}, "mm", "clearance",
+            "Distance of arm and tool from part and fixture. "
+            f"Least at waypoint {waypoint}: {least}, between {contact.first} and {contact.second}.", 280,
+            colours=(AFTER if contact.distance >= clearance.wanted else LIMIT,),
+            limit=(1e3 * clearance.wanted, f"wanted {1e3 * clearance.wanted:g} mm"),
+        ))  # fmt: skip
+    held = len(choice.map.spin) == 1
+    lede = "The rotation about the tool axis is held" if held else "Rotation about the tool axis against path length"
+    sections = [Section("Posture", blocks, f"{lede}, preset {choice.settings.preset!r}.")]
+    return [*sections, _show_extra_axis(plan.robot, choice.map)] if choice.map.held_grid.size else sections
+
+
+def chart_posture(picture: PostureMap) -> Chart:
+    """Show the remaining deviation over path length and rotation, or as a line where the rotation is held."""
+    from compplan.planning.posture.lattice import REASONS
+
+    expected = "the deviation expected to remain after compensation, under the assumed errors of wrench and compliance."
+    length, spin = 1e3 * picture.length, np.degrees(picture.spin)
+    if len(spin) == 1:
+        line = Curve("remaining", length, 1e3 * picture.sensitivity[:, 0], "after")
+        figure = draw_curves(Curves("", "along the path [mm]", "remaining [mm]", (line,)))
+        return Chart(figure, f"Line: {expected}", 280)
+    caption = f"Colour: {expected} Line: the rotation chosen. Dots: near a singularity."
+    level = np.where(picture.reason == 0, picture.sensitivity, np.nan)
+    most, least = np.nanmax(level, axis=1, initial=0.0), np.nanmin(level, axis=1, initial=np.inf)
+    if np.isfinite(level).any() and float((most - least).max()) < ALIKE * float(most.max()):
+        caption += " All rotations are alike here."
+    figure = Figure()
+    for reason, colour in FORBIDDEN.items():
+        here = picture.reason == reason
+        if here.any():
+            figure.heat(length, spin, np.where(here, 1.0, np.nan).T, colorscale=[[0, colour], [1, colour]],
+                        showscale=False, name=REASONS[reason], hoverinfo="name")  # fmt: skip
+            swatch = {"symbol": "square", "size": 10, "color": colour}
+            figure.line([None], [None], REASONS[reason], mode="markers", marker=swatch)
+    level = np.where(np.isin(picture.reason, [0, SINGULAR]), 1e3 * picture.sensitivity, np.nan)
+    known = level[np.isfinite(level) & (level > 0)]
+    low, high = np.percentile(known, (1, 98)) if len(known) else (0.0, 1.0)
+    figure.heat(length, spin, level.T, "remaining, mm", zmin=float(low), zmax=float(high),
+                hovertemplate="%{x:.1f} mm, %{y:.0f} deg: %{z:.3g} mm<extra></extra>")  # fmt: skip
+    rows, columns = np.nonzero(picture.reason == SINGULAR)
+    if len(rows):
+        dots = {"size": 2.5, "color": NEUTRAL}
+        figure.line(length[rows], spin[columns], REASONS[SINGULAR], mode="markers", marker=dots, hoverinfo="skip")
+    lifted = np.mod(np.degrees(picture.chosen) - spin.min(), 360.0) + spin.min()
+    jumps = np.flatnonzero(np.abs(np.diff(lifted)) > 180) + 1
+    along, broken = np.insert(length, jumps, np.nan), np.insert(lifted, jumps, np.nan)
+    for width, colour in ((5.0, "#ffffff"), (2.4, "#101418")):
+        line_style = {"color": colour, "width": width}
+        figure.line(along, broken, "chosen", line=line_style, showlegend=width < 5.0, hoverinfo="skip")
+    figure.axis("x", title="along the path, mm", showgrid=False)
+    figure.axis("y", title="rotation about the tool axis, deg", showgrid=False, dtick=45)
+    return Chart(figure, caption, 420)
+
+
+def _show_extra_axis(robot: Robot, picture: PostureMap) -> Section:
+    """Show the remaining deviation by position of an extra axis along the path."""
+    scale, unit = (1e3, "mm") if robot.prismatic[0] else (180.0 / np.pi, "deg")
+    figure, length = Figure(), 1e3 * picture.length
+    figure.heat(length, scale * picture.held_grid, 1e3 * picture.held_sensitivity.T, "remaining, mm")
+    figure.line(length, scale * picture.held[:, 0], "chosen", line={"color": BEFORE, "width": 3})
+    figure.axis("x", title="along the path, mm", showgrid=False)
+    figure.axis("y", title=f"{robot.joint_names[0]}, {unit}", showgrid=False)
+    caption = "Colour: least deviation that would remain over all rotations. Line: positions chosen."
+    return Section("Extra axis", [Chart(figure, caption, 340)], "Position of the extra axis against path length.")
+
+
+def _list_costs(choice: PostureSummary) -> DataTable:
+    """List what the posture costs, beside the plain one where that is known."""
+    chosen, plain = choice.instead_of or choice.costs, choice.plain or {}
+    sides, rows = (chosen, plain) if plain else (chosen,), list[list[Any]]()
+    for key in chosen:
+        words, unit = COSTS.get(key, (key.replace("_", " "), ""))
+        shown = (f"{format_number(side[key])}\u00a0{unit}".rstrip() if key in side else "–" for side in sides)
+        rows.append([words, *shown])
+    none, spin = ["none"] if plain else [], np.degrees(choice.spin)
+    reach = f"{format_number(float(spin.min()))} to {format_number(float(spin.max()))}\u00a0deg"
+    rows.append(["rotation about the tool axis", reach, *none])
+    if choice.changes:
+        changes = "; ".join(f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in choice.changes)
+        rows.append(["configuration changes", changes, *none])
+    names = ["the graph's way", "tool's x as the job has it"] if plain else [""]
+    if plain:
+        names[choice.instead_of is not None] += ": chosen"
+    return DataTable(["what the posture costs", *names], rows)
+
+
+def _list_uncertainties(choice: PostureSummary) -> str:
+    """Say which errors the choice of the posture assumes."""
+    if choice.settings.errors is not None:
+        return f"posture: chosen for the smallest 95 % band; {choice.settings.errors.source}"
+    uncertainty = choice.settings.uncertainty
+    return (
+        f"posture: errors of {100 * uncertainty.wrench:g} % of the wrench and {100 * uncertainty.compliance:g} % of "
+        "the compliances are assumed"
+    )

@@ -1,17 +1,19 @@
-"""The first screen of a plan, and its setup sheet: what the person at the machine needs, on one A4."""
+"""What a plan comes to: the first screen of its page, the setup sheet of the machine, the lines of the terminal."""
 
 from __future__ import annotations
 
 import hashlib
 import re
+import textwrap
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from compplan.controllers.writers.frames import flange_turn, place_numbers, rotation_vectors
 from compplan.controllers.writers.joint_convention import load_controller, locate_pendant
-from compplan.io.notes import list_stops
+from compplan.io.notes import list_remarks, list_stops
 from compplan.io.quantities import (
     format_length,
     format_mm,
@@ -21,11 +23,12 @@ from compplan.io.quantities import (
     format_set_length,
 )
 from compplan.planning.notes import describe_part_frame, mark_slow
+from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN, describe_tolerance
 from compplan.process.cutting import CuttingTable
-from compplan.reporting import page
 from compplan.reporting.charts import draw_curves
+from compplan.reporting.page import Block, Cell, Chart, DataTable, Section, Summary
 from compplan.reporting.provenance import explain_grade
-from compplan.robot import Array, Joint
+from compplan.robot import Array
 from compplan.robot.mounting import mounted_tool
 
 if TYPE_CHECKING:
@@ -33,37 +36,48 @@ if TYPE_CHECKING:
 
 #: What the verdict looks like.
 TONES = {"keeps": "good", "may_not_keep": "bad", "not_known": "unsure"}
-#: Files of a result that are no program.
+#: Files of a result that are no program, by ending and by name.
 NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"}
-#: Tables of a result that are no program.
 NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
+#: Greatest width of a line on the terminal. [characters]
+WIDTH = 100
+#: The next step of a plan that is not solved.
+NEXT = {
+    "not_confirmed": "do not run the programs; change what is named below in the job or the robot folder",
+    "infeasible": "compplan place JOB finds a place of the part within reach",
+}
+FIRST_RUN = "Run the program without a part at reduced override, then cut and measure one part."
 
 
-def open_plan(plan: Plan, folder: Path | None = None) -> page.Summary:
+def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
     """Return the first screen of a plan; programs that stand in a folder already are listed with their checksums."""
-    verdict = plan.verdict
-    tone = TONES[verdict.word]
-    band = "not known" if verdict.band is None else format_mm(verdict.band)
+    verdict, tone = plan.verdict, TONES[plan.verdict.word]
     before = None if plan.promise is None else plan.promise.before
     uncorrected = "" if before is None else f" (uncorrected program {format_mm(before[1])})"
-    change = format_mm_change(plan.before.max_deviation, plan.after.max_deviation)
+    words = f"95 % band{uncorrected}: the true tip stays that close to the path; "
+    words += f"the tolerance is {format_set_length(verdict.tolerance)}"
     figures = [
-        page.KeyFigure(band, f"95 % band{uncorrected}: the true tip stays that close to the path; "
-                       f"the tolerance is {format_set_length(verdict.tolerance)}",
-                       tone if verdict.word != "not_known" else ""),
-        page.KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
-        page.KeyFigure(f"{format_number(float(plan.timing.time[-1]))}\u00a0s",
-                       f"for {format_length(plan.task.nominal.cutting_length)} of cut"),
+        (_show_band(plan), words, tone if verdict.word != "not_known" else ""),
+        (format_mm_change(plan.before.max_deviation, plan.after.max_deviation),
+         "greatest deviation without and with correction, if the robot is as modelled"),
+        (f"{format_number(float(plan.timing.time[-1]))}\u00a0s",
+         f"for {format_length(plan.task.nominal.cutting_length)} of cut"),
     ]  # fmt: skip
     if verdict.beyond_share:
-        beyond = format_percent(verdict.beyond_share)
-        figures[2] = page.KeyFigure(beyond, "of the cut may be beyond the tolerance", "bad")
-    told = "Distance of the tool tip from the path. The 95 % band has to stay below the tolerance."
-    picture = page.Chart(draw_curves(plan.curves()), told, 340)
-    step = verdict.change if plan.job is None else verdict.change.replace(" JOB", f" {plan.job.file.name}")
-    todo = step or "Run the program without a part at reduced override, then cut and measure one part."
-    sentence, stops = first_sentence(verdict.sentence), list_stops(plan.notes)
-    return page.Summary(sentence, tone, figures, picture, todo, stops, write_sheet(plan, folder))
+        figures[2] = (format_percent(verdict.beyond_share), "of the cut may be beyond the tolerance", "bad")
+    caption = "Distance of the tool tip from the path. The 95 % band has to stay below the tolerance."
+    return Summary(
+        first_sentence(verdict.sentence), tone, figures, Chart(draw_curves(plan.curves()), caption, 340),
+        _name_job(plan, verdict.change) or FIRST_RUN, list_stops(plan.notes), write_sheet(plan, folder),
+    )  # fmt: skip
+
+
+def _show_band(plan: Plan) -> str:
+    return "not known" if plan.verdict.band is None else format_mm(plan.verdict.band)
+
+
+def _name_job(plan: Plan, step: str) -> str:
+    return step if plan.job is None else step.replace(" JOB", f" {plan.job.file.name}")
 
 
 def first_sentence(text: str) -> str:
@@ -71,32 +85,30 @@ def first_sentence(text: str) -> str:
     return re.split(r"(?<=[.!?])\s+(?=[A-Z])", text.strip(), maxsplit=1)[0]
 
 
-def write_sheet(plan: Plan, folder: Path | None) -> page.Section:
+def write_sheet(plan: Plan, folder: Path | None) -> Section:
     """Return the setup sheet: part, frames, tool, start, band, and the checksums of the programs."""
     lines = [("Job", plan.name), ("Verdict", plan.verdict.sentence), *_describe_frames(plan), *_describe_run(plan)]
-    rows: list[page.Row] = [[page.Cell(name, "strong"), words] for name, words in lines]
-    rows += [[page.Cell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
-    blocks: list[page.Block] = [
-        page.DataTable(["Setup", ""], rows),
+    rows: list[Any] = [[Cell(name, "strong"), words] for name, words in lines]
+    rows += [[Cell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
+    blocks: list[Block] = [
+        DataTable(["Setup", ""], rows),
         "Set up by ______________________   Checked by ______________________   Date ______________",
     ]
-    programs = [] if folder is None else list_programs(folder)
-    if programs:
+    if folder is not None and (programs := list_programs(folder)):
         caption = "The file on the controller is this one if its checksum is the same."
-        blocks.append(page.DataTable(["Program", "lines", "SHA-256, first 16 digits"], programs, caption))
-    return page.Section("Setup sheet", blocks, "Check each line at the machine before the program runs.", True)
+        blocks.append(DataTable(["Program", "lines", "SHA-256, first 16 digits"], programs, caption))
+    return Section("Setup sheet", blocks, "Check each line at the machine before the program runs.", True)
 
 
 def list_programs(folder: Path) -> list[tuple[str, int, str]]:
     """List program files in a folder: name, lines, and the first digits of their checksum."""
-    files = sorted(file for file in folder.rglob("*") if file.suffix not in NO_PROGRAM and file.is_file())
-    files = [file for file in files if file.name not in NO_PROGRAM_NAMES]
-    found = []
-    for file in files:
-        content = file.read_bytes()
-        digest = hashlib.sha256(content).hexdigest()[:16]
-        found.append((str(file.relative_to(folder)), content.count(b"\n"), digest))
-    return found
+    contents = {str(file.relative_to(folder)): file.read_bytes()
+                for file in sorted(folder.rglob("*")) if file.is_file() and _is_program(file)}  # fmt: skip
+    return [(name, text.count(b"\n"), hashlib.sha256(text).hexdigest()[:16]) for name, text in contents.items()]
+
+
+def _is_program(file: Path) -> bool:
+    return file.suffix not in NO_PROGRAM and file.name not in NO_PROGRAM_NAMES
 
 
 def describe_pose(pose: Array) -> str:
@@ -110,13 +122,6 @@ def describe_pose(pose: Array) -> str:
     return f"{place}; A {a:g}  B {b:g}  C {c:g} deg (z, y', x''); rotation vector {vector} deg"
 
 
-def _say_range(joint: Joint, low: float, high: float) -> str:
-    """Say over which positions [rad or m] a joint that carries the part goes."""
-    size, unit = (1e3, "mm") if joint.kind == "prismatic" else (180.0 / np.pi, "deg")
-    return f"{joint.name} stands at {size * low:.5g} {unit}" if high - low < 1e-9 else (
-        f"{joint.name} goes from {size * low:.5g} to {size * high:.5g} {unit}")  # fmt: skip
-
-
 def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     """Return robot, part and tool in words."""
     robot, job = plan.robot, plan.job
@@ -128,9 +133,14 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
         rows.append((f"Part frame, {where}", describe_pose(job.T_base_part)))
         rows.append(("Part frame found by", describe_part_frame(job).removeprefix("part frame: ")))
     if robot.ground:
-        low, high = plan.q.min(axis=0), plan.q.max(axis=0)
-        said = [_say_range(robot.actuated[k], low[k], high[k]) for k in np.flatnonzero(robot.carriers).tolist()]
-        rows.append(("Positioner", "; ".join(said)))
+        ranges = []
+        for k in np.flatnonzero(robot.carriers).tolist():
+            joint, (low, high) = robot.actuated[k], (plan.q[:, k].min(), plan.q[:, k].max())
+            size, unit = (1e3, "mm") if joint.kind == "prismatic" else (180.0 / np.pi, "deg")
+            still = high - low < 1e-9
+            ranges.append(f"{joint.name} stands at {size * low:.5g} {unit}" if still else
+                          f"{joint.name} goes from {size * low:.5g} to {size * high:.5g} {unit}")  # fmt: skip
+        rows.append(("Positioner", "; ".join(ranges)))
     tool = None if job is None else job.tool
     if tool is None:
         rows.append(("Tool", f"the robot model's own ({robot.tcp} from {robot.flange})"))
@@ -145,40 +155,36 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
 
 
 def _describe_run(plan: Plan) -> list[tuple[str, str]]:
-    """Return start, feed, clearance and band in words."""
-    robot, verdict = plan.robot, plan.verdict
+    """Return start, feed, clearance, band and cutter in words."""
+    robot, task = plan.robot, plan.task
     first = plan.approach.key_q[0] if len(plan.approach.key_q) else plan.q[0]
     joints = ", ".join(f"{name.split('_')[0]} {round(float(values[0]), 2) + 0.0:.2f} {name.split('_')[1]}"
                        for name, values in robot.joint_columns(first[None]).items())  # fmt: skip
-    wanted = 1e3 * plan.task.nominal.feed[plan.task.cut & ~plan.task.nominal.rapid]
-    slow, speed = mark_slow(plan.task, plan.timing), "not known"
+    wanted = 1e3 * task.nominal.feed[task.cut & ~task.nominal.rapid]
+    slow, speed = mark_slow(task, plan.timing), "not known"
     if len(wanted):
         ends = dict.fromkeys(f"{end:.4g}" for end in (wanted.min(), wanted.max()))
         speed = f"programmed {' to '.join(ends)} mm/s"
         speed += f", lowered to {1e3 * plan.timing.feed[slow].min():.3g} mm/s" if slow.any() else ""
+    clearance = describe_clearance(plan)
+    force = float(np.linalg.norm(task.wrench[:, :3], axis=1).max(initial=0.0))
     rows = [
         ("First joint position", joints),
         ("Feed of the cut", f"{speed}; {plan.timing.time[-1]:.4g} s in all"),
         ("Nearest joint limit", describe_margin(plan)),
+        *([("Least clearance", clearance)] if clearance else []),
+        ("Tolerance and 95 % band", f"{format_set_length(plan.verdict.tolerance)}; band {_show_band(plan)}"),
+        ("Greatest predicted force", f"{force:.4g} N" if force else "none predicted"),
     ]
-    if clearance := describe_clearance(plan):
-        rows.append(("Least clearance", clearance))
-    band = "not known" if verdict.band is None else format_mm(verdict.band)
-    rows.append(("Tolerance and 95 % band", f"{format_set_length(verdict.tolerance)}; band {band}"))
-    force = float(np.linalg.norm(plan.task.wrench[:, :3], axis=1).max(initial=0.0))
-    return [*rows, ("Greatest predicted force", f"{force:.4g} N" if force else "none predicted"), *_describe_cut(plan)]
-
-
-def _describe_cut(plan: Plan) -> list[tuple[str, str]]:
-    """Return cutter, material and spindle in words, where a cutter's engagement predicts the force."""
     process = None if plan.job is None else plan.job.process
     if not isinstance(process, CuttingTable):
-        return []
+        return rows
     material = process.material or "coefficients of the job"
     cutter = f"{process.model} {2e3 * process.cutter().radius:g} mm, {process.teeth} teeth, {process.spindle_rpm:g} rpm"
-    moment = np.abs(np.einsum("ni,ni->n", plan.task.wrench[:, 3:], plan.task.rotation[:, :, 2])).max(initial=0.0)
+    moment = np.abs(np.einsum("ni,ni->n", task.wrench[:, 3:], task.rotation[:, :, 2])).max(initial=0.0)
     power = 2.0 * np.pi * (process.spindle_rpm / 60.0) * moment
-    return [("Cutter", f"{cutter}, in {material}"), ("Spindle", f"up to {moment:.3g} N m, {1e-3 * power:.3g} kW")]
+    rows.append(("Cutter", f"{cutter}, in {material}"))
+    return [*rows, ("Spindle", f"up to {moment:.3g} N m, {1e-3 * power:.3g} kW")]
 
 
 def describe_margin(plan: Plan) -> str:
@@ -201,3 +207,69 @@ def describe_clearance(plan: Plan) -> str:
     near = min(plan.clearance.least[1], plan.clearance.own, key=lambda contact: contact.distance)
     known = np.isfinite(near.distance) and near.first
     return f"{format_length(near.distance)} ({near.first} to {near.second})" if known else ""
+
+
+def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
+    """Return what the terminal says of a plan that was written: six lines at most, then each note to settle, whole."""
+    step = _name_job(plan, NEXT.get(plan.status) or plan.verdict.change or FIRST_RUN.rstrip("."))
+    before, after = (format_mm(run.max_deviation) for run in (plan.before, plan.after))
+    band, sizes = plan.promise, f"deviation {before} -> {after} as modelled"
+    if band is None:
+        sizes += "; no 95 % band is stated"
+    else:
+        without = "" if band.before is None else f"{format_mm(band.before[1])} -> "
+        sizes += f"; 95 % band {without}{format_mm(band.whole)}"
+    basis = plan.verdict.basis or f"robot model: {plan.robot.grade}"
+    if plan.job is not None:
+        frame = "touched off with this robot" if plan.job.touched_off else "absolute in the robot base"
+        basis += f"; part frame {frame}"
+    return [
+        _format_verdict(plan), sizes, *wrap(f"largest cause: {plan.verdict.largest_cause}",
+                                            f"next: {step[0].lower()}{step[1:]}"),
+        format_files(folder, files, count_notes(plan.notes)), basis, *format_stops([*plan.reasons, *plan.notes]),
+    ]  # fmt: skip
+
+
+def format_stops(notes: Iterable[str]) -> list[str]:
+    """Return the notes that must be settled, whole."""
+    return [f"before the machine moves: {stop}" for stop in list_stops(notes)]
+
+
+def count_notes(notes: Iterable[str]) -> str:
+    """Return how many other notes are in the report, in parentheses; "" for none."""
+    count = len(list_remarks(notes))
+    return f" ({count} note{'s' * (count > 1)})" if count else ""
+
+
+def format_files(folder: Path, files: Sequence[Path], notes: str = "") -> str:
+    """Return which files were written, the programs by their number; `notes` follows the report."""
+    shown: list[str] = [
+        name for name in ("report.html", "plan.json", "joints.csv") if name in {file.name for file in files}
+    ]
+    count = len([file for file in files if _is_program(file) and file.name not in shown])
+    shown = [f"{name}{notes}" if name == "report.html" else name for name in shown]
+    shown += [f"{count} program file{'s' * (count > 1)}"] if count else []
+    return f"wrote {', '.join(shown)} to {folder}"
+
+
+def wrap(first: str, second: str) -> list[str]:
+    """Join two phrases on one line where they fit, else on two; a longer one is cut between words."""
+    if len(joined := f"{first}; {second}") <= WIDTH:
+        return [joined]
+    return [textwrap.shorten(text, WIDTH, placeholder=" ...") if len(text) > WIDTH else text
+            for text in (first, second)]  # fmt: skip
+
+
+def _format_verdict(plan: Plan) -> str:
+    """Return the verdict on one line; what it does not say is in the lines below, or on stderr."""
+    verdict, tolerance = plan.verdict, describe_tolerance(plan.task)
+    tolerance = tolerance if len(tolerance) < WIDTH // 3 else "its tolerances"
+    if plan.status == "infeasible":
+        return f"Do not start: no solution. Waypoints out of reach or beyond a limit: {len(plan.command.failures)}."
+    if plan.status == "not_confirmed":
+        return "Do not start: the independent check does not confirm the plan, see below."
+    if verdict.word == NOT_KNOWN or verdict.band is None:
+        return f"Not known whether it keeps {tolerance}."
+    if verdict.word == KEEPS:
+        return f"Keeps {tolerance}: the tip stays within {_show_band(plan)} of the path along the whole cut (95 %)."
+    return f"May not keep {tolerance}: the tip may be up to {_show_band(plan)} off the path (95 %)."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from compplan.reporting.page import Provenance
@@ -24,33 +25,24 @@ DOUBTFUL = ("assumed", "unverified", "placeholder", "estimated", "scaled", "from
 def explain_grade(robot: Robot) -> str:
     """Return where the numbers of a robot come from: its measurements, else the grade of its folder."""
     known = robot.uncertainty
-    if known is not None and known.grade == "measured":
-        return f"measured: {known.source}"
-    return GRADE_MEANING[robot.grade]
+    measured = known is not None and known.grade == "measured"
+    return f"measured: {known.source}" if known is not None and measured else GRADE_MEANING[robot.grade]
 
 
-def describe_grade(robot: Robot) -> str:
-    """Say in a sentence how far the numbers of a robot can be trusted."""
-    return f"Robot model: {explain_grade(robot)}."
-
-
-def describe_robot(
-    robot: Robot, facts: list[tuple[str, str]] | None = None, assumptions: list[str] | None = None
-) -> Provenance:
+def describe_robot(robot: Robot, facts: Sequence[tuple[str, str]] = (), assumptions: Sequence[str] = ()) -> Provenance:
     """Describe a robot for the foot of a page: grade, sources, which of them are assumed; further facts first."""
-    rows = [*(facts or []), ("robot", robot.name), ("robot model", explain_grade(robot))]
+    springs, blocks = robot.springs, robot.link_elasticities
+    elastic = [f"{len(springs)} springs ({', '.join(spring.name for spring in springs)})"] if springs else []
+    elastic += [f"6x6 elasticity of {', '.join(block.link for block in blocks)}"] if blocks else []
+    rows = [*facts, ("robot", robot.name), ("robot model", explain_grade(robot))]
     rows += [(f"source of {name}", text) for name, text in robot.sources.items()]
-    rows.append(("elastic model", _elastic_model(robot)))
+    rows.append(("elastic model", "; ".join(elastic) or "rigid"))
     if robot.gravity is None:
         rows.append(("gravity", "not in the model: deflection counts from the arm that hangs under its own weight"))
     if robot.effects:
         rows.append(("effects", ", ".join(sorted({str(effect.get("effect", "?")) for effect in robot.effects}))))
-    return Provenance(rows, [*list_doubts(robot), *(assumptions or [])])
-
-
-def list_doubts(robot: Robot) -> list[str]:
-    """List the sources of a robot that say that a number was not measured."""
-    return [f"{name}: {text}" for name, text in robot.sources.items() if any(word in text.lower() for word in DOUBTFUL)]
+    doubts = [f"{name}: {text}" for name, text in robot.sources.items() if any(w in text.lower() for w in DOUBTFUL)]
+    return Provenance(rows, [*doubts, *assumptions])
 
 
 def list_assumptions(job: Job | None) -> list[str]:
@@ -68,14 +60,3 @@ def list_assumptions(job: Job | None) -> list[str]:
         open_block = bool(mark) and not code.strip()
     sentences = (sentence.strip() for block in blocks for sentence in re.split(r"(?<=\.)\s+(?=[A-Z])", block))
     return [f"job: {sentence}" for sentence in sentences if "assumed" in sentence.lower()]
-
-
-def _elastic_model(robot: Robot) -> str:
-    if not robot.springs and not robot.link_elasticities:
-        return "rigid"
-    parts = []
-    if robot.springs:
-        parts.append(f"{len(robot.springs)} springs ({', '.join(spring.name for spring in robot.springs)})")
-    if robot.link_elasticities:
-        parts.append(f"6x6 elasticity of {', '.join(block.link for block in robot.link_elasticities)}")
-    return "; ".join(parts)

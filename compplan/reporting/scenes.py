@@ -1,8 +1,4 @@
-"""Scenes in space: a robot from the shapes of its URDF, paths by kind of move, deviations as colour and shape.
-
-`place_shapes` gives triangles in the robot base frame: boxes, cylinders, spheres, and meshes where their files are at
-hand.
-"""
+"""Scenes in space: a robot from the shapes of its URDF, paths by kind of move, deviations as colour and shape."""
 
 from __future__ import annotations
 
@@ -19,9 +15,7 @@ from compplan.errors import ShapeError
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
 from compplan.io.quantities import format_length
 from compplan.reporting.along_path import FLOOR
-from compplan.reporting.charts import Figure
-from compplan.reporting.style import SEQUENTIAL, mark_decades
-from compplan.reporting.thinning import thin_path
+from compplan.reporting.charts import SEQUENTIAL, Figure, mark_decades, thin_path
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.pose import move_joint
@@ -34,13 +28,13 @@ MESH_COLOURS = {
 }  # fmt: skip
 FINEST = 20_000
 UNPAINTED = (0.62, 0.65, 0.68, 1.0)
-#: Least distance from flange to TCP that is drawn as a rod where the URDF shows no tool. [m]
-SHORTEST_ROD = 0.01
-#: Its colour, and length and radius of its thin end, of no cutter in particular. [m]
-ROD, CUTTER = (0.55, 0.57, 0.6, 1.0), (0.04, 0.003)
+#: Least distance from flange to TCP that is drawn as a rod where the URDF shows no tool; length and radius of the thin
+#: end of that rod, of no cutter in particular. [m]
+SHORTEST_ROD, CUTTER = 0.01, (0.04, 0.003)
+#: Colour of the rod.
+ROD = (0.55, 0.57, 0.6, 1.0)
 #: Where the light comes from, base axes, and the share of light without a direction.
-LIGHT = np.array([0.35, -0.5, 0.79])
-AMBIENT = 0.45
+LIGHT, AMBIENT = np.array([0.35, -0.5, 0.79]), 0.45
 #: Where a scene is looked at from, base axes.
 EYE = np.array([1.16, -1.40, 0.84])
 #: About how many points of a path are drawn in a scene.
@@ -54,21 +48,23 @@ DECADES = 5.0
 Colour = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
-    """Triangles of one visual in the robot base frame.
+    """Triangles of one shape.
 
     Attributes:
-        link: Link that it belongs to.
-        vertices: Shape (v, 3). [m]
+        link: Link that it belongs to, "" where it stands still.
+        vertices: In the robot base frame, or in that of its link where a cell is kept. Shape (v, 3). [m]
         faces: Corners of each triangle. Shape (f, 3).
         colour: Red, green, blue, opacity, each from 0 to 1.
+        name: What it is, where that is not the link.
     """
 
     link: str
     vertices: Array
     faces: NDArray[np.int_]
     colour: Colour
+    name: str = ""
 
 
 def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
@@ -84,9 +80,24 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
     if q.shape != (robot.nq,):
         raise ShapeError(f"q has shape {q.shape}, expected ({robot.nq},)")
     poses = follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q, strict=True)))
-    _locate_beside(robot, poses)
+    parents, mounted, count = read_parents(robot), robot.tcp == "tool_tcp", -1
+    while count != len(poses):  # links beside the chain; behind the flange only where the folder's own tool is mounted
+        count = len(poses)
+        for below, (above, origin) in parents.items():
+            if below not in poses and above in poses and not (mounted and above == robot.flange):
+                poses[below] = poses[above] @ read_origin(origin)
     back = np.linalg.inv(poses[robot.ground or robot.base])
     return {link: back @ pose for link, pose in poses.items()} if robot.ground else poses
+
+
+def read_parents(robot: Robot) -> dict[str, tuple[str, ElementTree.Element | None]]:
+    """Return the parent of each link of the URDF and the <origin> of the joint between them."""
+    found = {}
+    for element in ElementTree.fromstring(robot.urdf).findall("joint"):
+        parent, child = element.find("parent"), element.find("child")
+        if parent is not None and child is not None:
+            found[child.attrib["link"]] = parent.attrib["link"], element.find("origin")
+    return found
 
 
 def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, float]) -> dict[str, Array]:
@@ -106,23 +117,51 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     A tool that a job mounts takes the place of the folder's tool: what the URDF hangs on the flange is then left out,
     and a rod from flange to tool centre point is drawn.
     """
-    root = ElementTree.fromstring(robot.urdf)
-    paints = {
-        element.attrib["name"]: _read_paint(element) for element in root.findall("material") if "name" in element.attrib
-    }
-    poses = locate_links(robot, q)
-    shapes = []
+    root, poses, shapes = ElementTree.fromstring(robot.urdf), locate_links(robot, q), list[Shape]()
+    paints = {element.attrib["name"]: _read_paint(element) for element in root.findall("material[@name]")}
     for link in root.findall("link"):
         name = link.attrib["name"]
         for visual in link.findall("visual") if name in poses else ():
-            triangles = _triangulate(visual.find("geometry"), robot.folder)
-            if triangles is None:
-                continue
-            pose = poses[name] @ read_origin(visual.find("origin"))
-            vertices = triangles[0] @ pose[:3, :3].T + pose[:3, 3]
-            shapes.append(Shape(name, vertices, triangles[1], _find_paint(visual.find("material"), paints)))
-    rod = _rod(robot, poses, {shape.link for shape in shapes})
-    return shapes if rod is None else [*shapes, rod]
+            if (triangles := _triangulate(visual.find("geometry"), robot.folder)) is not None:
+                pose, material = poses[name] @ read_origin(visual.find("origin")), visual.find("material")
+                named = "" if material is None else material.attrib.get("name", "")
+                colour = _read_paint(material) or paints.get(named) or UNPAINTED
+                shapes.append(Shape(name, triangles[0] @ pose[:3, :3].T + pose[:3, 3], triangles[1], colour))
+    behind = {joint.child for joint in robot.joints[_first_behind(robot) :]}
+    start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
+    long = float(np.linalg.norm(end - start))
+    if behind & {shape.link for shape in shapes} or long < SHORTEST_ROD:
+        return shapes
+    neck = end + (start - end) * min(0.5, CUTTER[0] / long)  # thin at its end, so that the cut is seen
+    holder, sides = triangulate_rod(start, neck, 0.02, sections=20)
+    cutter, more = triangulate_rod(neck, end, CUTTER[1], sections=20)
+    return [*shapes, Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)]
+
+
+def _first_behind(robot: Robot) -> int:
+    """Return the number of the first joint behind the flange, or how many joints there are."""
+    return next((k for k, joint in enumerate(robot.joints) if joint.parent == robot.flange), len(robot.joints))
+
+
+def _read_paint(material: ElementTree.Element | None) -> Colour | None:
+    colour = None if material is None else material.find("color")
+    return None if colour is None else read_colour(colour)
+
+
+def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> tuple[Array, NDArray[np.int_]] | None:
+    if geometry is None or not len(geometry):
+        return None
+    if geometry[0].tag == "mesh" and find_mesh(geometry[0].attrib.get("filename", ""), folder) is None:
+        return None
+    form = read_form(geometry, folder)
+    if geometry[0].tag == "box":
+        size = np.array(form[1])
+        return triangulate_box(-0.5 * size, 0.5 * size)
+    if geometry[0].tag == "cylinder":
+        end = np.array([0.0, 0.0, 0.5 * form[2]])
+        return triangulate_rod(-end, end, form[1], sections=28)
+    mesh = as_mesh(form)
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
 
 
 def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]]) -> list[Shape]:
@@ -199,10 +238,10 @@ def add_path(
 
     colour: of the line, or a value at each point; width [px]; hover: words shown with the custom data.
     """
-    told = {"hoverinfo": "skip"} if hover is None else {"hovertemplate": hover}
+    words = {"hoverinfo": "skip"} if hover is None else {"hovertemplate": hover}
     figure.add(
         "scatter3d", panel, **dict(zip("xyz", points.astype(np.float32).T, strict=True)), mode="lines", name=name,
-        line={"color": colour, "width": width, **line}, customdata=custom, **told,
+        line={"color": colour, "width": width, **line}, customdata=custom, **words,
     )  # fmt: skip
 
 
@@ -268,11 +307,12 @@ def draw_deviation_paths(
             hover="waypoint %{customdata[0]:.0f}: %{customdata[1]:.4g} mm",
         )  # fmt: skip
     frame_scenes(figure, np.vstack(shown), margin=0.02, size=1.75, top=30)  # room for the label of z beside each
-    top = float(np.log10(max(float(sizes[0].max()), float(sizes[1].max()), FLOOR)))
-    bottom = max(float(np.log10(max(min(float(size.min()) for size in sizes), FLOOR))), top - DECADES)
-    ticks, words = mark_decades(10 ** min(bottom, top - 1.0), 10**top)
+    both = np.log10(np.maximum(sizes, FLOOR))
+    top = float(both.max())
+    bottom = min(max(float(both.min()), top - DECADES), top - 1.0)
+    ticks, words = mark_decades(10**bottom, 10**top)
     marks = {"tickvals": [float(np.log10(tick)) for tick in ticks], "ticktext": words}
-    figure.layout |= {"coloraxis": colour_axis("deviation", min(bottom, top - 1.0), top, **marks), "showlegend": False}
+    figure.layout |= {"coloraxis": colour_axis("deviation", bottom, top, **marks), "showlegend": False}
     return figure
 
 
@@ -297,62 +337,3 @@ def describe_magnification(path: Array, deviation: Array) -> str:
     """Say by how much the drawn deviation is magnified."""
     factor = choose_magnification(path, deviation)
     return "to scale" if factor == 1 else f"magnified {factor:g} times"
-
-
-def _locate_beside(robot: Robot, poses: dict[str, Array]) -> None:
-    """Add the links that hang beside the chain; behind the flange only where the folder's own tool is mounted."""
-    elements = ElementTree.fromstring(robot.urdf).findall("joint")
-    mounted, count = robot.tcp == "tool_tcp", -1
-    while count != len(poses):
-        count = len(poses)
-        for element in elements:
-            parent, child = element.find("parent"), element.find("child")
-            if parent is None or child is None:
-                continue
-            above, below = parent.attrib["link"], child.attrib["link"]
-            if below not in poses and above in poses and not (mounted and above == robot.flange):
-                poses[below] = poses[above] @ read_origin(element.find("origin"))
-
-
-def _find_paint(material: ElementTree.Element | None, paints: Mapping[str, Colour | None]) -> Colour:
-    """Return the colour of a visual: its own, or that of the material that it names."""
-    if material is None:
-        return UNPAINTED
-    return _read_paint(material) or paints.get(material.attrib.get("name", "")) or UNPAINTED
-
-
-def _read_paint(material: ElementTree.Element) -> Colour | None:
-    colour = material.find("color")
-    return None if colour is None else read_colour(colour)
-
-
-def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> tuple[Array, NDArray[np.int_]] | None:
-    if geometry is None or not len(geometry):
-        return None
-    if geometry[0].tag == "mesh" and find_mesh(geometry[0].attrib.get("filename", ""), folder) is None:
-        return None
-    form = read_form(geometry, folder)
-    if geometry[0].tag == "box":
-        size = np.array(form[1])
-        return triangulate_box(-0.5 * size, 0.5 * size)
-    if geometry[0].tag == "cylinder":
-        end = np.array([0.0, 0.0, 0.5 * form[2]])
-        return triangulate_rod(-end, end, form[1], sections=28)
-    mesh = as_mesh(form)
-    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
-
-
-def _rod(robot: Robot, poses: dict[str, Array], drawn: set[str]) -> Shape | None:
-    """Draw a rod from flange to TCP where nothing else shows the tool; thin at its end, so that the cut is seen."""
-    behind, links = False, []
-    for joint in robot.joints:
-        behind = behind or joint.parent == robot.flange
-        if behind:
-            links.append(joint.child)
-    start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
-    if drawn & set(links) or np.linalg.norm(end - start) < SHORTEST_ROD:
-        return None
-    neck = end + (start - end) * min(0.5, CUTTER[0] / float(np.linalg.norm(end - start)))
-    holder, sides = triangulate_rod(start, neck, 0.02, sections=20)
-    cutter, more = triangulate_rod(neck, end, CUTTER[1], sections=20)
-    return Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)

@@ -22,8 +22,8 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_number, format_percent
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
-from compplan.reporting import page
 from compplan.reporting.charts import draw_curves
+from compplan.reporting.page import Cell, Chart, DataTable, Provenance, Section, Summary, render_page
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm
@@ -44,15 +44,13 @@ class Traced:
     Args:
         robot: The robot.
         traces: The logs beside their programs.
-        folder: The folder's own values.
-        found: What was identified.
+        found: What was identified; its motion is the folder's where it does not help.
         gaps: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
         notes: What was read past or assumed.
     """
 
     robot: Robot
     traces: Sequence[PlacedLog]
-    folder: ServoMotion
     found: Identified
     gaps: dict[str, Array]
     notes: tuple[str, ...]
@@ -68,65 +66,45 @@ def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> 
         message = f"{len(logs)} logs and {len(programs)} programs, expected one --program a log, in order, or one"
         raise InputError(message)
     programs = list(programs) * (len(logs) if len(programs) == 1 else 1)
-    arm = build_arm(robot)
-    folder, _ = load_motion(robot)
+    arm, (folder, _) = build_arm(robot), load_motion(robot)
     traces = [load_trace(log, program, robot, arm) for log, program in zip(logs, programs, strict=True)]
     windows = cut_windows(traces, arm)
     found = identify_motion(windows, folder, arm)
-    if found.helps:
-        names = ", ".join(log.name for log in logs)
-        found = replace(found, motion=replace(found.motion, source=f"identified by compplan trace from {names}"))
-    else:
-        found = replace(found, motion=folder)
+    source = f"identified by compplan trace from {', '.join(log.name for log in logs)}"
+    found = replace(found, motion=replace(found.motion, source=source) if found.helps else folder)
     gaps = [divide_gap(window, found.motion, arm) for window in windows]
-    joined = {name: np.concatenate([gap[name] for gap in gaps]) for name in gaps[0]}
     notes = [f"{trace.log.file.name}: {note}" for trace in traces for note in trace.log.notes]
-    return Traced(robot, traces, folder, found, joined, (*notes, *_list_limits(traces, found)))
-
-
-def _list_limits(traces: Sequence[PlacedLog], found: Identified) -> list[str]:
-    """Say what the figures do not hold."""
-    notes = []
-    if found.held_out == "time" and found.ladder:
-        notes.append("the figures are of stretches of time that were left out; another path or speed was not held "
-                     "against the model: give logs of two programs")  # fmt: skip
     if not found.ladder:
         notes.append(f"{len(traces[0].log)} rows are too few for validation; nothing is identified")
-    elif not found.helps:
+    elif found.held_out == "time":
+        notes.append("the figures are of stretches of time that were left out; another path or speed was not held "
+                     "against the model: give logs of two programs")  # fmt: skip
+    if found.ladder and not found.helps:
         notes.append("no model is nearer to the rows left out than the programmed path and the folder's values, in "
                      "median and 95th percentile; the folder keeps its values")  # fmt: skip
-    return notes
+    return Traced(robot, traces, found, {name: np.concatenate([g[name] for g in gaps]) for name in gaps[0]}, (*notes,))
 
 
 def summarise_trace(traced: Traced) -> dict[str, Any]:
     """Return what trace.json holds."""
-    found, prismatic = traced.found, traced.robot.prismatic
-    left = _keep_left(found)
+    found = traced.found
+    left = found.left if found.helps else found.left_before
+    if not found.helps and found.motion.source == ASSUMED:  # values that nobody stated and that do not help
+        better = score(summarise_distance(found.left_before)) < score(summarise_distance(found.without))
+        left = found.left_before if better else found.without
+    rms = {name: 1e3 * float(np.sqrt((traced.gaps[name] ** 2).sum(axis=1).mean())) for name in CAUSES}
     return {
         "schema": 1,
-        "left_mm": _summarise(left),
-        "left_without_model_mm": _summarise(found.without),
-        "left_with_folder_mm": _summarise(found.left_before),
-        "parts": share_causes(traced.gaps),
-        "parts_rms_mm": {name: 1e3 * _rms(traced.gaps[name]) for name in CAUSES},
-        "written": found.helps,
-        "model": found.rung if found.helps else "folder",
-        "held_out": found.held_out,
-        "models_mm": {name: {"median": 1e3 * m, "p95": 1e3 * p} for name, (m, p) in found.ladder.items()},
-        "motion": tabulate_motion(found.motion, prismatic),
-        "rows_judged": len(found.without),
-        "logs": [describe_log(trace) for trace in traced.traces],
-        "notes": list(traced.notes),
+        "left_mm": _summarise(summarise_distance(left)),
+        "left_without_model_mm": _summarise(summarise_distance(found.without)),
+        "left_with_folder_mm": _summarise(summarise_distance(found.left_before)),
+        "parts": share_causes(traced.gaps), "parts_rms_mm": rms, "written": found.helps,
+        "model": found.rung if found.helps else "folder", "held_out": found.held_out,
+        "models_mm": {name: _summarise(ends) for name, ends in found.ladder.items()},
+        "motion": tabulate_motion(found.motion, traced.robot.prismatic), "rows_judged": len(found.without),
+        "logs": [_describe_log(trace) for trace in traced.traces], "notes": list(traced.notes),
         "made_by": describe_origin(),
-    }
-
-
-def _keep_left(found: Identified) -> Array:
-    """Return the distances by what DIR/robot holds; values that nobody stated and that do not help are no model."""
-    if found.helps:
-        return found.left
-    better = score(summarise_distance(found.left_before)) < score(summarise_distance(found.without))
-    return found.left_before if better or found.motion.source != ASSUMED else found.without
+    }  # fmt: skip
 
 
 def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
@@ -138,7 +116,7 @@ def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
     return {name: min(max(value, 0.0), 1.0) for name, value in shares.items()}
 
 
-def describe_log(trace: PlacedLog) -> dict[str, Any]:
+def _describe_log(trace: PlacedLog) -> dict[str, Any]:
     """Return what the clock of a log did."""
     log, s = trace.log, trace.places.s
     return {
@@ -149,13 +127,8 @@ def describe_log(trace: PlacedLog) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _summarise(values: Array) -> dict[str, float]:
-    median, p95 = summarise_distance(values)
-    return {"median": 1e3 * median, "p95": 1e3 * p95}
-
-
-def _rms(vectors: Array) -> float:
-    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
+def _summarise(ends: tuple[float, float]) -> dict[str, float]:
+    return {"median": 1e3 * ends[0], "p95": 1e3 * ends[1]}
 
 
 def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
@@ -168,13 +141,13 @@ def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
     with replace_folder(folder, "trace") as part:
         deliver_robot_folder(traced.robot, part / "robot")
         if traced.found.helps:
-            write_motion(traced.found.motion, traced.robot, part / "robot" / "controller.toml")
+            _write_motion(traced.found.motion, traced.robot, part / "robot" / "controller.toml")
         write_json(part / "trace.json", summary)
         write_text(part / "report.html", _render(traced.robot.name, summary, traced.found))
     return summary
 
 
-def write_motion(motion: ServoMotion, robot: Robot, file: Path) -> None:
+def _write_motion(motion: ServoMotion, robot: Robot, file: Path) -> None:
     """Write the table [motion] of a controller.toml; everything else in it stays as it is."""
     if file.is_file():
         text = MOTION.sub("", file.read_text(encoding="utf-8")).rstrip("\n")
@@ -187,13 +160,7 @@ def write_motion(motion: ServoMotion, robot: Robot, file: Path) -> None:
 
 def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
     """Return the page: what the executed path leaves of the programmed one, why, and what a model explains."""
-    without, left, parts = summary["left_without_model_mm"], summary["left_mm"], summary["parts"]
-    lede = (
-        f"The tip leaves the programmed path by {format_number(without['median'])}\u00a0mm (median) and "
-        f"{format_number(without['p95'])}\u00a0mm (95 of 100 rows are nearer). It leaves the path that the model "
-        f"executes by {format_number(left['median'])} and {format_number(left['p95'])}\u00a0mm, on rows that the "
-        "model was not fitted to."
-    )
+    parts, without = summary["parts"], summary["left_without_model_mm"]
     facts = [
         (key.replace("_", " "), ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else str(value))
         for key, value in summary["motion"].items()
@@ -203,11 +170,10 @@ def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
         assumed.append("The folder's own controller values, which were not identified here.")
     causes = [[words, 100.0 * parts[name], summary["parts_rms_mm"][name]] for name, words in CAUSES.items()]
     causes.append(["not explained", 100.0 * max(0.0, 1.0 - sum(parts.values())), None])
-    text = "Shares of the mean square distance across the programmed path; they add up along its direction."
     held = "logs" if summary["held_out"] == "log" else "stretches of time"
     models = {"programmed path": without, "folder's values": summary["left_with_folder_mm"], **summary["models_mm"]}
     tried = [
-        [name, *(page.Cell(entry[key], "strong" if name == summary["model"] else "") for key in ("median", "p95"))]
+        [name, *(Cell(entry[key], "strong" if name == summary["model"] else "") for key in ("median", "p95"))]
         for name, entry in models.items()
     ]
     logs = [
@@ -216,39 +182,36 @@ def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
         for entry in summary["logs"]
     ]  # fmt: skip
     heads = ["log", "rows", "cycle [ms]", "torn readings", "late [%]", "missing [%]", "begins at [mm, 4]"]
+    text = "Shares of the mean square distance across the programmed path; they add up along its direction."
     sections = [
-        page.Section("Causes", [page.DataTable(["cause", "share [%]", "rms [mm]"], causes, text)]),
-        page.Section("Models", [page.DataTable(["model", "median [mm]", "95 % [mm]"], tried,
-                                           f"Distances of rows left out: {held} were left out in turn.")]),
-        page.Section("Logs", [page.DataTable(heads, logs, "Clocks of the logs, and where in the program they begin.")]),
+        Section("Causes", [DataTable(["cause", "share [%]", "rms [mm]"], causes, text)]),
+        Section("Models", [DataTable(["model", "median [mm]", "95 % [mm]"], tried,
+                                     f"Distances of rows left out: {held} were left out in turn.")]),
+        Section("Logs", [DataTable(heads, logs, "Clocks of the logs, and where in the program they begin.")]),
     ]  # fmt: skip
-    return page.render_page(
-        f"Executed path of {robot}", lede, sections, kind="Trace", opening=_open(summary, found),
-        notes=summary["notes"], provenance=page.Provenance(facts, assumed),
-    )  # fmt: skip
+    return render_page(f"Executed path of {robot}", _open(summary, found), sections, kind="Trace",
+                       notes=summary["notes"], provenance=Provenance(facts, assumed))  # fmt: skip
 
 
-def _open(summary: Mapping[str, Any], found: Identified) -> page.Summary:
+def _open(summary: Mapping[str, Any], found: Identified) -> Summary:
     """Return the first screen."""
-    without, left, parts = summary["left_without_model_mm"], summary["left_mm"], summary["parts"]
-    cause = max(parts, key=lambda name: parts[name])
+    without, left, parts = summary["left_without_model_mm"]["p95"], summary["left_mm"]["p95"], summary["parts"]
+    cause, tone = max(parts, key=lambda name: parts[name]), "bad"
     verdict = "No identified controller helps; the folder keeps its values."
     todo = "Log programs of two paths or speeds, and trace them together."
     if summary["written"]:
-        ratio = format_number(without["p95"] / max(left["p95"], 1e-9), 2)
+        ratio, tone = format_number(without / max(left, 1e-9), 2), "good"
         verdict = f"The identified controller is {ratio} times closer to the executed path than the program."
         todo = "Use it: compplan execute PROGRAM.csv --robot OUT/robot --out EXECUTED.csv."
     figures = [
-        page.KeyFigure(f"{format_number(without['p95'])}\u00a0mm",
-                       "95 % of the rows are nearer to the programmed path"),
-        page.KeyFigure(f"{format_number(left['p95'])}\u00a0mm", "the same, to the path that the model executes",
-                       "good" if summary["written"] else "bad"),
-        page.KeyFigure(format_percent(parts[cause]), f"of what is left is {CAUSES[cause]}, the largest cause"),
-    ]  # fmt: skip
+        (f"{format_number(without)}\u00a0mm", "95 % of the rows are nearer to the programmed path"),
+        (f"{format_number(left)}\u00a0mm", "the same, to the path that the model executes", tone),
+        (format_percent(parts[cause]), f"of what is left is {CAUSES[cause]}, the largest cause"),
+    ]
     share, kept = np.linspace(0.0, 100.0, 101), found.left if found.helps else found.left_before
-    lines = [Curve(name, 1e3 * np.percentile(values, share), share, role)
-             for name, values, role in (("to the program", found.without, "before"),
-                                        ("to the model's path", kept, "after"))]  # fmt: skip
-    chart = draw_curves(Curves("", "distance [mm]", "rows nearer [%]", tuple(lines)))
-    picture = page.Chart(chart, "Share of the rows that are nearer than a distance.", height=330)
-    return page.Summary(verdict, "good" if summary["written"] else "unsure", figures, picture, todo)
+    lines = tuple(Curve(name, 1e3 * np.percentile(values, share), share, role)
+                  for name, values, role in (("to the program", found.without, "before"),
+                                             ("to the model's path", kept, "after")))  # fmt: skip
+    chart = draw_curves(Curves("", "distance [mm]", "rows nearer [%]", lines))
+    picture = Chart(chart, "Share of the rows that are nearer than a distance.", 330)
+    return Summary(verdict, "good" if summary["written"] else "unsure", figures, picture, todo)

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from compplan.identification import ReducedModel, reduce_model
-from compplan.reporting.maps.maps import DeflectionMap, map_deflection
 from compplan.reporting.maps.pictures import deflection_panels, draw_deflection, draw_lines
 from compplan.reporting.maps.reach import make_plane, reach_plane, working_limits
+from compplan.reporting.maps.survey import DeflectionMap, map_deflection
 from compplan.reproduce.mamedov_circles import (
     MAXIMA_BEFORE,
     MEANS_AFTER,

@@ -198,7 +198,7 @@ def _render(result: Reproduction) -> str:
         list(dict.fromkeys(text for part in parts for text in part.assumptions)),
     )
     return page.render_page(
-        result.title, result.lede, sections, kind="Reproduction", opening=_open(result), provenance=provenance
+        result.title, _open(result), sections, kind="Reproduction", answers=[result.lede], provenance=provenance
     )
 
 
@@ -207,7 +207,7 @@ def _open(result: Reproduction) -> page.Summary:
     counts = count_verdicts(result.rows)
     good = counts.get("matches", 0) + counts.get("close", 0)
     told = sum(counts.values())
-    figures = [page.KeyFigure(str(count), words) for words, count in list(counts.items())[:3]]
+    figures = [(str(count), words) for words, count in list(counts.items())[:3]]
     picture = _picture(result.figures[0]) if result.figures else None
     verdict = f"{good} of {told} figures of the paper come out within 20 %."
     todo = "Read which figures do not, and what the paper leaves out, below."
@@ -221,7 +221,7 @@ def _picture(figure: Any) -> page.Picture:
 def _table(rows: tuple[Row, ...]) -> page.DataTable:
     columns = ["quantity", "unit", "paper", "ours", "ours / paper", "verdict", "assumed"]
     marks = {text: f"[{number}]" for number, text in enumerate(list_assumptions(rows), start=1)}
-    body: list[page.Row] = []
+    body: list[list[Any]] = []
     for row in rows:
         ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
         tone = TONES.get(row.verdict, "muted" if row.verdict.startswith("cannot") else "")

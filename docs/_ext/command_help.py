@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
-
 import click
 from docutils import nodes
 from sphinx.util.docutils import SphinxDirective
 
-from compplan.cli import COMMANDS
+from compplan.cli import COMMANDS, load_command
 
 
 class CommandHelp(SphinxDirective):
@@ -18,7 +16,7 @@ class CommandHelp(SphinxDirective):
         """Ask every command for its help."""
         lines: list[str] = []
         for name, what in COMMANDS.items():
-            command = importlib.import_module(f"compplan.cli.commands.{name}").command
+            command = load_command(name)
             context = click.Context(command, info_name=f"compplan {name}", max_content_width=96, terminal_width=96)
             lines += [f"## compplan {name}", "", f"{what[:1].upper()}{what[1:]}.", "", "```text"]
             lines += [*command.get_help(context).splitlines(), "```", ""]

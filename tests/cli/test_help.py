@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import shlex
 
@@ -10,7 +9,7 @@ import pytest
 from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
-from compplan.cli import COMMANDS, group
+from compplan.cli import COMMANDS, group, load_command
 from compplan.cli.commands.plan import STAGES
 from compplan.cli.terminal import find_stage
 
@@ -21,8 +20,7 @@ def test_every_help_text_ends_with_an_example_that_the_command_takes(name: str) 
     found = re.search(rf"Example: (compplan {name} .*?) (?:Example|Options):", text)
     assert found, text
     words = [word for word in shlex.split(found.group(1)) if word != ">>"][2:]
-    command = importlib.import_module(f"compplan.cli.commands.{name}").command
-    known = {option for parameter in command.params for option in parameter.opts}
+    known = {option for parameter in load_command(name).params for option in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= known
 
 

@@ -29,7 +29,7 @@ from compplan.job.job import Job
 from compplan.job.names import EFFECTS
 from compplan.planning.strategies.online import ONLINE, STRATEGIES
 from compplan.process.force_models import FORCE_MODELS
-from compplan.reporting.effect_text import describe_effect
+from compplan.reporting.diagnosis_text import describe_effect
 from compplan.toolpath.readers import READERS
 from tests.cli.test_bad_input import write_job
 from tests.controllers.test_golden_programs import FORMS
@@ -130,7 +130,6 @@ def fold(robot, effect):
 
 def test_an_effect_is_one_file_and_one_line(add_module, tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(cp.EFFECTS, "wavy_floor", add_module("wavy_floor", WAVY_FLOOR))
-    assert "wavy_floor" in str(Job.model_json_schema()) and "| wavy_floor" in write_job_text()
     robot = write_small_robot(tmp_path / "robot")
     effect = cp.Effect("wavy_floor", "joint_1", None, {"height_m": 4e-4})
     assert "rises and falls as joint_1 turns" in describe_effect({"effect": "wavy_floor", "joint": "joint_1"})

@@ -215,7 +215,7 @@ def test_the_folder_holds_the_whole_and_each_tool(posted: cp.Posted) -> None:
     time = np.array([float(row.partition(",")[0]) for row in rows])
     assert (np.diff(time) >= 0.0).all() and [row.rpartition(",")[2] for row in rows[:: len(rows) - 1]] == ["T1", "T2"]
     page = (posted.folder / "report.html").read_text()
-    assert "2 operations (T1, T2), solved" in page and "two_T2_L.src" in page
+    assert "for 2 operations, without the tool changes" in page and "two_T2_L.src" in page
 
 
 def test_what_was_written_for_several_tools_is_read_back(
@@ -360,7 +360,7 @@ def test_init_writes_a_tool_for_each_number_that_the_file_cuts_with(tmp_path: Pa
 
 
 def test_a_plan_of_several_tools_is_viewed_tool_by_tool(posted: cp.Posted) -> None:
-    from compplan.cli.commands.view import list_shown
+    from compplan.cli.commands.setup import list_shown
 
     assert list_shown(posted.folder) == [posted.folder / "T1", posted.folder / "T2"]
     assert list_shown(posted.folder / "T1") == [posted.folder / "T1"]

@@ -22,7 +22,7 @@ from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.planning.plan import job_robot, plan_job
 from compplan.reporting.scenes import locate_links
-from compplan.reporting.view.recording import ViewCell, _read_joint, _read_solid
+from compplan.reporting.view.recording import build_cell
 from compplan.reporting.view.scene import locate_chain
 from compplan.reporting.writers.plan import deliver_plan
 from compplan.reporting.writers.recording import summarise_cell
@@ -239,9 +239,7 @@ def test_a_language_that_a_robot_cannot_have_is_refused_before_the_plan(name: st
 def test_the_picture_and_the_viewer_keep_the_ground_still_and_move_table_and_part() -> None:
     robot = read_robot_folder(TABLE)
     content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
-    joints, solids = (tuple(read(entry) for entry in content[key])
-                      for read, key in ((_read_joint, "joints"), (_read_solid, "shapes")))  # fmt: skip
-    cell = ViewCell(joints, solids, content)
+    cell = build_cell(content)
     assert tuple(joint.name for joint in cell.actuated) == robot.joint_names
     q = draw(5, 1)[0][0]
     drawn, seen = locate_links(robot, q), locate_chain(cell, q)
@@ -256,7 +254,7 @@ def circle(robot: str, place: Array, **tables: Any) -> Job:
     return check_job({
         "schema": 1, "robot": robot,
         "part": {"position_mm": (1e3 * place[:3, 3]).tolist(),
-                 "rotation_rad": Rotation.from_matrix(place[:3, :3]).as_rotvec().tolist()},
+                 "rotation_deg": Rotation.from_matrix(place[:3, :3]).as_rotvec(degrees=True).tolist()},
         "toolpath": {"generator": "circle", "radius_mm": 30.0, "feed_mm_s": 10.0, "waypoints": 24},
         "process": {"model": "constant", "force_N": [100.0, 0.0, 300.0]},
         "plan": {"rotate_about_tool_axis": False, "strategy": "iterated_mirror", "tolerance_mm": 0.3}, **tables,
@@ -281,7 +279,7 @@ def test_a_table_that_is_held_plans_as_the_arm_alone_with_the_part_tilted_and_tu
 @pytest.mark.parametrize(
     ("hold", "said"),
     [({"hold_deg": {"joint_1": 0.0}}, "carries no part"), ({"hold_deg": {"table_tilt": 100.0}}, "its range is"),
-     ({"hold_mm": {"table_tilt": 1.0}}, "carries no part")],
+     ({"hold_deg": {"drum": 1.0}}, "carries no part")],
 )  # fmt: skip
 def test_what_cannot_be_held_is_refused(hold: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):

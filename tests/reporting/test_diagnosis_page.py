@@ -17,8 +17,14 @@ from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
 from compplan.measurement.campaign import Campaign
 from compplan.reporting.diagnosis import open_diagnosis, render_diagnosis
-from compplan.reporting.diagnosis_text import describe_where, describe_which
-from compplan.reporting.effect_text import describe_change, describe_effect, describe_parameters, name_effect
+from compplan.reporting.diagnosis_text import (
+    describe_change,
+    describe_effect,
+    describe_parameters,
+    describe_where,
+    describe_which,
+    name_effect,
+)
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.chain import build_chain
@@ -111,7 +117,7 @@ def test_kinds_of_small_errors_stand_beside_the_names(diagnosed: tuple[Any, Spli
     groups = (("joint_3", "load", Share(0.6, 0.0, 1.0)), ("joint_5", "geometry", Share(0.34, 0.3, 0.4)))
     split = replace(diagnosed[1], small_errors=SmallErrors({}, {}, groups))
     said = describe_where(TABLE["verdict"], split)
-    largest = open_diagnosis({"status": "partly_explained", "effects": [SPRING]}, GAP, "causes", "", 0.78)
+    largest = open_diagnosis({"status": "partly_explained", "effects": [SPRING]}, GAP, "causes", "", "", 0.78)
     assert "Most of the gap is small errors, as of a robot that was not calibrated. A part" in largest.verdict
     assert "(95 %: 1\u00a0% to 6\u00a0%; geometry of joint_5 34\u00a0% in the updated robot)" in said
 

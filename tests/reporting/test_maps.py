@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from compplan.cli.commands import map as map_command
-from compplan.cli.commands.map import command
+from compplan.cli import load_command
 from compplan.errors import InputError
-from compplan.reporting.maps.maps import map_deflection
+from compplan.reporting.maps import survey
 from compplan.reporting.maps.reach import ELBOWS, POSTURES, Plane, make_plane, reach_plane, stand_of_arm, working_limits
-from compplan.reporting.maps.survey import MapSettings, map_robot
+from compplan.reporting.maps.survey import MapSettings, map_deflection, map_robot
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
@@ -104,7 +103,7 @@ def test_the_map_turns_with_the_first_joint() -> None:
 
 def test_the_command_writes_maps_pictures_and_a_page(tmp_path: Path) -> None:
     arguments = ["kuka_kr270_full", "--out", str(tmp_path / "out"), "--points", "15", "--json"]
-    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    result = CliRunner().invoke(load_command("map"), arguments, catch_exceptions=False)
     assert result.exit_code == 0
     summary = json.loads(result.stdout)
     table = json.loads((tmp_path / "out" / "map.json").read_text())
@@ -120,9 +119,9 @@ def test_the_command_writes_maps_pictures_and_a_page(tmp_path: Path) -> None:
 
 def test_degrees_and_millimetres_of_the_command_become_si(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked: list[MapSettings] = []
-    monkeypatch.setattr(map_command, "map_robot", lambda robot, settings, reduced: asked.append(settings))
+    monkeypatch.setattr(survey, "map_robot", lambda robot, settings, reduced: asked.append(settings))
     words = ["kuka_kr270", "--azimuth-deg", "30", "--height-mm", "250", "--out", str(tmp_path / "out")]
-    assert CliRunner().invoke(command, words).exit_code != 0  # nothing was mapped
+    assert CliRunner().invoke(load_command("map"), words).exit_code != 0  # nothing was mapped
     assert (asked[0].azimuth, asked[0].height) == pytest.approx((np.pi / 6, 0.25))
 
 

@@ -17,9 +17,9 @@ from compplan.cli import group
 from compplan.errors import InputError
 from compplan.io.palette import CATEGORIES, NEUTRAL
 from compplan.planning.plan import Plan, plan_job
-from compplan.reporting.scenes import locate_links
-from compplan.reporting.style import SEQUENTIAL
-from compplan.reporting.view.recording import GapRecording, PlanRecording, ViewSolid, read_recording
+from compplan.reporting.charts import SEQUENTIAL
+from compplan.reporting.scenes import Shape, locate_links
+from compplan.reporting.view.recording import GapRecording, PlanRecording, build_cell, read_recording
 from compplan.reporting.view.scene import (
     PROMISE,
     GapScene,
@@ -131,7 +131,7 @@ def test_a_click_means_the_point_nearest_to_the_ray_and_nothing_behind_the_eye()
 def test_the_part_takes_the_colour_of_the_path_beside_it_and_keeps_its_own_elsewhere(scene: PlanScene) -> None:
     record, row = scene.recording, scene.start + 40
     corners = np.vstack([record.tip[row], record.tip[row] + [0.0, 0.0, -0.4], record.tip[row] + [0.5, 0.0, 0.0]])
-    part = ViewSolid("part", "", (0.8, 0.6, 0.4, 1.0), corners, np.array([[0, 1, 2]]))
+    part = Shape("", corners, np.array([[0, 1, 2]]), (0.8, 0.6, 0.4, 1.0), "part")
     colours = scene.paint_solid(part, "uncorrected")
     expected = paint_sizes(scene.sizes["uncorrected"][[row]], 0.5 * scene.top("uncorrected"))[0]
     np.testing.assert_array_equal(colours[0, :3], expected)
@@ -189,7 +189,7 @@ def test_a_picture_costs_the_same_on_a_long_path_as_on_a_short_one(scene: PlanSc
         with record_traffic() as sent:
             calls[rows] = count_calls(lambda viewer=viewer: viewer.show_row(viewer.row + 1))
         viewer.stop()
-        assert len(sent) <= 2 * len(viewer.stage.frames) + 5
+        assert len(sent) <= 2 * len(viewer.frames) + 5
         assert sum(sent) < 10_000  # at 30 pictures a second 300 kB/s
     assert calls[50_000] < 1.1 * calls[1] < 5_000  # some microseconds each: a fifth of 1/30 s
 
@@ -220,13 +220,11 @@ def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> No
 
 
 def make_gap() -> GapScene:
-    from compplan.reporting.view.recording import ViewCell, _read_joint, _read_solid
     from compplan.reporting.writers.recording import summarise_cell
 
     robot = load_robot("ur10")
     content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
-    solids = tuple(_read_solid(entry) for entry in content["shapes"])
-    cell = ViewCell(tuple(_read_joint(entry) for entry in content["joints"]), solids, content)
+    cell = build_cell(content)
     rng = np.random.default_rng(0)
     gap = {"nominal model": rng.normal(0, 1e-3, (6, 3)), "updated model": rng.normal(0, 1e-4, (6, 3))}
     cause = np.array(["backlash, joint_2"] * 3 + ["payload, tool"] * 2 + ["not explained"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from compplan.cli.commands.reproduce import command
+from compplan.cli import load_command
 from compplan.errors import UnknownNameError
 from compplan.reproduce import PAPERS, reproduce_paper
 from compplan.reproduce.paper import Reproduction, compare, count_verdicts, recompute, unavailable, write_reproduction
@@ -57,7 +57,9 @@ def test_what_is_missing_is_named() -> None:
 
 def test_the_command_writes_rows_and_a_page(tmp_path: Path) -> None:
     paper = "johra2022"
-    result = CliRunner().invoke(command, [paper, "--out", str(tmp_path), "--json"], catch_exceptions=False)
+    result = CliRunner().invoke(
+        load_command("reproduce"), [paper, "--out", str(tmp_path), "--json"], catch_exceptions=False
+    )
     assert result.exit_code == 0
     table = json.loads((tmp_path / "reproduction.json").read_text())
     assert table == json.loads(result.stdout)

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
-from compplan.cli.commands.predict import command
+from compplan.cli import load_command
 from compplan.effects import EFFECTS, Effect, fold_effects, robot_effects
 from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import Registration, read_registration, write_registration
@@ -120,7 +120,8 @@ def test_the_command_keeps_all_rows(robot: Robot, tmp_path: Path) -> None:
     joints = ",".join(f"q{k}_deg" for k in range(1, 7))
     log.write_text(f"run,{joints},x_mm,y_mm,z_mm\nstatic,1,2,3,4,5,6,7,8,9\nstatic,1,2,3,4,5,,7,8,9\n")
     out = tmp_path / "prediction.csv"
-    result = CliRunner().invoke(command, [str(log), "--robot", str(robot.folder), "--out", str(out)])
+    words = [str(log), "--robot", str(robot.folder), "--out", str(out)]
+    result = CliRunner().invoke(load_command("predict"), words)
     assert result.exit_code == 0, result.output
     lines = out.read_text().splitlines()
     assert lines[0].startswith("x_mm,y_mm,z_mm")
@@ -131,6 +132,10 @@ def test_the_command_keeps_all_rows(robot: Robot, tmp_path: Path) -> None:
     assert [told[f"{axis}_mm"] for axis in "xyz"] == pytest.approx(1e3 * position, abs=1e-5)
     turn = np.degrees(Rotation.from_matrix(rotation).as_rotvec())
     assert [told[f"{axis}_deg"] for axis in ("rx", "ry", "rz")] == pytest.approx(turn, abs=1e-5)
-    said = CliRunner().invoke(command, [str(log), "--robot", str(robot.folder), "--out", str(out), "--json"]).output
+    said = (
+        CliRunner()
+        .invoke(load_command("predict"), [str(log), "--robot", str(robot.folder), "--out", str(out), "--json"])
+        .output
+    )
     apart = np.linalg.norm(1e3 * position - [7.0, 8.0, 9.0])
     assert json.loads(said)["rms_mm"] == json.loads(said)["median_mm"] == pytest.approx(apart)

@@ -1,19 +1,36 @@
-"""`compplan plan`: from a job to a corrected robot program."""
+"""From a path to what a robot does on it: `plan`, `post`, `place`, `compare`, `forces`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from compplan.cli.options import INPUT, json_summary, out_folder, posture_kept, robot_instead
-from compplan.cli.terminal import show, show_progress
-from compplan.errors import CompplanError, InfeasibleError
+from compplan.cli.options import (
+    INPUT,
+    CommandResult,
+    keep_stated,
+    make_command,
+    make_job_command,
+    out_folder,
+    posture_kept,
+    robot_instead,
+    robot_option,
+    take_cam_options,
+)
+from compplan.cli.terminal import format_table, show_progress
+from compplan.controllers.writers import WRITERS
+from compplan.errors import CompplanError, InfeasibleError, InputError
+from compplan.io.quantities import format_length
+from compplan.io.tomlfile import check_table, read_named_table
+from compplan.job.names import ONLINE, STRATEGIES
+from compplan.process.force_models import FORCE_MODELS
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
+    from compplan.planning.compare import Comparison
     from compplan.planning.result import Plan
 
 #: What a plan goes through, as it says it.
@@ -23,50 +40,34 @@ STAGES = (
 )  # fmt: skip
 
 
-@click.command()
-@click.argument("job", type=INPUT)
-@out_folder
-@robot_instead
-@posture_kept
-@json_summary
-def command(job: Path, folder: Path, robot_name: str | None, keep: str | None, as_json: bool) -> None:
+@make_job_command(out_folder, robot_instead, posture_kept, several=True)
+def run_plan(job: Job, folder: Path) -> CommandResult:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs.
 
     Example: compplan plan paths/isf_cone.toml --out out
     """
-    from compplan.job.job import load_job
-
-    checked = load_job(job, robot_name, keep)
-    carry_out(checked, folder, as_json=as_json, note=_describe_lesson(checked, f"learned_{job.stem}.csv"))
-
-
-def _describe_lesson(job: Job, name: str) -> str:
-    """Say that the robot's folder holds a lesson of this path; a robot that is not found is refused elsewhere."""
     from compplan.robot.folder import find_robot_folder
 
+    name, note = f"learned_{job.file.stem}.csv", ""
     try:
-        found = (find_robot_folder(job.robot, job.folder) / name).is_file()
-    except CompplanError:
-        return ""
-    told = "parts of this path were measured; only the program of compplan learn uses what they left over"
-    return f"{name} in the robot folder: {told}" if found else ""
+        if (find_robot_folder(job.robot, job.folder) / name).is_file():
+            note = "parts of this path were measured; only the program of compplan learn uses what they left over"
+            note = f"{name} in the robot folder: {note}"
+    except CompplanError:  # a robot that is not found is refused by the plan
+        pass
+    return carry_out(job, folder, note)
 
 
-def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
-    """Plan a job, a plan for each tool that it calls, write what came of it, and say so.
-
-    Raises:
-        InfeasibleError: If a plan is not what was asked for; it is written all the same.
-    """
+def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
+    """Plan a job, a plan for each tool that it calls, and write what came of it; `note` is added to the first."""
     from compplan.job.operations import split_job
     from compplan.planning.checks import state_notes
     from compplan.planning.plan import plan_job
     from compplan.planning.result import summarise_plan
-    from compplan.reporting.plan_text import format_plan
+    from compplan.reporting.plan_summary import format_plan
     from compplan.reporting.writers.plan import deliver_plan, note_programs
 
-    jobs = split_job(job)
-    plans: list[Plan] = []
+    jobs, plans = split_job(job), list["Plan"]()
     with show_progress(STAGES) as announce:
         for one in jobs:
             plan = note_programs(plan_job(one, progress=announce))
@@ -76,20 +77,16 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
         if len(jobs) == 1:
             announce("write: programs, joints.csv, report.html")
             plan, files = deliver_plan(plans[0], folder)
-            plans = [plan]
     if len(jobs) == 1:
-        show(summarise_plan(plan), as_json, format_plan(plan, folder, files))
-    else:
-        name = jobs[0].data.get("name", "").rpartition(",")[0] or jobs[0].file.stem
-        plans = _deliver_all(plans, folder, name, as_json=as_json)
-    _refuse_failures(plans)
+        return CommandResult(summarise_plan(plan), format_plan(plan, folder, files), _explain_failures([plan]))
+    return _deliver_all(plans, folder, jobs[0].data.get("name", "").rpartition(",")[0] or jobs[0].file.stem)
 
 
-def _deliver_all(plans: Sequence[Plan], folder: Path, name: str, *, as_json: bool) -> list[Plan]:
-    """Write the plans of several tools together, say so, and return them with what their files say."""
+def _deliver_all(plans: Sequence[Plan], folder: Path, name: str) -> CommandResult:
+    """Write the plans of several tools together."""
     from compplan.planning.operations import summarise_operations
     from compplan.reporting.operations import deliver_operations, describe_operations, describe_order
-    from compplan.reporting.plan_text import count_notes, format_stops
+    from compplan.reporting.plan_summary import count_notes, format_stops
 
     read, files = deliver_operations(plans, folder, name)
     summary = summarise_operations(read, name)
@@ -103,20 +100,217 @@ def _deliver_all(plans: Sequence[Plan], folder: Path, name: str, *, as_json: boo
     first = folder / summary["tools"][0]["folder"]
     report = f"{folder / 'report.html'}{count_notes(summary['notes'])}"
     lines.append(f"wrote {len(files)} files to {folder}; next: open {report}, or compplan view {first}")
-    show(summary, as_json, lines)
-    return read
+    return CommandResult(summary, lines, _explain_failures(read))
 
 
-def _refuse_failures(plans: Sequence[Plan]) -> None:
-    """Refuse plans that are not solved, with the waypoints and limits that stop them."""
+def _explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
+    """Return which waypoints and limits stop plans that are not solved; None where all are."""
     from compplan.planning.operations import worst_status
 
     failing = [plan for plan in plans if plan.status != "solved"]
     if not failing:
-        return
+        return None
     labels = [f"{plan.job.label}: " if plan.job is not None and len(plans) > 1 else "" for plan in failing]
-    said = "; ".join(f"{label}{plan.explain_failures()}" for label, plan in zip(labels, failing, strict=True))
+    why = "; ".join(f"{label}{plan.explain_failures()}" for label, plan in zip(labels, failing, strict=True))
     waypoints = sorted(failing[0].command.failures) if len(plans) == 1 else []
     limits = sorted({limit for plan in failing for limit in plan.command.failures.values()})
-    message = f"{said}; the best compromise is written, marked {worst_status(plans)}"
-    raise InfeasibleError(message, waypoints=waypoints, limits=limits)
+    message = f"{why}; the best compromise is written, marked {worst_status(plans)}"
+    return InfeasibleError(message, waypoints=waypoints, limits=limits)
+
+
+#: Where the tables and keys of the job that this command makes up come from.
+OPTIONS = {"toolpath": "CAMFILE"} | {
+    name: f"--{name}" for name in ("robot", "part", "tool", "tools", "process", "cam", "plan", "output")
+}
+
+
+@make_command(
+    click.argument("camfile", type=INPUT),
+    click.option("--profile", metavar="FILE",
+                 help="Shop profile (compplan init profile): what it has may be left out here."),
+    robot_option("A folder in robots/ or a path.", required=False),
+    click.option("--part", metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector."),
+    click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP."),
+    click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library "
+                 "(Fusion, HSM, LinuxCNC, Heidenhain) whose lengths count from the spindle that --tool describes."),
+    click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted."),
+    click.option("--program", "programs", multiple=True,
+                 help=f"Language, may be given more than once: {', '.join(WRITERS)}."),
+    click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read."),
+    take_cam_options,
+    click.option("--plan", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture."),
+    click.option("--output", metavar="FILE", help="TOML file as [output] of a job: signals (io), templates, .."),
+    out_folder,
+)  # fmt: skip
+def run_post(
+    camfile: Path, profile: str | None, robot_name: str | None, part: str | None, tool: str | None, tools: str | None,
+    process: str | None, programs: tuple[str, ...], cam: str | None, plan: str | None, output: str | None,
+    folder: Path, **of_cam: Any,
+) -> CommandResult:  # fmt: skip
+    """Read CAMFILE, plan it and write the programs, plan.json, joints.csv and report.html.
+
+    Example: compplan post part.nc --robot kuka_kr240 --part 1800,0,700 --program krl --out out
+    """
+    from compplan.job.output import OutputTable
+    from compplan.reporting.writers.post import make_post_job, read_table_of_job
+
+    stated = keep_stated(**of_cam)
+    of_file = {**({} if cam is None else read_named_table(cam, "cam")[0]), **stated} if stated else cam
+    stands_in = folder.absolute() / f"{camfile.stem}.toml"
+    place = None if part is None else _read_part(part)
+    note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
+    written = None if output is None else read_table_of_job("output", output)
+    if written is not None:  # the keys that the command line replaces, too
+        check_table(OutputTable, written, file=output)
+    try:
+        job = make_post_job(
+            camfile, robot=robot_name, part=place, program=programs, profile=profile, tool=tool, tools=tools,
+            process=process, cam=of_file, plan=plan, output=written, stands_in=stands_in,
+        )  # fmt: skip
+        return carry_out(job, folder, note)
+    except InputError as error:
+        raise _name_option(error, stands_in) from None
+
+
+def _name_option(error: InputError, stands_in: Path) -> InputError:
+    """Return an error about a job that nobody wrote as one about the option that the value came from."""
+    if error.file != str(stands_in):
+        return error
+    table, _, key = str(error.where or "").partition(".")
+    if table.startswith("tool["):
+        table, key = "tools", f"{table}.{key}".rstrip(".")
+    if table == "output" and key.startswith("programs"):
+        return InputError(error.message, where="--program")
+    return InputError(error.message, where=" ".join(filter(None, (OPTIONS.get(table), key))) or None)
+
+
+def _read_part(text: str) -> dict[str, Any]:
+    """Read the value of --part: three or six numbers, or a file."""
+    from compplan.reporting.writers.post import read_part, read_table_of_job
+
+    if Path(text).suffix == ".toml":
+        return read_table_of_job("part", text)
+    try:
+        return read_part([float(word) for word in text.split(",")])
+    except (ValueError, InputError):
+        message = f"--part is {text!r}, expected X,Y,Z in mm, or X,Y,Z,RX,RY,RZ with a rotation vector in deg"
+        raise InputError(message) from None
+
+
+@make_job_command(out_folder)
+def run_place(job: Job, folder: Path) -> CommandResult:
+    """Search where the part of JOB should stand: write place.json and report.html.
+
+    Example: compplan place paths/circle_500mm.toml --out out
+    """
+    from compplan.planning.plan import job_robot
+    from compplan.planning.posture.place import place_part
+    from compplan.reporting.place import write_placement
+    from compplan.uncertainty.posture_errors import posture_errors
+
+    with show_progress() as announce:
+        robot = job_robot(job)
+        result = place_part(job, robot, announce, posture_errors(job, robot))
+    summary = write_placement(result, job, folder)
+    there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
+    beside = "not to be followed" if here is None else f"{here['p95']:.4g} mm"
+    return CommandResult(summary, [
+        f"remaining deviation (95 %) there {there:.4g} mm, at the job's place {beside}",
+        "[part]", f"position_mm = {summary['part']['position_mm']}",
+        f"rotation_deg = {summary['part']['rotation_deg']}",
+        f"wrote place.json, report.html to {folder}", "next: put [part] into the job, and plan",
+    ])  # fmt: skip
+
+
+@make_job_command(out_folder, robot_instead, epilog=f"Strategies: {', '.join((*STRATEGIES, *ONLINE))}.")
+def run_compare(job: Job, folder: Path) -> CommandResult:
+    """Compare every strategy on JOB: write compare.json and report.html.
+
+    Example: compplan compare paths/circle_500mm.toml --out out
+    """
+    from compplan.reporting.compare import write_comparison
+    from compplan.studies.job_study import compare_job
+
+    with show_progress() as announce:
+        comparison = compare_job(job, announce=announce)
+        announce("write: compare.json, report.html")
+        files = write_comparison(comparison, folder)
+    wrote = f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}"
+    return CommandResult(comparison.to_dict(), [*_describe_strategies(comparison), wrote])
+
+
+def _describe_strategies(comparison: Comparison) -> list[str]:
+    """Return rms and greatest deviation of every strategy in every cell."""
+    drawn, cells = comparison.drawn, [cell.name for cell in comparison.cells]
+    rows = []
+    for strategy, found in comparison.commands.items():
+        runs = [comparison.evaluations[cell][strategy] for cell in cells]
+        figures = [f"{format_length(run.rms_deviation)} / {format_length(run.max_deviation)}" for run in runs]
+        if drawn is not None:
+            ends = " to ".join(f"{1e3 * end:.3g}" for end in drawn.interval[strategy])
+            median, most = (format_length(value) for value in (drawn.median(strategy), drawn.most(strategy)))
+            figures.insert(0, f"{median} ({ends}) / {most}")
+        rows.append([strategy if found.status == "solved" else f"{strategy} (infeasible)", *figures])
+    columns = ["strategy", *([] if drawn is None else ["drawn robots, rms: median (its interval) / 95 %"]), *cells]
+    title = f"{comparison.name}: deviation of the loaded tool, rms / greatest"
+    return [
+        *format_table(rows, columns, title, max(80, 26 * (len(columns) + (drawn is not None)))),
+        *([] if drawn is None else [f"drawn robots: {drawn.source}"]),
+        f"deviation computed by {comparison.judge}; robot model: {comparison.task.robot.grade}",
+    ]
+
+
+@make_job_command(
+    out_folder,
+    click.option("--log", type=INPUT, help="Measured forces: CSV with s_mm or t_s, the length or the time cut so far, "
+                 "and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too."),
+    click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, for "
+                 "[process] of a later job; process.toml of a robot folder takes the level instead, which later "
+                 "plans read."),
+    epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.",
+)  # fmt: skip
+def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> CommandResult:
+    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
+
+    stock.stl is what a cutter leaves of the stock, part frame, mm.
+
+    Example: compplan forces examples/forces/pocket.toml --out out
+    """
+    from compplan.job.force_prediction import predict_forces
+    from compplan.process.learned_force import FILE as LESSON
+    from compplan.reporting.forces import write_coefficients, write_forces, write_level
+
+    if table is not None and log is None:
+        raise InputError("--write needs --log, the measured forces")
+    with show_progress() as announce:
+        announce("forces: engagement and wrench along the path")
+        found = predict_forces(job, log)
+        if table is not None:
+            (write_level if table.name == LESSON else write_coefficients)(found, table)
+        announce("write: forces.json, forces.csv, report.html")
+        summary = write_forces(found, folder)
+    lines = [*_describe(summary), *summary["notes"]]
+    if table is not None:
+        hint = "in a job: its [process.coefficients] in place of material"
+        lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
+    left = ", stock.stl" if "engagement" in summary else ""
+    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])
+
+
+def _describe(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Return in lines what forces.json holds."""
+    force = summary["force_N"]
+    yield (f"{summary['model']}: {summary['waypoints_in_contact']} of {summary['waypoints']} waypoints in contact, "
+           f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
+    if "engagement" in summary:
+        cut = summary["engagement"]
+        deep, wide = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"]
+        yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm"
+    if "log" in summary:
+        fit = summary["log"]
+        yield (f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "
+               f"{fit['rms_before_N']:.3g} N, with fitted numbers by {fit['rms_after_N']:.3g} N")  # fmt: skip
+        for number in fit["fitted"]:
+            yield (f"  {number['name']}: {number['value']:.4g} {number['unit']} "
+                   f"[{number['low']:.4g}, {number['high']:.4g}], {number['in_job']:.4g} in the job")  # fmt: skip
+        yield from (f"  {note}" for note in fit["notes"])

@@ -40,7 +40,7 @@ class Remark:
 
 def examine_installation() -> list[Remark]:
     """Look at interpreter, libraries and what ships with compplan."""
-    return [*_look_at_platform(), *_look_at_libraries(), *_try_engines(), _look_at_robots(), _look_at_machines()]
+    return [*_look_at_platform(), *_look_at_libraries(), *_try_engines(), *_look_at_data()]
 
 
 def _look_at_platform() -> Iterator[Remark]:
@@ -118,15 +118,13 @@ def _try_pinocchio() -> bool:
     return abs(abs(float(torque[0])) - 9.81) < 1e-6
 
 
-def _look_at_machines() -> Remark:
-    """Name the machines whose rotary words are read by name."""
+def _look_at_data() -> Iterator[Remark]:
+    """Name the robots that ship, and the machines whose rotary words are read by name."""
     from compplan.toolpath.readers.options import list_machines
 
-    return Remark("fine", "machines", f"[cam] machine takes {', '.join(list_machines())}, or NAME.toml beside the file")
-
-
-def _look_at_robots() -> Remark:
-    names = list(robot_folders())
-    if not names:
-        return Remark("odd", "robots", "no robot folders ship with this installation", "pip install . in the checkout")
-    return Remark("fine", "robots", f"{len(names)} ship with compplan: {', '.join(names)}")
+    if names := list(robot_folders()):
+        yield Remark("fine", "robots", f"{len(names)} ship with compplan: {', '.join(names)}")
+    else:
+        yield Remark("odd", "robots", "no robot folders ship with this installation", "pip install . in the checkout")
+    machines = ", ".join(list_machines())
+    yield Remark("fine", "machines", f"[cam] machine takes {machines}, or NAME.toml beside the file")

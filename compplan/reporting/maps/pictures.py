@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.palette import CATEGORIES, NEUTRAL
-from compplan.reporting.maps.maps import DeflectionMap
-from compplan.reporting.style import GRID, INK, SEQUENTIAL
+from compplan.reporting.charts import GRID, INK, SEQUENTIAL
+from compplan.reporting.maps.survey import DeflectionMap
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.quality import DexterityMap, Zone

@@ -14,29 +14,11 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.io.columns import FileColumn
 from compplan.io.tables import Table, read_table, read_text
+from compplan.reporting.scenes import Shape
 from compplan.robot import Array, Joint, Mimic
 
-#: How the loaded tip is told, in the order that it is offered; the last one has no direction.
+#: How the loaded tip is told, in the order that it is offered.
 WAYS = ("uncorrected", "planned", "softer")
-
-
-@dataclass(frozen=True, eq=False)
-class ViewSolid:
-    """A shape of the cell.
-
-    Attributes:
-        name: What it is: a link's name, part, fixture, tool or stock.
-        link: Link that carries it, "" where it stands still.
-        colour: Red, green, blue, opacity, from 0 to 1.
-        vertices: In the frame of its link, or the base. Shape (v, 3). [m]
-        faces: Shape (f, 3).
-    """
-
-    name: str
-    link: str
-    colour: tuple[float, float, float, float]
-    vertices: Array
-    faces: NDArray[np.int_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +27,12 @@ class ViewCell:
 
     Attributes:
         joints: From the base to the TCP.
-        solids: Shapes.
+        solids: Shapes, in the frames of their links, or in the base frame.
         facts: All that cell.json says.
     """
 
     joints: tuple[Joint, ...]
-    solids: tuple[ViewSolid, ...]
+    solids: tuple[Shape, ...]
     facts: Mapping[str, Any]
 
     @property
@@ -141,52 +123,51 @@ def read_recording(folder: Path) -> PlanRecording | GapRecording:
     if not folder.is_dir():
         raise InputError("is no folder; name one that compplan plan or compplan diagnose wrote", file=folder)
     if (folder / "gap.csv").is_file():
-        return read_gap(folder)
+        return _read_gap(folder)
     missing = [name for name in ("joints.csv", "deviation.csv", "cell.json") if not (folder / name).is_file()]
     if missing:
         message = f"holds no plan to show ({', '.join(missing)} not there); name a folder of compplan plan or diagnose"
         raise InputError(f"{message}, or plan again", file=folder)
-    return read_plan(folder)
+    return _read_plan(folder)
 
 
-def read_plan(folder: Path) -> PlanRecording:
-    """Read a plan."""
+def _read_plan(folder: Path) -> PlanRecording:
     cell = read_cell(folder / "cell.json")
-    columns = [FileColumn("time", "time", True), *_joint_columns(cell)]
-    columns += [FileColumn(name, "length", True) for name in "xyz"]
+    columns = [FileColumn("time", "time", True), *_joint_columns(cell), *(FileColumn(a, "length", True) for a in "xyz")]
     columns += [FileColumn(name, required=True) for name in "ijk"]
-    columns += [FileColumn(name, "force", True) for name in ("fx", "fy", "fz")]
-    columns += [FileColumn(name, "moment", True) for name in ("mx", "my", "mz")] + [FileColumn("move", "text")]
+    columns += [FileColumn(f"f{axis}", "force", True) for axis in "xyz"]
+    columns += [FileColumn(f"m{axis}", "moment", True) for axis in "xyz"] + [FileColumn("move", "text")]
     table = read_table(folder / "joints.csv", columns)
-    n = len(table.values["time"])
-    names = [f"{way}_{axis}" for way in WAYS for axis in "xyz"]
-    told = read_table(
+    n, names = len(table.values["time"]), [f"{way}_{axis}" for way in WAYS for axis in "xyz"]
+    seen = read_table(
         folder / "deviation.csv", [FileColumn(name, "length", True, missing=True) for name in (*names, "error_band")]
     )
-    if len(told.values["error_band"]) != n:
-        message = f"has {len(told.values['error_band'])} rows, joints.csv has {n}; plan again"
+    if len(seen.values["error_band"]) != n:
+        message = f"has {len(seen.values['error_band'])} rows, joints.csv has {n}; plan again"
         raise InputError(message, file=folder / "deviation.csv")
+    try:
+        name = str(json.loads(read_text(folder / "plan.json"))["name"])
+    except (InputError, ValueError, KeyError, TypeError):
+        name = folder.name
     return PlanRecording(
-        cell, _read_name(folder / "plan.json"), 1e-3 * float(cell.facts["tolerance_mm"]), table.values["time"],
-        _joints_of(table, cell), _vectors(table, "{}"),
-        np.hstack([_vectors(table, "f{}"), _vectors(table, "m{}")]),
+        cell, name, 1e-3 * float(cell.facts["tolerance_mm"]), table.values["time"], _read_joints(table, cell),
+        _read_vectors(table, "{}"), np.hstack([_read_vectors(table, "f{}"), _read_vectors(table, "m{}")]),
         np.asarray(table.text.get("move", np.full(n, "cut"))),
-        {way: _fill(_vectors(told, way + "_{}")) for way in WAYS}, told.values["error_band"],
+        {way: _fill(_read_vectors(seen, way + "_{}")) for way in WAYS}, seen.values["error_band"],
     )  # fmt: skip
 
 
-def read_gap(folder: Path) -> GapRecording:
-    """Read the measured poses of a diagnosis."""
+def _read_gap(folder: Path) -> GapRecording:
     cell = read_cell(folder / "cell.json")
     columns = [FileColumn("row", required=True), FileColumn("run", "text", True), *_joint_columns(cell)]
     names = [f"{part}{axis}" for part in ("", "gap_", "left_") for axis in "xyz"]
     columns += [FileColumn(name, "length", True, missing=True) for name in names]
     columns += [FileColumn("explained_by", "text", True), FileColumn("explained_share", required=True)]
     table = read_table(folder / "gap.csv", columns)
-    gap = {"nominal model": _vectors(table, "gap_{}"), "updated model": _vectors(table, "left_{}")}
+    gap = {"nominal model": _read_vectors(table, "gap_{}"), "updated model": _read_vectors(table, "left_{}")}
     return GapRecording(
-        cell, table.values["row"].astype(int), np.asarray(table.text["run"]), _joints_of(table, cell),
-        _vectors(table, "{}"), gap, np.asarray(table.text["explained_by"]), table.values["explained_share"],
+        cell, table.values["row"].astype(int), np.asarray(table.text["run"]), _read_joints(table, cell),
+        _read_vectors(table, "{}"), gap, np.asarray(table.text["explained_by"]), table.values["explained_share"],
     )  # fmt: skip
 
 
@@ -197,15 +178,19 @@ def read_cell(file: Path) -> ViewCell:
         InputError: If it is not what compplan writes.
     """
     try:
-        content = json.loads(read_text(file))
-        joints = tuple(_read_joint(entry) for entry in content["joints"])
-        solids = tuple(_read_solid(entry) for entry in content["shapes"])
-        links = {content["base"], "", *(joint.child for joint in joints)}
-        if not {solid.link for solid in solids} <= links or content["tcp"] not in links:
+        cell = build_cell(json.loads(read_text(file)))
+        links = {cell.base, "", *(joint.child for joint in cell.joints)}
+        if not {solid.link for solid in cell.solids} <= links or cell.tcp not in links:
             raise ValueError("a link that no joint moves")
-        return ViewCell(joints, solids, {"robot": "", "grade": "", **content})
+        return cell
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise InputError(f"is not what compplan writes ({error}); run the command again", file=file) from None
+
+
+def build_cell(content: Mapping[str, Any]) -> ViewCell:
+    """Build a cell from what cell.json holds."""
+    joints = tuple(_read_joint(entry) for entry in content["joints"])
+    return ViewCell(joints, tuple(map(_read_solid, content["shapes"])), {"robot": "", "grade": "", **content})
 
 
 def _read_joint(entry: Mapping[str, Any]) -> Joint:
@@ -217,20 +202,13 @@ def _read_joint(entry: Mapping[str, Any]) -> Joint:
     )  # fmt: skip
 
 
-def _read_solid(entry: Mapping[str, Any]) -> ViewSolid:
+def _read_solid(entry: Mapping[str, Any]) -> Shape:
     red, green, blue, opacity = (float(value) for value in entry["colour"])
     vertices = 1e-3 * np.array(entry["vertices_mm"], float).reshape(-1, 3)
     faces = np.array(entry["faces"], int).reshape(-1, 3)
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         raise ValueError(f"faces of {entry['name']} name corners that are not there")
-    return ViewSolid(entry["name"], entry["link"], (red, green, blue, opacity), vertices, faces)
-
-
-def _read_name(file: Path) -> str:
-    try:
-        return str(json.loads(read_text(file))["name"])
-    except (InputError, ValueError, KeyError, TypeError):
-        return file.parent.name
+    return Shape(entry["link"], vertices, faces, (red, green, blue, opacity), entry["name"])
 
 
 def _joint_columns(cell: ViewCell) -> list[FileColumn]:
@@ -238,11 +216,11 @@ def _joint_columns(cell: ViewCell) -> list[FileColumn]:
     return [FileColumn(f"q{number}", kind, True) for number, kind in enumerate(kinds, start=1)]
 
 
-def _joints_of(table: Table, cell: ViewCell) -> Array:
+def _read_joints(table: Table, cell: ViewCell) -> Array:
     return np.column_stack([table.values[f"q{number + 1}"] for number in range(len(cell.actuated))])
 
 
-def _vectors(table: Table, pattern: str) -> Array:
+def _read_vectors(table: Table, pattern: str) -> Array:
     return np.column_stack([table.values[pattern.format(axis)] for axis in "xyz"])
 
 
@@ -252,5 +230,4 @@ def _fill(values: Array) -> Array:
     if not len(known):
         return values
     rows = np.arange(len(values))
-    columns = [np.interp(rows, known, values[known, k], left=np.nan, right=np.nan) for k in range(3)]
-    return np.column_stack(columns)
+    return np.column_stack([np.interp(rows, known, values[known, k], np.nan, np.nan) for k in range(3)])

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from compplan.io.palette import CATEGORIES, NEUTRAL
 from compplan.io.quantities import format_length, format_number, format_percent
-from compplan.reporting.scenes import choose_magnification, follow_joints
-from compplan.reporting.style import SEQUENTIAL
-from compplan.reporting.thinning import thin_path
-from compplan.reporting.view.recording import GapRecording, PlanRecording, ViewCell, ViewSolid
+from compplan.reporting.charts import SEQUENTIAL, thin_path
+from compplan.reporting.scenes import Shape, choose_magnification, follow_joints
+from compplan.reporting.view.recording import GapRecording, PlanRecording, ViewCell
 from compplan.robot import Array
 
 Bytes = NDArray[np.uint8]
@@ -148,16 +147,22 @@ class PlanScene:
         return len(self.recording.time)
 
     @cached_property
+    def cut(self) -> NDArray[np.bool_]:
+        """Rows of the cut. Shape (n,)."""
+        return np.asarray(self.recording.move == "cut")
+
+    @property
     def start(self) -> int:
         """First row of the cut."""
-        return int(np.argmax(self.recording.move == "cut"))
+        return int(np.argmax(self.cut))
 
     @cached_property
     def sizes(self) -> dict[str, Array]:
         """Deviation by way; NaN where it is not known. Shape (n,) each. [m]"""
-        cut, record = self.recording.move == "cut", self.recording
-        sizes = {way: np.where(cut, np.linalg.norm(values, axis=1), np.nan) for way, values in record.deviation.items()}
-        return {**sizes, PROMISE: record.promise}
+        lengths = {way: np.linalg.norm(values, axis=1) for way, values in self.recording.deviation.items()}
+        return {way: np.where(self.cut, size, np.nan) for way, size in lengths.items()} | {
+            PROMISE: self.recording.promise
+        }
 
     def top(self, way: str) -> float:
         """Deviation that has the last colour: the greatest of this way, but at least twice the tolerance. [m]."""
@@ -168,7 +173,7 @@ class PlanScene:
         size = float(np.nanmax(self.sizes[way], initial=0.0))
         if size < SEEN * self.recording.tolerance:
             return 1.0
-        extent = float(np.ptp(self.recording.tip[self.recording.move == "cut"], axis=0).max())
+        extent = float(np.ptp(self.recording.tip[self.cut], axis=0).max())
         return float(np.clip(round(MAGNIFIED * extent / size), 1.0, MOST_MAGNIFIED))
 
     def worst(self, way: str, count: int = 5) -> list[int]:
@@ -225,7 +230,7 @@ class PlanScene:
         colours = np.tile(paint_sizes(radius[rows], self.top(PROMISE) / LAST), (CORNERS, 1))
         return Lines(ends, np.repeat(colours[:, None], 2, axis=1))
 
-    def paint_solid(self, solid: ViewSolid, way: str) -> Bytes:
+    def paint_solid(self, solid: Shape, way: str) -> Bytes:
         """Colour the corners of the part by the deviation of the path beside them. Shape (v, 4)."""
         from scipy.spatial import cKDTree
 

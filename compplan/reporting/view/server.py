@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.quantities import format_length, format_set_length
+from compplan.reporting.charts import SEQUENTIAL
 from compplan.reporting.provenance import GRADE_MEANING
-from compplan.reporting.style import SEQUENTIAL
 from compplan.reporting.view.recording import GapRecording, ViewCell, read_recording
 from compplan.reporting.view.scene import PROMISE, GapScene, Lines, PlanScene, pick_point
 from compplan.robot import Array
@@ -26,8 +26,8 @@ HOST = "127.0.0.1"
 #: Distance from which everything is seen, and how far the view is moved aside, for the panel covers its right; in radii
 #: of the ball about everything.
 FRAMED, BESIDE_PANEL = 1.5, 0.3
-#: Colour of the force arrow.
-DARK = np.full((1, 2, 3), 60, np.uint8)
+#: Colour of the force arrow, and of the mark at the tip.
+DARK, MARK = np.full((1, 2, 3), 60, np.uint8), (29, 35, 41)
 #: Half the width of the floor, the distance of its lines [m], and their grey.
 FLOOR, CELL, LIGHT = 3.0, 0.5, 208
 #: Pictures a second that are aimed at, and how often the panel is brought up to date while the arm moves. [1/s]
@@ -38,7 +38,7 @@ FORCE_LENGTH = 0.12
 WORST = 5
 
 
-def start_server(folder: Path, port: int) -> Any:
+def start_server(folder: Path, port: int) -> PlanViewer | GapViewer:
     """Show a folder of results on loopback; return the viewer, which goes on until it is stopped.
 
     Raises:
@@ -49,26 +49,17 @@ def start_server(folder: Path, port: int) -> Any:
     except ImportError:
         raise InputError("the viewer needs viser, which is not installed; pip install 'compplan[view]'") from None
     recording = read_recording(folder)
-    check_port(port)
-    with redirect_stdout(StringIO()):  # it greets
-        server = viser.ViserServer(host=HOST, port=port, verbose=False)
-    if isinstance(recording, GapRecording):
-        return GapViewer(server, GapScene(recording))
-    return PlanViewer(server, PlanScene(recording))
-
-
-def check_port(port: int) -> None:
-    """Refuse a port that is taken.
-
-    Raises:
-        InputError: If it is.
-    """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))
         except OSError:
             raise InputError(f"port {port} on {HOST} is taken, name another with --port") from None
+    with redirect_stdout(StringIO()):  # it greets
+        server = viser.ViserServer(host=HOST, port=port, verbose=False)
+    if isinstance(recording, GapRecording):
+        return GapViewer(server, GapScene(recording))
+    return PlanViewer(server, PlanScene(recording))
 
 
 def draw_floor() -> Lines:
@@ -94,8 +85,8 @@ def draw_colour_bar(top: float, tolerance: float) -> str:
     )
 
 
-class Stage:
-    """The cell on a server: its solids, moved with the links of the arm."""
+class Viewer:
+    """A cell on a server: its solids, moved with the links of the arm."""
 
     def __init__(self, server: Any, cell: ViewCell) -> None:
         self.server, self.cell = server, cell
@@ -115,17 +106,6 @@ class Stage:
                 side="double", cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
 
-    def light_part(self, scene: PlanScene, way: str) -> None:
-        """Colour the part by what the path beside it does."""
-        import trimesh
-
-        for solid in self.cell.solids:
-            if solid.name == "part":
-                mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=scene.paint_solid(solid, way),
-                                       process=False)  # fmt: skip
-                name = f"{self.root}/cell/{solid.name}"
-                self.server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
-
     def move(self, poses: dict[str, Array]) -> None:
         """Move the links; where a positioner carries the part all of it, so that the ground stands still."""
         if self.part is not None:
@@ -142,7 +122,7 @@ class Stage:
             self.root + name, lines.points, lines.colours, thickness=width, thickness_units="screen"
         )
 
-    def stand(self, points: Array) -> Array:
+    def see(self, points: Array) -> Array:
         """Return points of the base frame as the ground sees them now. Shape (n, 3). [m]."""
         return np.asarray(points @ self.carried[:3, :3].T + self.carried[:3, 3])
 
@@ -150,7 +130,7 @@ class Stage:
         """Frame the whole arm and the path, points (n, 3) [m], the path in front; offer to come nearer."""
         corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
                    for solid in self.cell.solids if solid.link in poses]  # fmt: skip
-        points, everything = self.stand(points), self.stand(np.concatenate([*corners, np.zeros((1, 3)), points]))
+        points, everything = self.see(points), self.see(np.concatenate([*corners, np.zeros((1, 3)), points]))
         low, high = everything.min(axis=0), everything.max(axis=0)
         middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
         out = np.append(points.mean(axis=0)[:2] - middle[:2], 0.0)
@@ -168,40 +148,38 @@ class Stage:
         @buttons.on_click
         def _(event: Any) -> None:
             if event.client is not None:
-                look, stand = views[buttons.value]
-                event.client.camera.position, event.client.camera.look_at = stand, look
+                event.client.camera.look_at, event.client.camera.position = views[buttons.value]
 
-    def come_near(self, client: Any, point: Array) -> None:
-        """Bring the eyes of a client near to a point of the path."""
-        client.camera.position, client.camera.look_at = self.stand(point) + 0.6 * self.near, self.stand(point)
+    def stop(self) -> None:
+        """Close the server, without its words."""
+        with redirect_stdout(StringIO()):
+            self.server.stop()
 
 
-class PlanViewer:
+class PlanViewer(Viewer):
     """A plan in the browser: the arm moves along the path in the time that the program takes."""
 
     def __init__(self, server: Any, scene: PlanScene) -> None:
-        self.server, self.scene, self.stage = server, scene, Stage(server, scene.recording.cell)
-        self.row, self.lock, self.told = scene.start, threading.RLock(), 0.0
-        self.running = True
+        super().__init__(server, scene.recording.cell)
+        self.scene, self.row, self.lock, self.written, self.running = scene, scene.start, threading.RLock(), 0.0, True
         tip = scene.recording.tip
         self.extent = max(float(np.ptp(tip, axis=0).max()), 0.05)
         self._build_panel()
-        root, size = self.stage.root, 0.012 * self.extent + 0.001
-        self.marker = server.scene.add_icosphere(f"{root}/tip", radius=size, color=(29, 35, 41))
-        self.force = self.stage.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
-        self.stage.draw("/wanted", scene.draw_wanted(), 1.5)
-        standing = scene.pose_links(scene.start, self.chosen, 0.0)
-        self.stage.move(standing)
-        self.stage.look_at(tip[scene.recording.move == "cut"], standing)
+        size = 0.012 * self.extent + 0.001
+        self.marker = server.scene.add_icosphere(f"{self.root}/tip", radius=size, color=MARK)
+        self.force = self.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
+        self.draw("/wanted", scene.draw_wanted(), 1.5)
+        poses = scene.pose_links(scene.start, self.chosen, 0.0)
+        self.move(poses)
+        self.look_at(tip[scene.cut], poses)
         self.redraw()
         server.scene.on_pointer_event("click")(self._click)
         threading.Thread(target=self._run, daemon=True).start()
 
     def _build_panel(self) -> None:
         gui, scene, facts = self.server.gui, self.scene, self.scene.recording.cell.facts
-        gui.add_markdown(
-            f"**{scene.recording.name}** \n\n{facts['robot']}, robot model {GRADE_MEANING[facts['grade']]}"
-        )
+        grade = GRADE_MEANING[facts["grade"]]
+        gui.add_markdown(f"**{scene.recording.name}** \n\n{facts['robot']}, robot model {grade}")
         shown = next(way for way in ("uncorrected", PROMISE, "planned", "softer") if way in scene.ways)
         self.way = gui.add_dropdown("show the tip", list(scene.ways.values()), initial_value=scene.ways[shown])
         first = int(scene.magnification(shown))
@@ -232,7 +210,8 @@ class PlanViewer:
         if number < len(rows):
             self._stop_at(rows[number])
             if event.client is not None:
-                self.stage.come_near(event.client, self.scene.recording.tip[rows[number]])
+                point = self.see(self.scene.recording.tip[rows[number]])
+                event.client.camera.position, event.client.camera.look_at = point + 0.6 * self.near, point
 
     @property
     def chosen(self) -> str:
@@ -243,12 +222,12 @@ class PlanViewer:
         """Draw path, band and part anew."""
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
-            self.stage.draw("/path", self.scene.draw_path(way, magnify), 6.0)
+            self.draw("/path", self.scene.draw_path(way, magnify), 6.0)
             if way == PROMISE:
-                self.stage.draw("/error_band", self.scene.draw_error_band(magnify), 1.5)
+                self.draw("/error_band", self.scene.draw_error_band(magnify), 1.5)
             else:
-                self.server.scene.remove_by_name(f"{self.stage.root}/error_band")
-            self.stage.light_part(self.scene, way)
+                self.server.scene.remove_by_name(f"{self.root}/error_band")
+            self._paint_part(way)
             self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)
             rows = self.scene.worst(way, WORST)
             for number, button in enumerate(self.worst):
@@ -257,20 +236,31 @@ class PlanViewer:
                     button.label = self.scene.name_row(rows[number], way)
             self.show_row(self.row)
 
+    def _paint_part(self, way: str) -> None:
+        """Colour the part by what the path beside it does."""
+        import trimesh
+
+        for solid in self.cell.solids:
+            if solid.name == "part":
+                colours = self.scene.paint_solid(solid, way)
+                mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=colours, process=False)
+                name = f"{self.root}/cell/{solid.name}"
+                self.server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
+
     def show_row(self, row: int) -> None:
         """Show the arm, the tip and the force at a row."""
         with self.lock:
             self.row = row
             way, magnify = self.chosen, float(self.magnify.value)
             with self.server.atomic():
-                self.stage.move(self.scene.pose_links(row, way, magnify))
+                self.move(self.scene.pose_links(row, way, magnify))
                 tip = self.scene.place(way, magnify, row)
                 self.marker.position = tip
                 longest = FORCE_LENGTH * max(self.extent, 1.0) / max(self.scene.greatest_force, 1e-9)
                 force = longest * self.scene.recording.wrench[row, :3]
                 self.force.points = np.stack([tip, tip + force]).astype(np.float32)[None]
-            if time.monotonic() - self.told > 1.0 / PANEL or not self.play.value:
-                self.told = time.monotonic()
+            if time.monotonic() - self.written > 1.0 / PANEL or not self.play.value:
+                self.written = time.monotonic()
                 self.text.content = self.scene.tell(row)
 
     def _slide(self, event: Any) -> None:
@@ -278,7 +268,7 @@ class PlanViewer:
             self.show_row(int(self.slider.value))
 
     def _click(self, event: Any) -> None:
-        points = self.stage.stand(self.scene.place(self.chosen, float(self.magnify.value)))
+        points = self.see(self.scene.place(self.chosen, float(self.magnify.value)))
         self._stop_at(pick_point(points, np.array(event.ray_origin), np.array(event.ray_direction)))
 
     def _stop_at(self, row: int) -> None:
@@ -299,23 +289,23 @@ class PlanViewer:
             shown = now
             if clock > self.scene.recording.time[-1]:
                 clock = 0.0
-            before = self.told
+            before = self.written
             self.show_row(self.scene.find_row(clock))
-            if self.told != before:
+            if self.written != before:
                 self.slider.value = self.row
 
     def stop(self) -> None:
-        """Close the server."""
+        """End the motion and close the server."""
         self.running = False
-        stop_server(self.server)
+        super().stop()
 
 
-class GapViewer:
+class GapViewer(Viewer):
     """Measured poses of a diagnosis in the browser."""
 
     def __init__(self, server: Any, scene: GapScene) -> None:
-        self.server, self.scene, self.stage = server, scene, Stage(server, scene.recording.cell)
-        gui = server.gui
+        super().__init__(server, scene.recording.cell)
+        self.scene, gui = scene, server.gui
         self.way = gui.add_dropdown("gap to the", list(scene.ways.values()))
         most = max(10.0, 4.0 * scene.magnification)
         first = min(scene.magnification, most)
@@ -328,8 +318,8 @@ class GapViewer:
             control.on_update(lambda _: self.redraw())
         self.slider.on_update(lambda _: self.show_pose(min(int(self.slider.value), scene.count - 1)))
         points = scene.recording.point[np.isfinite(scene.recording.point).all(axis=1)]
-        self.stage.look_at(points, scene.pose_links(0))
-        self.marker = server.scene.add_icosphere("/pose", radius=0.012, color=(29, 35, 41))
+        self.look_at(points, scene.pose_links(0))
+        self.marker = server.scene.add_icosphere("/pose", radius=0.012, color=MARK)
         self.redraw()
         self.show_pose(0)
         server.scene.on_pointer_event("click")(self._click)
@@ -337,12 +327,12 @@ class GapViewer:
     def redraw(self) -> None:
         """Draw the arrows anew."""
         way = next(way for way, name in self.scene.ways.items() if name == self.way.value)
-        self.stage.draw("/arrows", self.scene.draw_arrows(way, float(self.magnify.value)), 3.0)
+        self.draw("/arrows", self.scene.draw_arrows(way, float(self.magnify.value)), 3.0)
 
     def show_pose(self, pose: int) -> None:
         """Show the arm at a pose, and what is known of it."""
         with self.server.atomic():
-            self.stage.move(self.scene.pose_links(pose))
+            self.move(self.scene.pose_links(pose))
             self.marker.position = np.nan_to_num(self.scene.recording.point[pose])
         self.text.content = self.scene.tell(pose)
 
@@ -350,13 +340,3 @@ class GapViewer:
         pose = pick_point(self.scene.recording.point, np.array(event.ray_origin), np.array(event.ray_direction))
         self.slider.value = pose
         self.show_pose(pose)
-
-    def stop(self) -> None:
-        """Close the server."""
-        stop_server(self.server)
-
-
-def stop_server(server: Any) -> None:
-    """Close a server, without its words."""
-    with redirect_stdout(StringIO()):
-        server.stop()

@@ -15,17 +15,16 @@ on a softer robot, and the distance that holds the true tip with 95 %. gap.csv h
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.tables import write_json, write_table
-from compplan.reporting.scenes import MESH_COLOURS, locate_links, place_shapes, simplify_mesh
+from compplan.reporting.scenes import MESH_COLOURS, Shape, locate_links, place_shapes, read_parents, simplify_mesh
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import mounted_tool
 from compplan.robot.solids import triangulate_box, triangulate_rod
@@ -46,20 +45,20 @@ LEAST_SHARE = 0.25
 def write_plan_cell(plan: Plan, folder: Path, kept: NDArray[np.bool_]) -> None:
     """Write cell.json and deviation.csv of a plan; `kept` are the rows that joints.csv holds."""
     scene = None if plan.task.start is None else plan.task.start.settings.scene
-    meshes = [_describe_mesh(*entry) for entry in (() if scene is None else scene.meshes)]
-    more = {
-        "tolerance_mm": 1e3 * plan.task.tolerance,
-        "configuration": dict(plan.task.configuration),
-        "softer": plan.mismatch.cell,
-    }
-    known = {shape["name"] for shape in meshes}
-    drawn = [*([] if "tool" in known else _describe_spindle(plan)), *([] if "part" in known else _describe_block(plan))]
-    cell = summarise_cell(plan.robot, [*meshes, *_describe_stock(plan), *drawn])
-    write_json(folder / "cell.json", {**cell, **more}, indent=None)
+    shapes = [
+        Shape(link, *simplify_mesh(mesh), MESH_COLOURS[name], name)
+        for name, link, mesh in (() if scene is None else scene.meshes)
+    ]
+    known = {shape.name for shape in shapes}
+    shapes += _draw_stock(plan, part_known="part" in known)
+    shapes += [] if "tool" in known else _draw_spindle(plan)
+    more = {"tolerance_mm": 1e3 * plan.task.tolerance, "configuration": dict(plan.task.configuration),
+            "softer": plan.mismatch.cell}  # fmt: skip
+    write_json(folder / "cell.json", {**summarise_cell(plan.robot, shapes), **more}, indent=None)
     write_deviation(plan, folder / "deviation.csv", kept)
 
 
-def summarise_cell(robot: Robot, around: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+def summarise_cell(robot: Robot, around: Sequence[Shape] = ()) -> dict[str, Any]:
     """Return what cell.json holds: how the arm moves, and what stands there."""
     joints = [
         {"name": joint.name, "kind": joint.kind, "parent": joint.parent, "child": joint.child,
@@ -67,39 +66,41 @@ def summarise_cell(robot: Robot, around: Sequence[Mapping[str, Any]] = ()) -> di
          "mimic": None if joint.mimic is None else asdict(joint.mimic)}
         for joint in robot.joints
     ]  # fmt: skip
+    shapes = [
+        {"name": shape.name or shape.link, "link": shape.link, "faces": np.asarray(shape.faces, int),
+         "colour": [round(float(value), 3) for value in shape.colour], "vertices_mm": (1e3 * shape.vertices).round(2)}
+        for shape in (*_place_arm(robot), *around)
+    ]  # fmt: skip
     names = {"robot": robot.name, "grade": robot.grade, "base": robot.base, "tcp": robot.tcp, "ground": robot.ground}
-    return {"schema": 1, **names, "joints": joints, "shapes": [*_describe_arm(robot), *around]}
+    return {"schema": 1, **names, "joints": joints, "shapes": shapes}
 
 
 def write_deviation(plan: Plan, path: Path, kept: NDArray[np.bool_]) -> None:
     """Write deviation.csv; `kept` are the rows that joints.csv holds."""
     n, wrong = len(plan.task), plan.mismatch
-    softer, promise = np.full((n, 3), np.nan), np.full(n, np.nan)
+    softer, band = np.full((n, 3), np.nan), np.full((n, 1), np.nan)
     softer[wrong.cut] = wrong.deviation[wrong.cut]
     if plan.promise is not None:
-        promise[plan.promise.cut] = plan.promise.radius[plan.promise.cut]
-    before, after = len(plan.approach.q), len(plan.retract.q)
+        band[plan.promise.cut, 0] = plan.promise.radius[plan.promise.cut]
+    ends = ((len(plan.approach.q), len(plan.retract.q)), (0, 0))
+    sides = {"uncorrected": plan.before.deviation, "planned": plan.after.deviation, "softer": softer}
     columns: dict[str, object] = {}
-    for name, values in (
-        ("uncorrected", plan.before.deviation), ("planned", plan.after.deviation), ("softer", softer),
-    ):  # fmt: skip
-        padded = _pad(values, before, after)
-        columns |= {f"{name}_{axis}_mm": 1e3 * padded[:, k] for k, axis in enumerate("xyz")}
-    columns["error_band_mm"] = 1e3 * _pad(promise[:, None], before, after)[:, 0]
-    write_table(path, {name: np.asarray(values)[kept] for name, values in columns.items()}, decimals=9)
+    for name, values in {**sides, "error_band": band}.items():
+        padded = 1e3 * np.pad(values, ends, constant_values=np.nan)[kept]
+        titles = [f"{name}_{axis}_mm" for axis in "xyz"] if name in sides else [f"{name}_mm"]
+        columns |= dict(zip(titles, padded.T, strict=True))
+    write_table(path, columns, decimals=9)
 
 
 def write_gap(diagnosis: Diagnosis, shares: Shares, folder: Path) -> None:
     """Write cell.json and gap.csv of a diagnosis: poses, gap, what is left, and what explains most of it there."""
-    robot, campaign = diagnosis.robot, diagnosis.fit.problem.campaign
-    rows = shares.rows
-    explained, share = name_rows(shares)
-    point = diagnosis.points
+    robot, campaign, rows = diagnosis.robot, diagnosis.fit.problem.campaign, shares.rows
     columns: dict[str, object] = {"row": rows, "run": np.asarray(campaign.run)[rows]}
     columns |= robot.joint_columns(campaign.q[rows])
-    for name, values in (("", point), ("gap_", diagnosis.residual_before), ("left_", diagnosis.residual_after)):
+    points = {"": diagnosis.points, "gap_": diagnosis.residual_before, "left_": diagnosis.residual_after}
+    for name, values in points.items():
         columns |= {f"{name}{axis}_mm": 1e3 * values[rows, k] for k, axis in enumerate("xyz")}
-    columns |= {"explained_by": explained, "explained_share": share}
+    columns["explained_by"], columns["explained_share"] = name_rows(shares)
     write_table(folder / "gap.csv", columns, decimals=7)
     write_json(folder / "cell.json", summarise_cell(robot), indent=None)
 
@@ -119,80 +120,51 @@ def name_rows(shares: Shares) -> tuple[list[str], Array]:
     return [names[k] if part >= LEAST_SHARE else "not explained" for k, part in zip(best, most, strict=True)], most
 
 
-def _describe_arm(robot: Robot) -> list[dict[str, Any]]:
-    q = np.zeros(robot.nq)
-    poses = locate_links(robot, q)
+def _place_arm(robot: Robot) -> list[Shape]:
+    """Return the shapes of the arm, each in the frame of the link of the chain that carries it."""
+    q, shapes = np.zeros(robot.nq), []
+    poses, parents = locate_links(robot, q), read_parents(robot)
     chain = {robot.base, *(joint.child for joint in robot.joints)}
-    above = {
-        element.find("child").attrib["link"]: element.find("parent").attrib["link"]  # type: ignore[union-attr]
-        for element in ElementTree.fromstring(robot.urdf).findall("joint")
-        if element.find("child") is not None and element.find("parent") is not None
-    }
-    shapes = []
     for shape in place_shapes(robot, q):
         carrier = shape.link
         while carrier not in chain:
-            carrier = above[carrier]
+            carrier = parents[carrier][0]
         pose = poses[carrier]
         vertices = (shape.vertices - pose[:3, 3]) @ pose[:3, :3]
-        shapes.append(_describe_shape(shape.link, carrier, shape.colour, vertices, shape.faces))
+        shapes.append(Shape(carrier, vertices, shape.faces, shape.colour, shape.link))
     return shapes
 
 
-def _describe_mesh(name: str, link: str, mesh: Any) -> dict[str, Any]:
-    return _describe_shape(name, link, MESH_COLOURS[name], *simplify_mesh(mesh))
-
-
-def _describe_stock(plan: Plan) -> list[dict[str, Any]]:
-    """Return the stock that the job's force model cuts, where it names one."""
-    stock = None if plan.job is None else getattr(plan.job.process, "stock", None)
-    if plan.job is None or stock is None:
+def _draw_stock(plan: Plan, *, part_known: bool) -> list[Shape]:
+    """Return the stock that the job's force model cuts, or a block that holds the cut where no part is known either."""
+    if plan.job is None:
         return []
-    if stock.block_mm is not None:
+    stock, pose, name = getattr(plan.job.process, "stock", None), plan.job.T_base_part, "stock"
+    if stock is not None and stock.block_mm is not None:
         corners, faces = triangulate_box(*(1e-3 * np.asarray(stock.block_mm, float)))
-    else:
+    elif stock is not None:
         from compplan.io.meshes import load_mesh
 
         corners, faces = simplify_mesh(load_mesh(plan.job.folder / stock.mesh, stock.unit))
-    pose = plan.job.T_base_part
-    return [_describe_shape("stock", "", STOCK_COLOUR, corners @ pose[:3, :3].T + pose[:3, 3], faces)]
+    elif part_known:
+        return []
+    else:
+        inside = (plan.task.position[plan.task.cut] - pose[:3, 3]) @ pose[:3, :3]
+        low, high = inside.min(axis=0), inside.max(axis=0)
+        edge, name = 0.08 * float((high - low).max()), "block under the path, drawn"
+        top = np.array([high[0] + edge, high[1] + edge, low[2]])
+        corners, faces = triangulate_box(low - np.array([edge, edge, 3.0 * edge]), top)
+    return [Shape("", corners @ pose[:3, :3].T + pose[:3, 3], faces, STOCK_COLOUR, name)]
 
 
-def _describe_spindle(plan: Plan) -> list[dict[str, Any]]:
+def _draw_spindle(plan: Plan) -> list[Shape]:
     """Return a cutter and a spindle between tip and flange, drawn where no mesh of the tool is known."""
-    robot = plan.robot
-    reach = np.linalg.inv(mounted_tool(robot))
-    height = -float(reach[2, 3])  # the tip's z points out of the tool
+    height = -float(np.linalg.inv(mounted_tool(plan.robot))[2, 3])  # the tip's z points out of the tool
     if height < SHORTEST_TOOL:
         return []
     shapes = []
     for name, radius, low, high in (("cutter", 0.06, 0.0, 0.45), ("spindle", 0.22, 0.4, 1.0)):
-        size = min(radius * height, 0.09)
         start, end = np.array([0.0, 0.0, -low * height]), np.array([0.0, 0.0, -high * height])
-        vertices, faces = triangulate_rod(start, end, size, sections=24)
-        shapes.append(_describe_shape(f"{name}, drawn", robot.tcp, TOOL_COLOUR, vertices, faces))
+        rod = triangulate_rod(start, end, min(radius * height, 0.09), sections=24)
+        shapes.append(Shape(plan.robot.tcp, *rod, TOOL_COLOUR, f"{name}, drawn"))
     return shapes
-
-
-def _describe_block(plan: Plan) -> list[dict[str, Any]]:
-    """Return a block that holds the cut, drawn where neither part nor stock is known."""
-    if plan.job is None or getattr(plan.job.process, "stock", None) is not None:
-        return []
-    pose, tip = plan.job.T_base_part, plan.task.position[plan.task.cut]
-    inside = (tip - pose[:3, 3]) @ pose[:3, :3]
-    low, high = inside.min(axis=0), inside.max(axis=0)
-    edge = 0.08 * float((high - low).max())
-    top = np.array([high[0] + edge, high[1] + edge, low[2]])
-    corners, faces = triangulate_box(low - np.array([edge, edge, 3.0 * edge]), top)
-    vertices = corners @ pose[:3, :3].T + pose[:3, 3]
-    return [_describe_shape("block under the path, drawn", "", STOCK_COLOUR, vertices, faces)]
-
-
-def _describe_shape(name: str, link: str, colour: Sequence[float], vertices: Array, faces: Any) -> dict[str, Any]:
-    shown = [round(float(value), 3) for value in colour]
-    corners = (1e3 * vertices).round(2)
-    return {"name": name, "link": link, "colour": shown, "vertices_mm": corners, "faces": np.asarray(faces, int)}
-
-
-def _pad(values: Array, before: int, after: int) -> Array:
-    return np.pad(values, ((before, after), (0, 0)), constant_values=np.nan)

@@ -1,0 +1,297 @@
+"""From measurements to a better robot or program: `identify`, `diagnose`, `predict`, `campaign`, `learn`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from compplan.cli.measured import load_measured, measured_options, read_log, registered_parts, settle_questions
+from compplan.cli.options import (
+    INPUT,
+    CommandResult,
+    assume_ok,
+    make_command,
+    make_job_command,
+    out_folder,
+    out_table,
+    posture_kept,
+    robot_instead,
+    robot_option,
+    split_names,
+)
+from compplan.cli.terminal import show_progress
+from compplan.effects import EFFECTS
+from compplan.effects.requested import GEOMETRY
+from compplan.errors import InfeasibleError, InputError, UnknownNameError
+from compplan.identification.parameters import LINK_TERMS
+from compplan.io.parsing import LEAST_SIGMA_MM
+from compplan.io.provenance import describe_origin
+from compplan.measurement.checks import check_unit, list_notes
+from compplan.measurement.fit.least_squares import LOSSES
+from compplan.measurement.registration import folder_registration, parse_parts
+from compplan.robot import load_robot
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
+
+
+@make_command(
+    click.argument("measurements", type=INPUT, required=False), robot_option(), out_folder,
+    click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".'),
+    click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint."),
+    click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".'),
+    click.option("--stepwise", is_flag=True,
+                 help="Try a spring about every axis; keep those that improve the prediction."),
+    click.option("--links", type=click.Choice(LINK_TERMS), help="Terms of the links' 6x6 elasticities to identify."),
+    click.option("--effects", help='Effects to fit too, such as "backlash,joint_coupling@joint_5:of joint_4".'),
+    click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry fitted along."),
+    click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
+                 help="Absolute positions, or each pose against itself under other loads."),
+    click.option("--loss", type=click.Choice(LOSSES), default="tukey", help="How rows far from the model count."),
+    click.option("--choose-poses", hidden=True, help="Gone: compplan campaign chooses poses."),
+    measured_options, assume_ok, epilog=f"Effects: {', '.join(EFFECTS)}.",
+)  # fmt: skip
+def run_identify(
+    measurements: Path | None, robot_name: str, folder: Path, register: str | None, springs: str | None,
+    add: str | None, effects: str | None, choose_poses: str | None, instrument: Path | None, tool: Path | None,
+    target_offset: str | None, assume_ok: bool, **choices: Any,
+) -> CommandResult:  # fmt: skip
+    """Identify the compliances of ROBOT from MEASUREMENTS (a measurement log), with 95 % intervals.
+
+    Writes DIR/robot (the updated robot folder) and DIR/identify.json.
+
+    Example: compplan identify examples/identify/measurements.csv --robot kuka_kr270 --out out
+    """
+    from compplan.identification.campaign import identify_campaign
+    from compplan.identification.problem import IdentifyOptions
+    from compplan.reporting.identify import describe_identification, write_identification
+
+    options = IdentifyOptions(
+        register=parse_parts(register), springs=None if springs is None else split_names(springs), add=split_names(add),
+        effects=split_names(effects), **choices,
+    )  # fmt: skip
+    if measurements is None or choose_poses is not None:
+        fault = "no measurement log is given" if choose_poses is None else "--choose-poses is gone"
+        raise InputError(f"{fault}; compplan campaign JOB --poses N --for calibration chooses poses to measure")
+    robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
+    options = replace(options, register=registered_parts(register, campaign))
+    settle_questions(robot, campaign, options.register, assume_ok)
+    with show_progress() as progress:
+        found = identify_campaign(robot, campaign, options, progress=progress)
+    summary = write_identification(found, folder, list(campaign.notes))
+    wrote = f"wrote {folder / 'robot'}, {folder / 'identify.json'} and {folder / 'report.html'}"
+    return CommandResult(summary, [*describe_identification(summary), *list_notes(campaign.notes), wrote])
+
+
+@make_command(
+    click.argument("measurements", type=INPUT), robot_option(), out_folder,
+    click.option("--register", help="Fit these frames in every model: base, tool or base,tool."),
+    click.option("--without", multiple=True, metavar="EFFECT",
+                 help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}."),
+    measured_options, assume_ok,
+)  # fmt: skip
+def run_diagnose(
+    measurements: Path, robot_name: str, folder: Path, register: str | None, without: tuple[str, ...],
+    tool: Path | None, instrument: Path | None, target_offset: str | None, assume_ok: bool,
+) -> CommandResult:  # fmt: skip
+    """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
+
+    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html.
+
+    Example: compplan diagnose notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
+    """
+    from compplan.diagnosis import diagnose_campaign
+    from compplan.io.display import format_figures
+    from compplan.reporting.diagnosis import deliver_diagnosis
+    from compplan.reporting.diagnosis_text import describe_next, describe_structure, list_effects, list_poses
+
+    parse_parts(register)
+    for name in without:
+        if name not in EFFECTS:
+            raise UnknownNameError("effect", name, list(EFFECTS))
+    robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
+    parts = registered_parts(register, campaign)
+    with show_progress() as progress:
+        progress("questions")
+        asked = settle_questions(robot, campaign, parts, assume_ok, events=True)
+        diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
+        table = deliver_diagnosis(diagnosis, folder, progress)
+    what, headline = diagnosis.summary()[0]
+    todo = describe_next(table["verdict"], diagnosis.delivery.kind, list_poses(table, "in the report"))
+    return CommandResult(table, [
+        *(f"assumed to be meant: {question}" for question in asked),
+        f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),
+        *format_figures(diagnosis.list_figures()), *list_notes(campaign.notes),
+        f"wrote diagnosis.json, report.html, robot/ to {folder}",
+        f"next: {todo.replace('OUT/robot', str(folder / 'robot'))}",
+    ])  # fmt: skip
+
+
+@make_command(
+    click.argument("measurements", type=INPUT), robot_option(), out_table,
+    click.option("--register", help="Fit these frames to the campaign first: base, tool or base,tool."),
+    measured_options,
+)  # fmt: skip
+def run_predict(
+    measurements: Path, robot_name: str, out: Path, register: str | None, instrument: Path | None,
+    tool: Path | None, target_offset: str | None,
+) -> CommandResult:  # fmt: skip
+    """Predict what the instrument should see in every row of MEASUREMENTS, if the robot folder were the whole truth.
+
+    Example: compplan predict later.csv --robot out/robot --out prediction.csv
+    """
+    from compplan.simulation.predict import predict_campaign, write_prediction
+
+    parts = parse_parts(register)
+    robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
+    frames = folder_registration(load_robot(robot_name))
+    prediction = predict_campaign(robot, campaign, register=parts, registration=frames)
+    if not parts:
+        check_unit(campaign, prediction.position)
+    write_prediction(prediction, out)
+    distance = np.linalg.norm(prediction.gap, axis=1) * 1e3
+    distance = distance[np.isfinite(distance)]
+    known = len(distance) > 0
+    summary = {
+        "rows": len(campaign), "rms_mm": float(np.sqrt(np.mean(distance**2))) if known else None,
+        "median_mm": float(np.median(distance)) if known else None, "registered": list(parts),
+        "notes": list(campaign.notes), "made_by": describe_origin(),
+    }  # fmt: skip
+    head = [f"{len(campaign)} rows; measured positions differ by {summary['rms_mm']:.3f} mm rms"] if known else []
+    return CommandResult(summary, [*head, *list_notes(campaign.notes), f"wrote {out}"])
+
+
+@make_job_command(
+    click.option("--poses", "count", type=click.IntRange(1, 200), required=True, help="How many poses to measure."),
+    out_folder, robot_instead,
+    click.option("--log", "log", type=INPUT, help="What has been measured already."),
+    click.option("--weights-kg", "weights", default="0", show_default=True, metavar="KG,KG",
+                 help="Weights that can hang at the tool; 0: none."),
+    click.option("--pull-N", "pull", type=click.FloatRange(0.0, 1e5), default=0.0, show_default=True,
+                 help="Force with which the tool can be pulled sideways, along x or y of the base."),
+    click.option("--sigma-mm", "sigma", type=click.FloatRange(LEAST_SIGMA_MM, 10.0), default=0.03, show_default=True,
+                 help="Standard deviation of the instrument, per axis."),
+    click.option("--register", metavar="FRAMES",
+                 help="Frames that are unknown: base, tool, base,tool (of a tracker if left out) or none."),
+    click.option("--for", "purpose", type=click.Choice(["path", "calibration"]), default="path", show_default=True,
+                 help="Narrow the band on JOB's path, or serve a calibration of an arm that is hardly known."),
+    click.option("--with", "instrument", default="tracker", show_default=True,
+                 type=click.Choice(["tracker", "sockets", "gauge", "ball_bar"]),
+                 help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge,"
+                 " a ball bar."),
+    click.option("--places", type=click.IntRange(1, 30), help="Where those stand; else 3, of dial gauges 6."),
+    click.option("--instrument", "described", type=INPUT,
+                 help="TOML file of the instrument of --log, as `diagnose` takes it."),
+    click.option("--length-mm", type=click.FloatRange(1.0, 5000.0),
+                 help="Length of the ball bar (300 is assumed), or distance of the two sockets of a plate; left out:"
+                 " sockets one by one, which do not determine the scale."),
+    click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates."),
+)  # fmt: skip
+def run_campaign(
+    job: Job, count: int, folder: Path, log: Path | None, weights: str, pull: float, sigma: float, register: str | None,
+    purpose: str, instrument: str, places: int | None, described: Path | None, length_mm: float | None, seed: int,
+) -> CommandResult:  # fmt: skip
+    """Design the measurements that narrow the 95 % band on JOB's path most, or calibrate the arm with fewest poses.
+
+    Writes campaign.csv (an empty log to fill in), programs that move to the poses, campaign.json and report.html.
+
+    Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
+    """
+    from compplan.learning.campaign import Equipment, design_campaign, parse_weights
+    from compplan.planning.plan import plan_job
+    from compplan.reporting.campaign import write_campaign
+
+    if not sigma < 10.0 or not pull < 1e5:
+        raise InputError("--sigma-mm and --pull-N are finite numbers")
+    frames = None if register is None else () if register == "none" else parse_parts(register)
+    length = None if length_mm is None else length_mm * 1e-3
+    equipment = Equipment(parse_weights(weights), pull, sigma * 1e-3, frames, seed, purpose, instrument, places, length)
+    with show_progress() as announce:
+        announce("plan")
+        plan = plan_job(job)
+        campaign = design_campaign(plan, equipment, count, read_log(log, plan.robot, described), announce)
+        announce("report")
+        summary = write_campaign(campaign, folder)
+    lines = [summary["says"], *(f"put up {stand.says}" for stand in campaign.stands), *campaign.notes]
+    if len(campaign.touching):
+        poses = ", ".join(str(k + 1) for k in campaign.touching)
+        lines.append(f"the way to pose {poses} touches something: go around")
+    more = "" if instrument == "tracker" else f" and --instrument {folder / 'instrument.toml'}"
+    more += f" and --register {','.join(equipment.frames)}" if equipment.frames else ""
+    todo = f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job{more}"
+    return CommandResult(summary, [*lines, f"wrote {', '.join(summary['files'])} to {folder}", todo])
+
+
+@make_job_command(
+    click.argument("measured", type=INPUT), robot_option("Robot folder that the part's program was planned with."),
+    out_folder,
+    click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
+                 help="Frame of the measured points."),
+    click.option("--align", type=click.Choice(["datum", "best_fit"]),
+                 help="Take the points as their frame states (datum), or remove a fitted shift and turn of all points"
+                 " first (best_fit). Left out: datum, with a question where such a shift is large."),
+    click.option("--sigma-mm", type=click.FloatRange(LEAST_SIGMA_MM, 20.0),
+                 help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05."),
+    click.option("--instrument", type=INPUT,
+                 help="TOML file of the instrument: its sigma_mm, where --sigma-mm is left out."),
+    click.option("--mesh", type=INPUT, help="Nominal surface of the part, STL or PLY in mm, in the frame of the "
+                 "points: they count along its normals."),
+    click.option("--reach-mm", type=click.FloatRange(0.0, 1000.0, min_open=True),
+                 help="How far from the path of the tip the tool makes that surface; else 1 mm more than the radius of"
+                 " the cutter in [process]."),
+    assume_ok, posture_kept,
+)  # fmt: skip
+def run_learn(
+    job: Job, measured: Path, robot_name: str, folder: Path, frame: str, align: str | None, sigma_mm: float | None,
+    instrument: Path | None, mesh: Path | None, reach_mm: float | None, assume_ok: bool,
+) -> CommandResult:  # fmt: skip
+    """Learn from MEASURED points of a part cut with JOB: write the corrected program and the updated robot folder.
+
+    MEASURED has columns x_mm y_mm z_mm of the attained tool tip, and where they are known s_mm (path length) and
+    sigma_mm; a probe along normals has reading_mm along dir_i dir_j dir_k from there. Or it is a scan of the surface
+    that the tip touches, in mm: STL, PLY, XYZ, or a table without a head (x y z [nx ny nz]); with --mesh of any surface
+    that the tool makes. The next part learns with --robot DIR/robot.
+
+    Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
+    """
+    from compplan.learning.measured_path import reach_of
+    from compplan.learning.part import learn_from_part
+    from compplan.learning.scan import read_surface
+    from compplan.measurement.instrument import read_instrument
+    from compplan.reporting.learn import write_learning
+
+    if instrument is not None and sigma_mm is None:
+        sigma_mm = read_instrument(instrument).instrument.sigma_mm
+    reach = reach_of(job.process) if reach_mm is None else reach_mm * 1e-3
+    surface = None if mesh is None else read_surface(mesh, reach)
+    with show_progress() as announce:
+        update = learn_from_part(
+            job, robot_name, measured, in_base=frame == "base", align=align,
+            sigma=None if sigma_mm is None else sigma_mm * 1e-3, sure=assume_ok, surface=surface, announce=announce,
+        )  # fmt: skip
+        announce("report")
+        summary = write_learning(update, folder)
+    plan, band = update.after, summary["band_after_mm"]
+    lines = [plan.verdict.sentence, f"measured {summary['measured_rms_mm']:.4g} mm rms at {summary['points']} points"]
+    lines += update.notes
+    wrote = f"wrote {', '.join(summary['files'])} to {folder}"
+    if update.lesson.taken:
+        lines += [
+            f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms; its tip within"
+            f" {band['p95_max']:.3g} mm with 95 %, within {band['p95_max_in_measured_directions']:.3g} mm in the"
+            " directions that were measured",
+            wrote, f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}",
+        ]  # fmt: skip
+    else:
+        lines.append(wrote)
+    if plan.status == "solved":
+        return CommandResult(summary, lines)
+    failing = plan.command.failures
+    message = f"{plan.explain_failures()}; the best compromise is written"
+    return CommandResult(
+        summary, lines, InfeasibleError(message, waypoints=sorted(failing), limits=sorted({*failing.values()}))
+    )

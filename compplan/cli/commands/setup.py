@@ -1,0 +1,401 @@
+"""Begin and look: `init` writes a job, a robot folder or a log, `doctor` looks at one, `view` shows a result."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import sys
+import time
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import tomli_w
+
+from compplan.cli.options import INPUT, CommandResult, add_options, make_command, robot_option
+from compplan.cli.terminal import format_table, show, show_progress
+from compplan.controllers.writers import WRITERS, list_languages
+from compplan.controllers.writers.joint_convention import load_controller
+from compplan.controllers.writers.post import read_post
+from compplan.errors import CompplanError, InputError, UnknownNameError
+from compplan.io.provenance import describe_origin
+from compplan.io.tables import read_text, write_text
+from compplan.io.transaction import replace_folder
+from compplan.robot import Robot, load_robot, read_robot_folder
+from compplan.robot.brands import CONTROLLERS
+from compplan.robot.folder_template import TURNS, build_skeleton
+from compplan.robot.rating import Rating
+from compplan.toolpath.readers import find_reader, list_suffixes
+
+if TYPE_CHECKING:
+    from compplan.cli.doctor import Remark
+
+#: Pitch of the example cone that shows what force the arm bears. [mm]
+FEW_TURNS_MM = 5.0
+#: What is written by the first word: how that is called, and its options; any other first word is the file of a job.
+FORMS = {
+    "robot": ("robot URDF", ("tcp", "tool_axis", "controller", "payload", "reach", "mass", "out")),
+    "template": ("template LANGUAGE", ("out",)),
+    "profile": ("profile --robot ROBOT", ("robot_name", "out")),
+    "log": ("log --robot ROBOT", ("robot_name", "out")),
+    "schema": ("--schema", ("schema",)),
+    "job": ("FILE", ("robot_name", "toolpath", "short")),
+}
+
+
+@click.command()
+@click.argument("words", nargs=-1, metavar="[FILE | profile | robot URDF | log | template LANGUAGE]")
+@add_options(
+    robot_option("Robot of the job, or of the log: folder or shipped robot.", required=False),
+    click.option("--toolpath", help="Toolpath of the job, relative to it: CSV or a CAM file."),
+    click.option("--tcp", help="init robot: frame of the tool centre point; left out: the end of the chain."),
+    click.option("--tool-axis", type=click.Choice(list(TURNS)),
+                 help="init robot: axis of that frame that points out of the tool."),
+    click.option("--controller", type=click.Choice(list(CONTROLLERS)),
+                 help="init robot: take its joint names, signs, configuration words, pendant frame."),
+    click.option("--payload", type=click.FloatRange(0.1, 3000.0),
+                 help="init robot: rated payload in kg; with --reach it gives springs by a rule (assumed)."),
+    click.option("--reach", type=click.FloatRange(0.2, 10.0), help="init robot: reach in m."),
+    click.option("--mass", type=click.FloatRange(1.0, 2e4),
+                 help="init robot: own weight in kg, to check the URDF's masses by."),
+    click.option("--short", is_flag=True, help="A job of the keys that one needs first, without the others."),
+    click.option("--out", type=INPUT, help="Folder of the robot, or file of the log or template."),
+    click.option("--schema", is_flag=True, help="Print the JSON schema of a job, and write nothing."),
+)  # fmt: skip
+def run_init(words: tuple[str, ...], **options: Any) -> None:
+    """Write a job FILE (default job.toml) in which every key is explained; a shop profile; a robot folder; a log.
+
+    With a robot, the part is put where the arm reaches its path, the tool leaves the flange straight, and the forces
+    of the example path are such as the arm bears: all assumed.
+
+    Example: compplan init part.toml --robot ur10 --toolpath part.nc
+
+    Example: compplan init robot arm.xacro --controller krc4 --payload 16 --reach 1.61 --out arm
+
+    Example: compplan init template krl --out cell.src.jinja
+
+    Example: compplan init profile --robot kuka_kr240 --out shop.toml
+
+    Example: compplan init --schema
+
+    Example: compplan init log --robot arm --out measurements.csv
+    """
+    form = _check_form(words, options)
+    out, robot_name = options["out"], options["robot_name"]
+    if form == "schema":
+        from compplan.job.schema import write_schema
+
+        lines = [write_schema()]
+    elif form == "job":
+        file = Path(words[0]) if words else Path("job.toml")
+        lines = _init_job(file, robot_name, options["toolpath"], short=options["short"])
+    elif form == "robot":
+        lines = _init_robot(Path(words[1]), options, out)
+    elif form == "template":
+        language = words[1]
+        if language not in WRITERS:
+            raise UnknownNameError("program language", language, list(WRITERS))
+        file = _write_new(out or Path(f"{language}.jinja"), read_post(language))
+        lines = [f'wrote {file}; next: [output] templates = {{ {language} = "{file.name}" }}']
+    elif form == "profile":
+        from compplan.job.profile import write_profile_text
+
+        file = out or Path("shop.toml")
+        robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
+        language = "csv" if robot is None else _native_language(robot)
+        _write_new(file, write_profile_text(robot_name or "kuka_kr210_r2700_2", language))
+        lines = [f'wrote {file}; next: profile = "{file.name}" in a job, or compplan post CAMFILE --profile {file}']
+    elif robot_name is None:
+        raise InputError("init log needs --robot: its joints are columns")
+    else:
+        from compplan.measurement.reading import write_log_text
+
+        file = _refuse_existing(out or Path("measurements.csv"))
+        write_text(file, write_log_text(load_robot(robot_name)))
+        lines = [f"wrote {file}; next, when it is filled in: compplan doctor {file} --robot {robot_name}"]
+    show({}, False, lines)
+
+
+def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
+    """Return what is to be written; refuse words that are too few or too many, and options of another form."""
+    form = "schema" if options["schema"] else words[0] if words and words[0] in FORMS else "job"
+    usage, own = FORMS[form]
+    if form == "schema" and words:
+        raise InputError(f"{words[0]!r} has no meaning in: compplan init --schema")
+    if form == "job" and len(words) > 1:
+        forms = "'profile', 'robot URDF', 'log' or 'template LANGUAGE'"
+        raise InputError(f"init takes one FILE, {forms}, not {' '.join(words)!r}")
+    wanted = 1 + (form in ("robot", "template"))
+    if form not in ("job", "schema") and len(words) != wanted:
+        raise InputError(f"{len(words) - 1} words after {words[0]!r}, expected: compplan init {usage}")
+    for name, value in options.items():
+        if value and name not in own:
+            option = name.removesuffix("_name").replace("_", "-")
+            raise InputError(f"--{option} has no meaning in: compplan init {usage}")
+    return form
+
+
+def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
+    from compplan.job.called_tools import describe_assumed, read_called_tools
+    from compplan.job.commented_job import choose_process, mount_tool, number_tools, shorten_job, write_job_text
+
+    _refuse_existing(file)
+    if file.suffix.lower() != ".toml":
+        raise InputError(f"a job is a file that ends in .toml, not {str(file)!r}")
+    text, place, assumed = write_job_text(), "", ""
+    robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
+    if robot is not None:
+        text = text.replace('robot = "staubli_tx200" ', f"{_line('robot', str(robot_name))} ", 1)
+        text = text.replace('programs = ["val3"]', f'programs = ["{_native_language(robot)}"]', 1)
+        text = mount_tool(text, robot, used=toolpath is not None and not toolpath.lower().endswith(".csv"))
+    if toolpath is not None:
+        _check_toolpath(file.parent / toolpath)
+        line = _line("toolpath", toolpath) + "\n\n"
+        text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
+        text = choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
+        if not toolpath.lower().endswith(".csv"):
+            try:
+                tools = read_called_tools(file.parent / toolpath)
+                text, assumed = number_tools(text, tools), describe_assumed(tools)
+            except CompplanError as error:
+                assumed = f"tools and spindle speeds are not taken from {toolpath}: {error}"
+    if robot is not None:
+        with show_progress() as announce:
+            announce("place of the part")
+            text, place = _place_part(text, file)
+            if toolpath is None:
+                announce("force that the arm can carry")
+                text = _ease_force(text, file)
+    write_text(file, shorten_job(text) if short else text)
+    return [*filter(None, (place, assumed)), f"wrote {file}; next: compplan plan {file} --out out"]
+
+
+def _place_part(text: str, file: Path) -> tuple[str, str]:
+    """Put the part of a job's text where its arm reaches the path; return the text and what there is to say.
+
+    A toolpath that cannot be read as the text has it leaves the part where it is: it may need what the job says of it.
+    """
+    from compplan.job.commented_job import set_place
+    from compplan.job.job import check_job
+    from compplan.job.operations import split_job
+    from compplan.planning.plan import job_robot
+    from compplan.planning.posture.place import find_first_place
+
+    try:
+        job = split_job(check_job(tomllib.loads(text), file))[0]
+        found = find_first_place(job, job_robot(job))
+    except CompplanError as error:
+        return text, f"the part has the default place, its path was not tried ({error})"
+    if found is None:
+        return text, "no place was found from which this robot reaches the whole path; choose a larger one, or turn it"
+    position = [round(1e3 * float(value), 1) + 0.0 for value in found[0]]
+    why = "amid the places from which the arm reaches the path" if found[1] else "before the arm, not tried"
+    return set_place(text, position, f"assumed: {why}; put yours"), f"the part stands at {position} mm (assumed: {why})"
+
+
+def _ease_force(text: str, file: Path) -> str:
+    """Lower the force of a job's text to what its arm bears; it stays where the path cannot be followed."""
+    from compplan.job.commented_job import set_force
+    from compplan.job.job import check_job
+    from compplan.planning.first_force import bearable_share
+    from compplan.process.force_models.isf import IsfProcess
+
+    try:
+        tables = tomllib.loads(text)
+        tables["toolpath"]["pitch_mm"] = FEW_TURNS_MM
+        job = check_job(tables, file)
+        share = bearable_share(job)
+    except CompplanError:
+        return text
+    if share == 1.0 or not isinstance(job.process, IsfProcess):
+        return text
+    axial, lateral = (_round_down(share * force) for force in (job.process.axial_N, job.process.lateral_N))
+    return set_force(text, axial, lateral, "assumed: what this arm can carry there; put yours")
+
+
+def _round_down(value: float) -> float:
+    """Round a positive number down to two digits."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return round(math.floor(value / step) * step, 6)
+
+
+def _check_toolpath(path: Path) -> None:
+    """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
+    from compplan.job.called_tools import ANY_FEED
+    from compplan.toolpath.readers.lines import read_bounded
+    from compplan.toolpath.reading import read_toolpath
+
+    if not path.is_file():
+        raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
+    if path.suffix.lower() == ".csv":
+        read_toolpath(path, feed=ANY_FEED)
+    elif path.suffix.lower() not in list_suffixes() and find_reader(path, read_bounded(path)) is None:
+        raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
+
+
+def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> list[str]:
+    """Write a robot folder and say what it holds, what was left out and what is missing."""
+    payload, reach, mass = (options[name] for name in ("payload", "reach", "mass"))
+    if (payload is None) != (reach is None) or (mass is not None and payload is None):
+        raise InputError("--payload, --reach and --mass: give payload and reach together, own weight beside them")
+    if any(math.isnan(value) for value in (payload, reach, mass) if value is not None):
+        raise InputError("--payload, --reach and --mass: nan is no number")
+    rating, controller = None if payload is None else Rating(payload, reach, mass), options["controller"]
+    folder = out or Path(urdf.stem)
+    if not folder.is_dir() or any(folder.iterdir()):  # a run that died may have left it empty
+        _refuse_existing(folder)
+    tcp, tool_axis = options["tcp"], options["tool_axis"]
+    try:
+        made = build_skeleton(urdf, tcp, tool_axis, controller, rating)
+    except InputError as error:
+        if tool_axis is not None or "which axis of" not in error.message or not sys.stdin.isatty():
+            raise
+        question = f"The URDF {error.message.partition(';')[0]}. Which one does"
+        axis = click.prompt(question, type=click.Choice(list(TURNS)), err=True)
+        made = build_skeleton(urdf, tcp, axis, controller, rating)
+    with replace_folder(folder, "init") as new:
+        for name, text in made.texts.items():
+            write_text(new / name, text)
+        for place, source in made.meshes.items():
+            (new / place).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, new / place)
+        read_robot_folder(new)
+    lines = ["springs: none, the robot is rigid; --payload and --reach estimate those of six rotating joints"]
+    if made.springs:
+        lines = [f"springs: {made.springs}, assumed by payload and reach (grade {made.grade})"]
+    if made.mass_fault:
+        lines.append(f"masses: {made.mass_fault}; the masses are left out, correct the URDF and run init again")
+    if made.missing:
+        lines.append(f"meshes: {len(made.meshes)} copied, {len(made.missing)} not found ({made.missing[0]})")
+    if made.gaps:
+        lines.append(f"Cartesian programs lack {'; '.join(made.gaps)}")
+    if controller is not None:
+        lines.append("controller.toml is derived from the geometry and not checked: compare two postures with the "
+                     "display, then set checked = true")  # fmt: skip
+    return [*lines, f"wrote {folder}; next: compplan doctor {folder}"]
+
+
+def _native_language(robot: Robot) -> str:
+    """Return the language that the robot's own controller speaks, a table where none is known."""
+    spoken = list_languages(load_controller(robot).name)
+    return spoken[0] if len(spoken) < len(WRITERS) else "csv"
+
+
+def _write_new(file: Path, text: str) -> Path:
+    write_text(_refuse_existing(file), text)
+    return file
+
+
+def _refuse_existing(path: Path) -> Path:
+    if path.exists():
+        raise InputError("exists already; name another", file=path)
+    return path
+
+
+def _line(key: str, value: str) -> str:
+    return tomli_w.dumps({key: value}).rstrip("\n")
+
+
+#: How a state looks on a terminal.
+COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow"}
+
+
+@make_command(
+    click.argument("target", required=False),
+    robot_option("Robot that the log was taken on: folder or shipped robot.", required=False),
+)
+def run_doctor(target: str | None, robot_name: str | None) -> CommandResult:
+    """Look at TARGET and say what is odd: a robot (folder or name) or a measurement log; without it the installation.
+
+    Example: compplan doctor measurements.csv --robot ur10
+    """
+    from compplan.cli.doctor import examine_installation, examine_log, examine_robot
+
+    _refuse_others(target)
+    if target is not None and Path(target).is_file():
+        findings = examine_log(Path(target), None if robot_name is None else load_robot(robot_name))
+    elif target is not None and Path(target).suffix.lower() == ".csv":
+        raise InputError("measurement log not found", file=Path(target))
+    elif target is not None and robot_name is not None:
+        raise InputError(f"--robot is the robot of a log, but {target!r} is no log: name one robot")
+    elif target is not None or robot_name is not None:
+        findings = examine_robot(load_robot(target if target is not None else str(robot_name)))
+    else:
+        findings = examine_installation()
+    summary = {"findings": [asdict(finding) for finding in findings], "made_by": describe_origin()}
+    return CommandResult(summary, _describe_findings(findings))
+
+
+def _refuse_others(target: str | None) -> None:
+    """Refuse what another command takes, and name that."""
+    if target is None or Path(target).is_dir():
+        return
+    suffix = Path(target).suffix.lower()
+    if suffix == ".toml":
+        sentence = f"is no robot folder and no log; if it is a job: compplan plan {target} --out out"
+        raise InputError(sentence, file=target)
+    if suffix in list_suffixes():
+        sentence = f"is a CAM file; compplan convert {target} --out path.csv writes its toolpath, "
+        raise InputError(
+            f"{sentence}compplan init job.toml --robot ROBOT --toolpath {target} a job for it", file=target
+        )
+
+
+def _describe_findings(findings: list[Remark]) -> list[str]:
+    """Return the findings as lines for people."""
+    from rich.markup import escape
+
+    rows = []
+    for finding in findings:
+        said = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
+        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(said)))
+    odd = sum(finding.state == "odd" for finding in findings)
+    count = f"{odd} odd of {len(findings)} looked at" if odd else f"nothing odd; {len(findings)} looked at"
+    return [*format_table(rows), count]
+
+
+@click.command()
+@click.argument("out", type=INPUT)
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port on 127.0.0.1.")
+@click.option("--open/--no-open", "opened", default=True, help="Open the page in the browser.")
+def run_view(out: Path, port: int, opened: bool) -> None:
+    """Show OUT, a folder of compplan plan or diagnose: the arm along the path, or measured poses.
+
+    A plan of several tools has a view for each, at ports one after the other. Ctrl-C ends them.
+
+    Example: compplan view out
+    """
+    from compplan.reporting.view.server import HOST, start_server
+
+    viewers = []
+    for place, folder in enumerate(list_shown(out)):
+        with show_progress() as progress:
+            progress("the viewer starts")
+            viewers.append(start_server(folder, port + place))
+        address = f"http://{HOST}:{port + place}"
+        show({}, False, [f"{folder} at {address}, Ctrl-C ends it"])
+        if opened:
+            click.launch(address)
+    try:
+        while True:
+            time.sleep(3600.0)
+    except KeyboardInterrupt:
+        for viewer in viewers:
+            viewer.stop()
+
+
+def list_shown(out: Path) -> list[Path]:
+    """Return the folders that are shown: that of each tool where a plan has several, each at a port of its own."""
+    file = out / "plan.json"
+    try:
+        data = json.loads(read_text(file)) if file.is_file() else {}
+    except ValueError:  # the viewer says what is wrong with the folder
+        data = {}
+    tools = data.get("tools", []) if isinstance(data, dict) else []
+    folders = [out / tool["folder"] for tool in tools if isinstance(tool, dict) and isinstance(tool.get("folder"), str)]
+    return folders or [out]

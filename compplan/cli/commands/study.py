@@ -1,0 +1,156 @@
+"""What a robot is worth: `montecarlo` on a job, `map` over its workspace, `reproduce` beside a paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from compplan.cli.options import CommandResult, complete_robots, make_command, make_job_command, out_folder, split_names
+from compplan.cli.terminal import format_table, show_progress
+from compplan.errors import InputError
+from compplan.job.names import ONLINE, STRATEGIES
+from compplan.reproduce import PAPERS, reproduce_paper
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
+
+
+@make_job_command(
+    click.option("--samples", type=click.IntRange(2, 10_000_000), default=1000, show_default=True,
+                 help="Number of samples."),
+    click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of everything."),
+    out_folder,
+    click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one a core."),
+    click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute."),
+    click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out "
+                 f"of {', '.join((*STRATEGIES, *ONLINE))}."),
+    click.option("--replicates", type=click.IntRange(2, 1024), default=8, show_default=True,
+                 help="Independent replicates."),
+    click.option("--waypoints", type=click.IntRange(2, 5_000_000), default=2500, show_default=True,
+                 help="A longer path is thinned evenly to this many waypoints."),
+    click.option("--no-sensitivity", is_flag=True, help="Leave out the sensitivity analysis."),
+    click.option("--discard", is_flag=True, help="Take away finished samples of another study in OUT first."),
+)  # fmt: skip
+def run_montecarlo(
+    job: Job, folder: Path, workers: int | None, scheduler: str | None, strategies: str | None, waypoints: int,
+    no_sensitivity: bool, discard: bool, **design: Any,
+) -> CommandResult:  # fmt: skip
+    """Let strategies cut JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
+
+    Samples are kept in OUT/samples: an interrupted study goes on where it stopped when it is run again.
+
+    Example: compplan montecarlo paths/isf_cone.toml --samples 200 --seed 1 --out out
+    """
+    from compplan.io.transaction import lock_folder
+    from compplan.reporting.montecarlo import write_study
+    from compplan.studies.job_study import study_job
+    from compplan.studies.runner import Settings
+    from compplan.studies.workers import Workers
+
+    if workers and scheduler:
+        raise InputError("--workers and --scheduler are both given, choose one")
+    names = list(split_names(strategies))
+    if strategies is not None and (not names or len(set(names)) < len(names)):
+        raise InputError(f"--strategies is {strategies!r}, expected names with commas, each once")
+    with lock_folder(folder), show_progress() as announce:
+        study = study_job(
+            job, Settings(**design), folder, strategies=names, most_waypoints=waypoints, sensitivity=not no_sensitivity,
+            discard=discard, workforce=Workers(workers, scheduler), announce=announce, progress=announce.count,
+        )  # fmt: skip
+        announce("report")
+        files = write_study(study, folder)
+    wrote = f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}"
+    return CommandResult(study.summary, [*_describe_study(study.summary), wrote])
+
+
+def _describe_study(summary: Mapping[str, Any]) -> list[str]:
+    """Return rms and greatest deviation of every strategy."""
+    rows = []
+    for name, figures in summary["strategies"].items():
+        rms, ends = figures["rms_mm"], figures["rms_mm"]["ci95"]
+        share = f"{100 * figures['within_tolerance']:.3g} %"
+        numbers = [f"{value:.4g}" for value in (rms["mean"], rms["p95"], figures["max_mm"]["p95"])]
+        rows.append([name, numbers[0], f"{ends[0]:.4g} to {ends[1]:.4g}", *numbers[1:], share])
+    columns = ["strategy", "rms, mean", "95 % interval", "rms, 95 %", "greatest, 95 %", "parts within tolerance"]
+    title = f"{summary['name']}: deviation in mm over {summary['samples']} samples"
+    lines, most = format_table(rows, columns, title, 110), summary["waypoints_of_path"]
+    if summary["waypoints"] < most:
+        lines.append(f"path thinned from {most} to {summary['waypoints']} waypoints")
+    grade = summary["robot_grade"]
+    return [*lines, f"robot model: {grade}; uncertainties as in the report, assumed where the job states none"]
+
+
+#: Greatest load [N, Nm] and height [mm] that are taken for true.
+MOST_LOAD, FARTHEST_MM = 1e5, 1e5
+
+
+@make_command(
+    click.argument("robot", shell_complete=complete_robots), out_folder,
+    click.option("--posture", type=click.Choice(["straight", "down", "outward"]), default="down", show_default=True,
+                 help="How the tool points; straight: wrist joints at zero."),
+    click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,
+                 help="Force on the tool, base axes. [N]"),
+    click.option("--moment", nargs=3, type=float, default=(0.0, 0.0, 0.0), show_default=True,
+                 help="Moment on the tool at the TCP, base axes. [Nm]"),
+    click.option("--height-mm", type=float, default=500.0, show_default=True, help="Height of the horizontal plane."),
+    click.option("--azimuth-deg", type=float, default=0.0, show_default=True, help="Direction of the vertical plane."),
+    click.option("--points", type=click.IntRange(5, 1000), default=100, show_default=True,
+                 help="Points along each side."),
+    click.option("--reduced", help="Robot folder of a reduced model to compare with; by default it is fitted."),
+)  # fmt: skip
+def run_map(
+    robot: str, folder: Path, posture: str, force: tuple[float, ...], moment: tuple[float, ...], height_mm: float,
+    azimuth_deg: float, points: int, reduced: str | None,
+) -> CommandResult:  # fmt: skip
+    """Draw how far ROBOT yields: under the worst unit force and under a given wrench, over two planes.
+
+    Example: compplan map kuka_kr270 --force 0 0 -800 --out out
+    """
+    from compplan.effects import robot_effects
+    from compplan.reporting.map import write_map
+    from compplan.reporting.maps.survey import MapSettings, map_robot
+    from compplan.robot import load_robot
+
+    wrench = np.array([*force, *moment])
+    if not np.isfinite([*wrench, height_mm, azimuth_deg]).all():
+        raise InputError("force, moment, height and azimuth are finite numbers")
+    if max(map(abs, wrench)) > MOST_LOAD or abs(height_mm) > FARTHEST_MM or abs(azimuth_deg) > 360.0:
+        raise InputError(
+            f"--force and --moment are at most {MOST_LOAD:g} N or Nm, --height-mm {FARTHEST_MM:g}, --azimuth-deg 360"
+        )
+    settings = MapSettings(posture, wrench, height_mm * 1e-3, float(np.radians(azimuth_deg)), points)
+    loaded = load_robot(robot)
+    robot_effects(loaded)  # they move no map, but a wrong file is told here too
+    with show_progress() as progress:
+        progress("maps of two planes")
+        result = map_robot(loaded, settings, None if reduced is None else load_robot(reduced))
+        progress("pictures and report")
+        write_map(result, folder)
+    wrote = f"wrote {folder / 'map.json'}, {folder / 'report.html'}"
+    return CommandResult(result.summary(), [*result.lines(), wrote])
+
+
+@make_command(click.argument("paper", metavar="|".join(PAPERS)), out_folder)
+def run_reproduce(paper: str, folder: Path) -> CommandResult:
+    """Compute what a paper states, and show it beside the paper's figures.
+
+    Example: compplan reproduce johra2022 --out out
+    """
+    from compplan.reproduce.paper import summarise_reproduction, write_reproduction
+
+    with show_progress() as progress:
+        progress(f"figures of {paper}")
+        result = reproduce_paper(paper)
+        progress("report")
+        write_reproduction(result, folder)
+    summary, lines = summarise_reproduction(result), []
+    for row in result.rows:
+        ours = f"{row.ours:.4g}" if isinstance(row.ours, float) else row.ours or "none"
+        unit = f" {row.unit}" if row.unit and row.ours is not None else ""
+        lines.append(f"{row.quantity}: paper {row.paper}, ours {ours}{unit}: {row.verdict}")
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in summary["verdicts"].items())
+    return CommandResult(summary, [*lines, counts, f"wrote {folder / 'reproduction.json'}, {folder / 'report.html'}"])
