@@ -49,15 +49,9 @@ PHRASES = Phrases(
 
 #: Parts are programs of a project.
 FORM = ProgramForm(
-    "val3",
-    "VAL3",
-    PHRASES,
-    lambda poses: place_table(poses, "XYZ"),
-    longest=28,
-    most=5000,
-    numbered=False,
+    "val3", "VAL3", PHRASES, lambda poses: place_table(poses, "XYZ"), longest=28, most=5000, numbered=False,
     newline="\n",
-)
+)  # fmt: skip
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
