@@ -53,19 +53,12 @@ class ToolsTable(StrictTable):
 
 @dataclass(frozen=True)
 class Described:
-    """Description of the tool of an operation.
+    """Description of the tool of an operation."""
 
-    Attributes:
-        tool: Its [tool] table, plain.
-        process: Its keys of [process], plain.
-        where: Key or file of the description, for messages.
-        cutter: Cutter of a tool table in keys of [process], and its `kind`; empty without one.
-
-    """
-
-    tool: dict[str, Any]
-    process: dict[str, Any]
-    where: str
+    tool: dict[str, Any]  #: Its [tool] table, plain.
+    process: dict[str, Any]  #: Its keys of [process], plain.
+    where: str  #: Key or file of the description, for messages.
+    #: Cutter of a tool table in keys of [process], and its `kind`; empty without one.
     cutter: dict[str, Any] = field(default_factory=dict)
 
 

@@ -19,32 +19,22 @@ OTHER = r"(?i)\b(chamfer|tapered|dovetail|lollipop|thread|form|radius) mill\b|v-
 
 @dataclass(frozen=True)
 class LibraryTool:
-    """A tool of a table; None is unknown.
+    """A tool of a table; None is unknown."""
 
-    Attributes:
-        number: T number.
-        name: Name or description.
-        length_mm: From the gauge line of the spindle to the tip.
-        kind: "mill", "drill", "other" for shapes without a force model, "" unknown.
-        missing: What is missing for its length.
-        holder_mm: Heights above the tip and diameters of the holder, from its nose up.
-        line: Line of the file, or 0.
-
-    """
-
-    number: int
-    name: str = ""
-    length_mm: float | None = None
-    kind: str = ""
+    number: int  #: T number.
+    name: str = ""  #: Name or description.
+    length_mm: float | None = None  #: From the gauge line of the spindle to the tip.
+    kind: str = ""  #: "mill", "drill", "other" for shapes without a force model, "" unknown.
     diameter_mm: float | None = None
     teeth: int | None = None
     corner_radius_mm: float | None = None
     flute_mm: float | None = None
     point_deg: float | None = None
     mass_kg: float | None = None
-    missing: str = ""
+    missing: str = ""  #: What is missing for its length.
+    #: Heights above the tip and diameters of the holder, from its nose up.
     holder_mm: tuple[tuple[float, float], ...] = ()
-    line: int = 0
+    line: int = 0  #: Line of the file, or 0.
 
     @property
     def call(self) -> str:

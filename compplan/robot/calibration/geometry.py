@@ -22,17 +22,11 @@ FARTHEST = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ZeroPose:
-    """Axes and flange of a robot, all joints at zero, in the base frame.
+    """Axes and flange of a robot, all joints at zero, in the base frame."""
 
-    Attributes:
-        direction: Unit vectors of the commanded joints' axes. Shape (n, 3).
-        point: A point on each axis. Shape (n, 3). [m]
-        flange: Pose of the flange frame. Shape (4, 4). [m]
-    """
-
-    direction: Array
-    point: Array
-    flange: Array
+    direction: Array  #: Unit vectors of the commanded joints' axes. Shape (n, 3).
+    point: Array  #: A point on each axis. Shape (n, 3). [m]
+    flange: Array  #: Pose of the flange frame. Shape (4, 4). [m]
 
 
 def find_zero_pose(robot: Robot) -> ZeroPose:
