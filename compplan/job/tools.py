@@ -13,8 +13,7 @@ from pydantic import Field, model_validator
 from compplan.errors import InputError
 from compplan.io.tomlfile import StrictTable, check_table
 from compplan.job.frames import ToolTable
-from compplan.job.tool_tables import take_tool
-from compplan.job.tool_tables.listed import LibraryTool
+from compplan.job.tool_tables import LibraryTool, take_tool
 from compplan.process.force_law import Process
 from compplan.toolpath.operations import Operation
 
