@@ -32,17 +32,11 @@ WAVES = 64
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """A smooth random error over the workspace: e(x) = a sum_k c_k cos(w_k . x + f_k), Gaussian of a given scale.
+    """A smooth random error over the workspace: e(x) = a sum_k c_k cos(w_k . x + f_k), Gaussian of a given scale."""
 
-    Attributes:
-        frequency: Shape (k, 3). [rad/m]
-        phase: Shape (k,). [rad]
-        amplitude: Shape (k, 3). [m]
-    """
-
-    frequency: Array
-    phase: Array
-    amplitude: Array
+    frequency: Array  #: Shape (k, 3). [rad/m]
+    phase: Array  #: Shape (k,). [rad]
+    amplitude: Array  #: Shape (k, 3). [m]
 
     def at(self, position: Array) -> Array:
         """Return the error at places in the base frame. Shape (n, 3). [m]."""
@@ -51,17 +45,11 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """One robot that might be the true one.
+    """One robot that might be the true one."""
 
-    Attributes:
-        robot: The robot with its drawn parameters.
-        field: What no parameter explains.
-        values: The parameters about the folder's. Shape (p,). [SI]
-    """
-
-    robot: Robot
-    field: Field
-    values: Array
+    robot: Robot  #: The robot with its drawn parameters.
+    field: Field  #: What no parameter explains.
+    values: Array  #: The parameters about the folder's. Shape (p,). [SI]
 
 
 def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
@@ -108,21 +96,13 @@ def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
 
 
 class Sampled(NamedTuple):
-    """What drawn robots do; b draws, k rows.
+    """What drawn robots do; b draws, k rows."""
 
-    Attributes:
-        held: Share of true tips, over draws and rows, that lie within the band.
-        by_row: The same at every row. Shape (k,).
-        rows: The rows. Shape (k,).
-        distance: Distance of the true tip from the planned one. Shape (b, k). [m]
-        oracle: Distance that holds them with 95 %, as who knows the truth of all draws has it. Shape (k,). [m]
-    """
-
-    held: float
-    by_row: Array
-    rows: NDArray[np.int_]
-    distance: Array
-    oracle: Array
+    held: float  #: Share of true tips, over draws and rows, that lie within the band.
+    by_row: Array  #: The same at every row. Shape (k,).
+    rows: NDArray[np.int_]  #: The rows. Shape (k,).
+    distance: Array  #: Distance of the true tip from the planned one. Shape (b, k). [m]
+    oracle: Array  #: Distance that holds them with 95 %, as who knows the truth of all draws has it. Shape (k,). [m]
 
 
 def sample_promise(
