@@ -23,3 +23,13 @@ def read_cam_text(folder: Path, text: str, suffix: str, **options: object) -> Ca
         (folder / "own.toml").write_text(tomli_w.dumps({"schema": 1, "machine": machine}))
         options["machine"] = "own"
     return read_cam(file, CamTable.model_validate({"tool_direction": "z", **options}))
+
+
+def ends(cam: CamFile) -> list[list[float]]:
+    """Return the waypoints. [mm]"""
+    return (cam.toolpath.position * 1e3).round(6).tolist()
+
+
+def cuts(cam: CamFile) -> list[list[float]]:
+    """Return where cutting moves end. [mm]"""
+    return [point for point, rapid in zip(ends(cam), cam.toolpath.rapid, strict=True) if not rapid]

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cam_files import read_cam_text
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,11 +19,6 @@ from compplan.toolpath.readers.cnc.rs274_macro import Variables
 from compplan.toolpath.readers.options import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    return partial(read_cam_text, tmp_path)
 
 
 def rows(cam: CamFile) -> list[tuple[float, ...]]:
