@@ -34,35 +34,21 @@ class Claim:
 
 @dataclass(frozen=True)
 class Score:
-    """One answer against the truth.
+    """One answer against the truth."""
 
-    Attributes:
-        case: Name of the case.
-        kind: single, double, triple, quadruple, mixed, unknown, background, none ...
-        status: Status of the verdict; "refused" where there was none.
-        placed: For each required known effect, whether it is named at its place.
-        missed: Labels of required effects that are not.
-        claims: The claims.
-        ties: For each right claim whose truth has an indistinguishable rival, whether a rival of it is listed.
-        fresh: Rms of the later campaign with the updated robot. [mm]
-        nominal: The same with the nominal robot. [mm]
-        stated: Held-out rms that the answer states. [mm]
-        floor: Noise floor of the truth. [mm]
-        seconds: CPU time of the diagnosis.
-    """
-
-    case: str
-    kind: str
-    status: str
-    placed: tuple[bool, ...]
-    missed: tuple[str, ...]
-    claims: tuple[Claim, ...]
+    case: str  #: Name of the case.
+    kind: str  #: single, double, triple, quadruple, mixed, unknown, background, none ...
+    status: str  #: Status of the verdict; "refused" where there was none.
+    placed: tuple[bool, ...]  #: For each required known effect, whether it is named at its place.
+    missed: tuple[str, ...]  #: Labels of required effects that are not.
+    claims: tuple[Claim, ...]  #: The claims.
+    #: For each right claim whose truth has an indistinguishable rival, whether a rival of it is listed.
     ties: tuple[bool, ...]
-    fresh: float
-    nominal: float
-    stated: float
-    floor: float
-    seconds: float
+    fresh: float  #: Rms of the later campaign with the updated robot. [mm]
+    nominal: float  #: The same with the nominal robot. [mm]
+    stated: float  #: Held-out rms that the answer states. [mm]
+    floor: float  #: Noise floor of the truth. [mm]
+    seconds: float  #: CPU time of the diagnosis.
 
     @property
     def clean(self) -> bool:

@@ -26,25 +26,15 @@ FLOORS, BETTER, WORSE, SECOND, HELD, WIDE = 1.2, 0.55, 1.05, 1.5, (0.93, 0.97), 
 
 @dataclass(frozen=True)
 class Program:
-    """A program on the true robot.
+    """A program on the true robot."""
 
-    Attributes:
-        true: Median over parts of the shop's own force of the true rms deviation across the path. [m]
-        whole: The same in 3D, along the path too. [m]
-        band: The 95 % band at its widest. [m]
-        point: What 95 % of the parts keep within where they stray most, 3D. [m]
-        held: Share of tips within the band, all parts and places.
-        floor: Noise floor, what a part's own force moves in it. [m]
-        calm: True rms across the path as `true`, but under the force that was predicted. [m]
-    """
-
-    true: float
-    whole: float
-    band: float
-    point: float
-    held: float
-    floor: float
-    calm: float
+    true: float  #: Median over parts of the shop's own force of the true rms deviation across the path. [m]
+    whole: float  #: The same in 3D, along the path too. [m]
+    band: float  #: The 95 % band at its widest. [m]
+    point: float  #: What 95 % of the parts keep within where they stray most, 3D. [m]
+    held: float  #: Share of tips within the band, all parts and places.
+    floor: float  #: Noise floor, what a part's own force moves in it. [m]
+    calm: float  #: True rms across the path as `true`, but under the force that was predicted. [m]
 
 
 @dataclass(frozen=True)

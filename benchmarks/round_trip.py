@@ -136,32 +136,20 @@ def simulate_observations(
 
 @dataclass(frozen=True)
 class RoundTrip:
-    """One repeat.
+    """One repeat."""
 
-    Attributes:
-        estimate: The fit.
-        truth: True values of its parameters, frames left out. Shape (p,).
-        inside: Whether the stated 95 % interval holds, of the parameters that were free. Shape (k,).
-    """
-
-    estimate: Estimate
-    truth: Array
-    inside: NDArray[np.bool_]
+    estimate: Estimate  #: The fit.
+    truth: Array  #: True values of its parameters, frames left out. Shape (p,).
+    inside: NDArray[np.bool_]  #: Whether the stated 95 % interval holds, of the parameters that were free. Shape (k,).
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Share of the stated intervals that hold.
+    """Share of the stated intervals that hold."""
 
-    Attributes:
-        inside: Intervals that held.
-        count: Intervals in all.
-        p_value: Of a two-sided binomial test against the stated level.
-    """
-
-    inside: int
-    count: int
-    p_value: float
+    inside: int  #: Intervals that held.
+    count: int  #: Intervals in all.
+    p_value: float  #: Of a two-sided binomial test against the stated level.
 
     @property
     def share(self) -> float:

@@ -123,17 +123,11 @@ def add_hose(scenario: Scenario, random: np.random.Generator) -> Scenario:
 
 
 class Cut(NamedTuple):
-    """A part that was cut, at its n cut waypoints.
+    """A part that was cut, at its n cut waypoints."""
 
-    Attributes:
-        tip: Where the tip really was, base frame. Shape (n, 3). [m]
-        wanted: Where the path wants it. Shape (n, 3). [m]
-        length: Length of the path there, rapid moves included. Shape (n,). [m]
-    """
-
-    tip: Array
-    wanted: Array
-    length: Array
+    tip: Array  #: Where the tip really was, base frame. Shape (n, 3). [m]
+    wanted: Array  #: Where the path wants it. Shape (n, 3). [m]
+    length: Array  #: Length of the path there, rapid moves included. Shape (n,). [m]
 
     @property
     def across(self) -> float:

@@ -28,36 +28,22 @@ SPRING_AXES = {
 
 @dataclass(frozen=True)
 class Segment:
-    """One URDF joint with the link that it carries.
+    """One URDF joint with the link that it carries."""
 
-    Args:
-        joint: Name of the joint.
-        kind: "revolute", "prismatic" or "fixed".
-        child: Name of the link that the joint carries.
-        xyz: Origin of the joint frame in the parent link. Shape (3,). [m]
-        rpy: Roll, pitch, yaw of the joint frame in the parent link. Shape (3,). [rad]
-        axis: Unit axis of the joint, joint frame. Shape (3,).
-        lower: Lower position limit. [rad or m]
-        upper: Upper position limit. [rad or m]
-        velocity: Velocity limit. [rad/s or m/s]
-        effort: Effort limit. [N m or N]
-        mass: Mass of the child link. [kg]
-        com: Centre of mass of the child link, child frame. Shape (3,). [m]
-        mimic: Joint that this one follows, multiplier and offset; None for a joint of its own.
-    """
-
-    joint: str
-    kind: str
-    child: str
-    xyz: tuple[float, float, float]
+    joint: str  #: Name of the joint.
+    kind: str  #: "revolute", "prismatic" or "fixed".
+    child: str  #: Name of the link that the joint carries.
+    xyz: tuple[float, float, float]  #: Origin of the joint frame in the parent link. Shape (3,). [m]
+    #: Roll, pitch, yaw of the joint frame in the parent link. Shape (3,). [rad]
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    lower: float = 0.0
-    upper: float = 0.0
-    velocity: float = 1.0
-    effort: float = 0.0
-    mass: float = 0.0
-    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  #: Unit axis of the joint, joint frame. Shape (3,).
+    lower: float = 0.0  #: Lower position limit. [rad or m]
+    upper: float = 0.0  #: Upper position limit. [rad or m]
+    velocity: float = 1.0  #: Velocity limit. [rad/s or m/s]
+    effort: float = 0.0  #: Effort limit. [N m or N]
+    mass: float = 0.0  #: Mass of the child link. [kg]
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Centre of mass of the child link, child frame. Shape (3,). [m]
+    #: Joint that this one follows, multiplier and offset; None for a joint of its own.
     mimic: tuple[str, float, float] | None = None
 
     @property
@@ -73,45 +59,29 @@ class Segment:
 
 @dataclass(frozen=True)
 class Spring:
-    """One elastic degree of freedom, in the child frame of a joint after the joint's own motion.
+    """One elastic degree of freedom, in the child frame of a joint after the joint's own motion."""
 
-    Args:
-        joint: Name of the URDF joint.
-        axis: "own" or tx ty tz rx ry rz of the child frame.
-        compliance: rad/(N m), or m/N along an axis.
-        offset: Origin of the spring in the child frame. Shape (3,). [m]
-        actuator: Whether it lies between motor-side and link-side encoder.
-        direction: Unit axis in the child frame where it is none of those that `axis` can name (which then only tells
-            turning from sliding); no robot folder can state such a spring. Shape (3,).
-    """
-
-    joint: str
-    axis: str
-    compliance: float
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    actuator: bool = False
+    joint: str  #: Name of the URDF joint.
+    axis: str  #: "own" or tx ty tz rx ry rz of the child frame.
+    compliance: float  #: rad/(N m), or m/N along an axis.
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Origin of the spring in the child frame. Shape (3,). [m]
+    actuator: bool = False  #: Whether it lies between motor-side and link-side encoder.
+    #: Unit axis in the child frame where it is none of those that `axis` can name (which then only tells turning from
+    #: sliding); no robot folder can state such a spring. Shape (3,).
     direction: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """A robot as its folder states it.
+    """A robot as its folder states it."""
 
-    Args:
-        name: Name of the robot.
-        segments: Joints from the root of the URDF to the TCP frame.
-        springs: Elastic degrees of freedom in the order listed.
-        gravity: Gravity in the base frame, or None if the model takes no gravity load. Shape (3,). [m/s^2]
-        tcp: Name of the link whose frame is the TCP.
-        repeatability_mm: Stated repeatability, one standard deviation, or None.
-    """
-
-    name: str
-    segments: tuple[Segment, ...]
-    springs: tuple[Spring, ...]
+    name: str  #: Name of the robot.
+    segments: tuple[Segment, ...]  #: Joints from the root of the URDF to the TCP frame.
+    springs: tuple[Spring, ...]  #: Elastic degrees of freedom in the order listed.
+    #: Gravity in the base frame, or None if the model takes no gravity load. Shape (3,). [m/s^2]
     gravity: tuple[float, float, float] | None
-    tcp: str = "tool0"
-    repeatability_mm: float | None = None
+    tcp: str = "tool0"  #: Name of the link whose frame is the TCP.
+    repeatability_mm: float | None = None  #: Stated repeatability, one standard deviation, or None.
 
     @property
     def actuated(self) -> list[int]:

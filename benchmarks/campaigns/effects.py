@@ -17,25 +17,15 @@ from benchmarks.campaigns.simulate import Rows, Scenario, rotation_step
 
 @dataclass(frozen=True)
 class Effect:
-    """One thing that is wrong with a robot or its instruments.
+    """One thing that is wrong with a robot or its instruments."""
 
-    Args:
-        name: Name in the vocabulary, or of an effect outside it.
-        joint: Joint it sits at, or None.
-        axis: Axis it acts about or along, or None.
-        size: Its size, in `unit`.
-        unit: Unit of the size.
-        params: Its shape.
-        known: Whether it stands in the vocabulary.
-    """
-
-    name: str
-    joint: str | None = None
-    axis: str | None = None
-    size: float = 1.0
-    unit: str = ""
-    params: dict[str, Any] = field(default_factory=dict)
-    known: bool = True
+    name: str  #: Name in the vocabulary, or of an effect outside it.
+    joint: str | None = None  #: Joint it sits at, or None.
+    axis: str | None = None  #: Axis it acts about or along, or None.
+    size: float = 1.0  #: Its size, in `unit`.
+    unit: str = ""  #: Unit of the size.
+    params: dict[str, Any] = field(default_factory=dict)  #: Its shape.
+    known: bool = True  #: Whether it stands in the vocabulary.
 
     def scaled(self, factor: float) -> Effect:
         """Return the effect with its size times a factor."""

@@ -23,32 +23,20 @@ ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Where the TCP stands when every spring balances its load.
+    """Where the TCP stands when every spring balances its load."""
 
-    Args:
-        position: TCP position in the base frame. Shape (n, 3). [m]
-        rotation: TCP orientation in the base frame. Shape (n, 3, 3).
-        theta: Elastic coordinates. Shape (n, n_springs). [rad or m]
-        torque: Generalised load on every spring. Shape (n, n_springs). [N m or N]
-    """
-
-    position: Array
-    rotation: Array
-    theta: Array
-    torque: Array
+    position: Array  #: TCP position in the base frame. Shape (n, 3). [m]
+    rotation: Array  #: TCP orientation in the base frame. Shape (n, 3, 3).
+    theta: Array  #: Elastic coordinates. Shape (n, n_springs). [rad or m]
+    torque: Array  #: Generalised load on every spring. Shape (n, n_springs). [N m or N]
 
 
 @dataclass
 class ElasticModel:
-    """A robot in MuJoCo with a joint for every motor and every spring.
+    """A robot in MuJoCo with a joint for every motor and every spring."""
 
-    Args:
-        description: The robot.
-        springs: All springs that the model holds; those of zero compliance stay rigid.
-    """
-
-    description: RobotDescription
-    springs: tuple[Spring, ...]
+    description: RobotDescription  #: The robot.
+    springs: tuple[Spring, ...]  #: All springs that the model holds; those of zero compliance stay rigid.
     model: mujoco.MjModel = field(init=False, repr=False)
     data: mujoco.MjData = field(init=False, repr=False)
 

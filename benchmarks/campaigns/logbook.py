@@ -17,17 +17,11 @@ from benchmarks.campaigns.visits import Visits
 
 @dataclass(frozen=True)
 class Log:
-    """One log: its table, as text, and what is known about its noise.
+    """One log: its table, as text, and what is known about its noise."""
 
-    Args:
-        table: Columns by name, in order.
-        noise: Measured minus true position, where it is no outlier. Shape (k, 3). [m]
-        outliers: Rows that are gross outliers. Shape (j,).
-    """
-
-    table: dict[str, list[str]]
-    noise: Array
-    outliers: np.ndarray
+    table: dict[str, list[str]]  #: Columns by name, in order.
+    noise: Array  #: Measured minus true position, where it is no outlier. Shape (k, 3). [m]
+    outliers: np.ndarray  #: Rows that are gross outliers. Shape (j,).
 
     def write(self, path: Path) -> None:
         """Write the log, first under a temporary name."""

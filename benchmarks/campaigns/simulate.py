@@ -14,25 +14,16 @@ from benchmarks.campaigns.engine import ElasticModel
 
 @dataclass(frozen=True)
 class Rows:
-    """The plan of a campaign, one entry a row of the log, in time order.
+    """The plan of a campaign, one entry a row of the log, in time order."""
 
-    Args:
-        run: Label of the run of every row. Shape (n,).
-        is_path: Whether the row is a sample of a path. Shape (n,).
-        time: Seconds since the campaign began. Shape (n,). [s]
-        q: Motor-side readings. Shape (n, nq). [rad or m]
-        wrench: Wrench that the environment really exerts on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
-        rise: Temperature of the structure above the reference. Shape (n,). [K]
-        later: Whether this is the later campaign, after every shift.
-    """
-
-    run: np.ndarray
-    is_path: np.ndarray
-    time: Array
-    q: Array
+    run: np.ndarray  #: Label of the run of every row. Shape (n,).
+    is_path: np.ndarray  #: Whether the row is a sample of a path. Shape (n,).
+    time: Array  #: Seconds since the campaign began. Shape (n,). [s]
+    q: Array  #: Motor-side readings. Shape (n, nq). [rad or m]
+    #: Wrench that the environment really exerts on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
     wrench: Array
-    rise: Array
-    later: bool = False
+    rise: Array  #: Temperature of the structure above the reference. Shape (n,). [K]
+    later: bool = False  #: Whether this is the later campaign, after every shift.
 
     @property
     def visit(self) -> np.ndarray:
@@ -46,36 +37,27 @@ QMap = Callable[[Rows, Array], Array]
 
 @dataclass(frozen=True)
 class Scenario:
-    """A robot and everything that is wrong with it, as functions that the simulation calls.
+    """A robot and everything that is wrong with it, as functions that the simulation calls."""
 
-    Args:
-        description: Geometry, masses, gravity.
-        springs: All springs, those that effects added last.
-        compliance: Compliance of every spring. Shape (n_springs,).
-        laws: Extra deflection of a spring: index and function of its load.
-        torques: Extra generalised load on a spring: index and function of the rows.
-        couplings: Deflection of spring i under the load of spring k: (i, k, compliance).
-        readings: Changes between reading and link that encoders do not see (zeros, conventions, skew).
-        transmission: Changes between motor and link that a link-side encoder sees.
-        growth: Growth of every segment's origin. Shape (n_segments,). [1/K]
-        loads: Wrench beside the planned one that no sensor reports, from rows, TCP position and rotation.
-        sensor: What the force sensor makes of the true wrench.
-        instrument: What frames and instrument make of the true pose.
-        after: Changes of the link angles that need the load on the springs.
-    """
-
-    description: RobotDescription
-    springs: tuple[Spring, ...]
-    compliance: Array
+    description: RobotDescription  #: Geometry, masses, gravity.
+    springs: tuple[Spring, ...]  #: All springs, those that effects added last.
+    compliance: Array  #: Compliance of every spring. Shape (n_springs,).
+    #: Extra deflection of a spring: index and function of its load.
     laws: tuple[tuple[int, Callable[[Array], Array]], ...] = ()
+    #: Extra generalised load on a spring: index and function of the rows.
     torques: tuple[tuple[int, Callable[[Rows], Array]], ...] = ()
+    #: Deflection of spring i under the load of spring k: (i, k, compliance).
     couplings: tuple[tuple[int, int, float], ...] = ()
+    #: Changes between reading and link that encoders do not see (zeros, conventions, skew).
     readings: tuple[QMap, ...] = ()
-    transmission: tuple[QMap, ...] = ()
-    growth: Array | None = None
+    transmission: tuple[QMap, ...] = ()  #: Changes between motor and link that a link-side encoder sees.
+    growth: Array | None = None  #: Growth of every segment's origin. Shape (n_segments,). [1/K]
+    #: Wrench beside the planned one that no sensor reports, from rows, TCP position and rotation.
     loads: tuple[Callable[[Rows, Array, Array], Array], ...] = ()
-    sensor: tuple[Callable[[Rows, Array, Array], Array], ...] = ()
+    sensor: tuple[Callable[[Rows, Array, Array], Array], ...] = ()  #: What the force sensor makes of the true wrench.
+    #: What frames and instrument make of the true pose.
     instrument: tuple[Callable[[Rows, Array, Array], tuple[Array, Array]], ...] = ()
+    #: Changes of the link angles that need the load on the springs.
     after: tuple[Callable[[Rows, Array], Array], ...] = ()
 
     def own_springs(self, joint: str) -> list[int]:
@@ -89,23 +71,14 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Reading:
-    """Readings without noise.
+    """Readings without noise."""
 
-    Args:
-        position: TCP position, measurement frame. Shape (n, 3). [m]
-        rotation: TCP orientation, measurement frame. Shape (n, 3, 3).
-        wrench: Wrench that the sensor reports, base axes. Shape (n, 6). [N, N m]
-        link: Link-side encoder readings. Shape (n, nq). [rad or m]
-        load: Generalised load on every spring. Shape (n, n_springs). [N m or N]
-        theta: Elastic coordinates. Shape (n, n_springs). [rad or m]
-    """
-
-    position: Array
-    rotation: Array
-    wrench: Array
-    link: Array
-    load: Array
-    theta: Array
+    position: Array  #: TCP position, measurement frame. Shape (n, 3). [m]
+    rotation: Array  #: TCP orientation, measurement frame. Shape (n, 3, 3).
+    wrench: Array  #: Wrench that the sensor reports, base axes. Shape (n, 6). [N, N m]
+    link: Array  #: Link-side encoder readings. Shape (n, nq). [rad or m]
+    load: Array  #: Generalised load on every spring. Shape (n, n_springs). [N m or N]
+    theta: Array  #: Elastic coordinates. Shape (n, n_springs). [rad or m]
 
 
 def nominal_scenario(description: RobotDescription) -> Scenario:

@@ -21,27 +21,17 @@ MOMENTS = tuple(np.round(np.arange(0.1, 0.95, 0.05), 3))
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect of the list.
+    """An effect of the list."""
 
-    Attributes:
-        share: How often it is drawn.
-        unit: Unit of its size.
-        range: Least and largest size of a drawn cause.
-        places: Places that a campaign can show.
-        columns: Its plain formula at a place.
-        distort: Draws what a true robot has beside the plain formula: an `Apply` that takes the size, or None.
-        grows: Whether a negative size is impossible.
-        needs: "path", "sensor", "known frames", "no gravity" or "".
-    """
-
-    share: float
-    unit: str
-    range: tuple[float, float]
-    places: Callable[[World], Iterable[Place]]
-    columns: Callable[[World, Place], Columns]
+    share: float  #: How often it is drawn.
+    unit: str  #: Unit of its size.
+    range: tuple[float, float]  #: Least and largest size of a drawn cause.
+    places: Callable[[World], Iterable[Place]]  #: Places that a campaign can show.
+    columns: Callable[[World, Place], Columns]  #: Its plain formula at a place.
+    #: Draws what a true robot has beside the plain formula: an `Apply` that takes the size, or None.
     distort: Callable[[Rng, World, Place], tuple[Apply, dict[str, Any]]] | None = None
-    grows: bool = False
-    needs: str = ""
+    grows: bool = False  #: Whether a negative size is impossible.
+    needs: str = ""  #: "path", "sensor", "known frames", "no gravity" or "".
 
 
 def index_of(world: World, place: Place) -> int:

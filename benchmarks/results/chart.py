@@ -14,19 +14,13 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
 @dataclass(frozen=True)
 class Chart:
-    """What a chart shows.
+    """What a chart shows."""
 
-    Attributes:
-        label: Title of the axis, with unit.
-        series: Name of each series; title of its column, and which number of a cell counts (from 0).
-        log: Logarithmic axis.
-        rows: Number of rows that are drawn, from the top; None: all.
-    """
-
-    label: str
+    label: str  #: Title of the axis, with unit.
+    #: Name of each series; title of its column, and which number of a cell counts (from 0).
     series: Mapping[str, tuple[str, int]]
-    log: bool = False
-    rows: int | None = None
+    log: bool = False  #: Logarithmic axis.
+    rows: int | None = None  #: Number of rows that are drawn, from the top; None: all.
 
 
 def read_table(text: str) -> tuple[list[str], list[list[str]]]:

@@ -15,36 +15,22 @@ ROOT = Path(__file__).parents[2]
 
 @dataclass(frozen=True)
 class Settings:
-    """Where a page may work.
+    """Where a page may work."""
 
-    Attributes:
-        work: Folder for what the benchmarks leave.
-        real: Folder of measured campaigns that are not part of the project, or None.
-        figaroh: Interpreter that has FIGAROH, or None.
-        shops: How many simulated shops, or None: as many as a page takes.
-    """
-
-    work: Path
-    real: Path | None = None
-    figaroh: Path | None = None
-    shops: int | None = None
+    work: Path  #: Folder for what the benchmarks leave.
+    real: Path | None = None  #: Folder of measured campaigns that are not part of the project, or None.
+    figaroh: Path | None = None  #: Interpreter that has FIGAROH, or None.
+    shops: int | None = None  #: How many simulated shops, or None: as many as a page takes.
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        short: Sentences that README and manual may quote.
-        tables: Markdown, one block each.
-        losses: Where the product is worse than a rival, than an aim or than before.
-        data: Table in markdown of every case, for the chart and NAME.csv; "": the chart shows the first table.
-    """
-
-    short: tuple[str, ...]
-    tables: tuple[str, ...]
-    losses: tuple[str, ...]
-    data: str = ""
+    short: tuple[str, ...]  #: Sentences that README and manual may quote.
+    tables: tuple[str, ...]  #: Markdown, one block each.
+    losses: tuple[str, ...]  #: Where the product is worse than a rival, than an aim or than before.
+    data: str = ""  #: Table in markdown of every case, for the chart and NAME.csv; "": the chart shows the first table.
 
 
 class MissingError(Exception):

@@ -26,19 +26,13 @@ EVEN, STEEP = 1.65, 3.2
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What the rival says.
+    """What the rival says."""
 
-    Attributes:
-        table: As diagnosis.json.
-        chain: The nominal robot.
-        selection: What was chosen to predict with: more than was chosen to be named where MOST was not enough.
-        value: Parameters of frames and effects, in the order of the columns.
-    """
-
-    table: dict[str, Any]
-    chain: Chain
+    table: dict[str, Any]  #: As diagnosis.json.
+    chain: Chain  #: The nominal robot.
+    #: What was chosen to predict with: more than was chosen to be named where MOST was not enough.
     selection: Selection
-    value: Array
+    value: Array  #: Parameters of frames and effects, in the order of the columns.
 
     def predict(self, log: Log, nominal: bool = False) -> Array:
         """Predict the target of every row of a later campaign, frames registered anew. Shape (n, 3). [m]"""

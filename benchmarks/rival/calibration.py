@@ -30,21 +30,13 @@ ROUNDS, FOLDS = 5, 5
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A calibrated robot.
+    """A calibrated robot."""
 
-    Attributes:
-        table: gap as in diagnosis.json, and a verdict without names.
-        chain: The nominal robot.
-        specs: What was fitted.
-        value: The parameters. [m or rad]
-        register: Frames that were unknown.
-    """
-
-    table: dict[str, Any]
-    chain: Chain
-    specs: list[Spec]
-    value: Array
-    register: tuple[str, ...]
+    table: dict[str, Any]  #: gap as in diagnosis.json, and a verdict without names.
+    chain: Chain  #: The nominal robot.
+    specs: list[Spec]  #: What was fitted.
+    value: Array  #: The parameters. [m or rad]
+    register: tuple[str, ...]  #: Frames that were unknown.
 
     def predict(self, log: Log, nominal: bool = False) -> Array:
         """Predict the target of every row of a later campaign, frames registered anew. Shape (n, 3). [m]"""

@@ -19,73 +19,42 @@ STEPS = 4
 
 @dataclass(frozen=True, eq=False)
 class Spring:
-    """One elastic degree of freedom in a child frame.
+    """One elastic degree of freedom in a child frame."""
 
-    Attributes:
-        axis: Its direction in that frame. Shape (3,).
-        turns: Whether it turns (else it slides).
-        own: Whether it bends about the joint's own axis.
-        compliance: [rad/(N m) or m/N]
-        offset: Where it sits in that frame. Shape (3,). [m]
-    """
-
-    axis: Array
-    turns: bool
-    own: bool
-    compliance: float
-    offset: Array
+    axis: Array  #: Its direction in that frame. Shape (3,).
+    turns: bool  #: Whether it turns (else it slides).
+    own: bool  #: Whether it bends about the joint's own axis.
+    compliance: float  #: [rad/(N m) or m/N]
+    offset: Array  #: Where it sits in that frame. Shape (3,). [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A URDF joint and the link behind it.
+    """A URDF joint and the link behind it."""
 
-    Attributes:
-        name: Name of the joint.
-        place: Origin in the parent link. [m]
-        turn: Rotation of the origin.
-        axis: Axis of motion in the child frame.
-        kind: fixed, revolute or prismatic.
-        reading: Number of the reading that moves it, -1 for none.
-        gain: Multiplier of that reading (1, or a mimic's).
-        zero: Offset of that reading.
-        mass: Mass of the link. [kg]
-        centre: Its centre of mass. [m]
-        springs: What bends behind the joint.
-    """
-
-    name: str
-    place: Array
-    turn: Array
-    axis: Array
-    kind: str
-    reading: int
-    gain: float
-    zero: float
-    mass: float
-    centre: Array
-    springs: tuple[Spring, ...]
+    name: str  #: Name of the joint.
+    place: Array  #: Origin in the parent link. [m]
+    turn: Array  #: Rotation of the origin.
+    axis: Array  #: Axis of motion in the child frame.
+    kind: str  #: fixed, revolute or prismatic.
+    reading: int  #: Number of the reading that moves it, -1 for none.
+    gain: float  #: Multiplier of that reading (1, or a mimic's).
+    zero: float  #: Offset of that reading.
+    mass: float  #: Mass of the link. [kg]
+    centre: Array  #: Its centre of mass. [m]
+    springs: tuple[Spring, ...]  #: What bends behind the joint.
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """A nominal robot.
+    """A nominal robot."""
 
-    Attributes:
-        segments: From the base to the tool centre point.
-        joints: Names of the joints that have a reading.
-        gravity: What the folder says. Shape (3,). [m/s^2]
-        has_gravity: Whether the folder says it.
-        repeatability: One standard deviation, 0 where nothing is stated. [m]
-        tcp: Frame of the tool centre point.
-    """
-
-    segments: tuple[Segment, ...]
-    joints: tuple[str, ...]
-    gravity: Array
-    has_gravity: bool
-    repeatability: float
-    tcp: str
+    segments: tuple[Segment, ...]  #: From the base to the tool centre point.
+    joints: tuple[str, ...]  #: Names of the joints that have a reading.
+    gravity: Array  #: What the folder says. Shape (3,). [m/s^2]
+    has_gravity: bool  #: Whether the folder says it.
+    repeatability: float  #: One standard deviation, 0 where nothing is stated. [m]
+    tcp: str  #: Frame of the tool centre point.
 
     def slides(self, joint: int) -> bool:
         """Tell whether a reading is a length."""
@@ -94,33 +63,19 @@ class Chain:
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """The chain at n rows, in base axes: for every segment, and for every spring of every segment.
+    """The chain at n rows, in base axes: for every segment, and for every spring of every segment."""
 
-    Attributes:
-        parent: Axes of the parent link. Each (n, 3, 3).
-        origin: Where the joint sits. Each (n, 3). [m]
-        child: Axes behind the joint. Each (n, 3, 3).
-        axis: Axis of motion. Each (n, 3).
-        springs: Direction and place of each spring, a list a segment.
-        force: Force of everything beyond a segment. Each (n, 3). [N]
-        moment: Its moment about the base origin. Each (n, 3). [N m]
-        centres: Centre of mass of each link. Each (n, 3). [m]
-        tip: Tool centre point. Shape (n, 3). [m]
-        attitude: Its axes. Shape (n, 3, 3).
-        theta: Deflections in the order of the segments. Shape (n, m).
-    """
-
-    parent: list[Array]
-    origin: list[Array]
-    child: list[Array]
-    axis: list[Array]
-    springs: list[list[tuple[Array, Array]]]
-    force: list[Array]
-    moment: list[Array]
-    centres: list[Array]
-    tip: Array
-    attitude: Array
-    theta: Array
+    parent: list[Array]  #: Axes of the parent link. Each (n, 3, 3).
+    origin: list[Array]  #: Where the joint sits. Each (n, 3). [m]
+    child: list[Array]  #: Axes behind the joint. Each (n, 3, 3).
+    axis: list[Array]  #: Axis of motion. Each (n, 3).
+    springs: list[list[tuple[Array, Array]]]  #: Direction and place of each spring, a list a segment.
+    force: list[Array]  #: Force of everything beyond a segment. Each (n, 3). [N]
+    moment: list[Array]  #: Its moment about the base origin. Each (n, 3). [N m]
+    centres: list[Array]  #: Centre of mass of each link. Each (n, 3). [m]
+    tip: Array  #: Tool centre point. Shape (n, 3). [m]
+    attitude: Array  #: Its axes. Shape (n, 3, 3).
+    theta: Array  #: Deflections in the order of the segments. Shape (n, m).
 
 
 def read_chain(folder: Path) -> Chain:

@@ -25,19 +25,12 @@ ALIKE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frames of a campaign.
+    """Frames of a campaign."""
 
-    Attributes:
-        turn: Base axes in the measurement frame. Shape (3, 3).
-        shift: Base origin in the measurement frame. [m]
-        points: Offset of each target in the axes of the tip. [m]
-        tool: Turn of the measured body against the axes of the tip.
-    """
-
-    turn: Array = field(default_factory=lambda: np.eye(3))
-    shift: Array = field(default_factory=lambda: np.zeros(3))
-    points: dict[str, Array] = field(default_factory=dict)
-    tool: Array = field(default_factory=lambda: np.eye(3))
+    turn: Array = field(default_factory=lambda: np.eye(3))  #: Base axes in the measurement frame. Shape (3, 3).
+    shift: Array = field(default_factory=lambda: np.zeros(3))  #: Base origin in the measurement frame. [m]
+    points: dict[str, Array] = field(default_factory=dict)  #: Offset of each target in the axes of the tip. [m]
+    tool: Array = field(default_factory=lambda: np.eye(3))  #: Turn of the measured body against the axes of the tip.
 
     def of_targets(self, log: Log) -> Array:
         """Return the offset of each row's target. Shape (n, 3)."""
@@ -266,19 +259,12 @@ def _wave_share(lever: Array, phase: Array, y: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What the greedy search chose.
+    """What the greedy search chose."""
 
-    Attributes:
-        problem: The least squares.
-        chosen: Effects, largest first gain first.
-        specs: Everything that was tried.
-        coupling: Convention that was corrected before, or None.
-    """
-
-    problem: Problem
-    chosen: list[Spec]
-    specs: list[Spec]
-    coupling: Spec | None
+    problem: Problem  #: The least squares.
+    chosen: list[Spec]  #: Effects, largest first gain first.
+    specs: list[Spec]  #: Everything that was tried.
+    coupling: Spec | None  #: Convention that was corrected before, or None.
 
 
 def select(chain: Chain, log: Log, register: tuple[str, ...], most: int = MOST) -> Selection:

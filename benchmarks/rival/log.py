@@ -16,35 +16,20 @@ FACTORS = {"deg": np.pi / 180.0, "rad": 1.0, "mm": 1e-3, "m": 1.0, "N": 1.0, "Nm
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Rows of a campaign in time order.
+    """Rows of a campaign in time order."""
 
-    Attributes:
-        run: Label of the run. Shape (n,).
-        time: Seconds, or the row number where there is no time. Shape (n,).
-        q: Readings. Shape (n, nq). [rad or m]
-        wrench: On the tool at the tip, base axes. Shape (n, 6). [N, N m]
-        position: Measured target. Shape (n, 3). [m]
-        attitude: Measured axes, or None. Shape (n, 3, 3).
-        encoder: Link-side minus motor-side reading, or None. Shape (n, nq).
-        heat: Temperature, or None. Shape (n,). [C]
-        timed: Whether there is a time.
-        sigma: Stated standard deviation of one coordinate, or 0. [m]
-        target: Label of the measured point. Shape (n,).
-        stay: Number of the pose and load of a row; the same pose met again has the same number. Shape (n,).
-    """
-
-    run: np.ndarray
-    time: Array
-    q: Array
-    wrench: Array
-    position: Array
-    attitude: Array | None
-    encoder: Array | None
-    heat: Array | None
-    timed: bool
-    sigma: float
-    target: np.ndarray
-    stay: np.ndarray
+    run: np.ndarray  #: Label of the run. Shape (n,).
+    time: Array  #: Seconds, or the row number where there is no time. Shape (n,).
+    q: Array  #: Readings. Shape (n, nq). [rad or m]
+    wrench: Array  #: On the tool at the tip, base axes. Shape (n, 6). [N, N m]
+    position: Array  #: Measured target. Shape (n, 3). [m]
+    attitude: Array | None  #: Measured axes, or None. Shape (n, 3, 3).
+    encoder: Array | None  #: Link-side minus motor-side reading, or None. Shape (n, nq).
+    heat: Array | None  #: Temperature, or None. Shape (n,). [C]
+    timed: bool  #: Whether there is a time.
+    sigma: float  #: Stated standard deviation of one coordinate, or 0. [m]
+    target: np.ndarray  #: Label of the measured point. Shape (n,).
+    stay: np.ndarray  #: Number of the pose and load of a row; the same pose met again has the same number. Shape (n,).
 
     @property
     def moving(self) -> np.ndarray:

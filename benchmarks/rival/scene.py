@@ -12,21 +12,13 @@ from benchmarks.rival.log import Log
 
 @dataclass(frozen=True)
 class Spec:
-    """One effect at one place, with what selects its shape.
+    """One effect at one place, with what selects its shape."""
 
-    Attributes:
-        effect: Name in the vocabulary.
-        joint: Place, or None.
-        axis: Axis, or None.
-        shape: Numbers or words that its columns need: a frequency, a row, another joint.
-        tried: How many shapes were tried for it (their price is the logarithm).
-    """
-
-    effect: str
-    joint: str | None = None
-    axis: str | None = None
-    shape: tuple[float | str, ...] = ()
-    tried: int = 1
+    effect: str  #: Name in the vocabulary.
+    joint: str | None = None  #: Place, or None.
+    axis: str | None = None  #: Axis, or None.
+    shape: tuple[float | str, ...] = ()  #: Numbers or words that its columns need: a frequency, a row, another joint.
+    tried: int = 1  #: How many shapes were tried for it (their price is the logarithm).
 
     @property
     def place(self) -> tuple[str, str | None, str | None]:
@@ -36,25 +28,15 @@ class Spec:
 
 @dataclass(frozen=True, eq=False)
 class ForwardModel:
-    """A chain posed at the rows of a log, ready for columns.
+    """A chain posed at the rows of a log, ready for columns."""
 
-    Attributes:
-        chain: The robot.
-        log: The rows.
-        q: Readings, conventions corrected. Shape (n, nq).
-        posed: The loaded chain.
-        cold: Temperature that growth counts from; None for the log's first.
-        later: Whether shifts happened before the first row.
-        gravity: What loads the chain. [m/s^2]
-    """
-
-    chain: Chain
-    log: Log
-    q: Array
-    posed: Posed
-    cold: float | None
-    later: bool
-    gravity: Array
+    chain: Chain  #: The robot.
+    log: Log  #: The rows.
+    q: Array  #: Readings, conventions corrected. Shape (n, nq).
+    posed: Posed  #: The loaded chain.
+    cold: float | None  #: Temperature that growth counts from; None for the log's first.
+    later: bool  #: Whether shifts happened before the first row.
+    gravity: Array  #: What loads the chain. [m/s^2]
 
 
 def stage(

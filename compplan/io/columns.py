@@ -39,25 +39,17 @@ UNITS: dict[str, tuple[str, float]] = {
 
 @dataclass(frozen=True)
 class FileColumn:
-    """One column that a table may have.
+    """One column that a table may have."""
 
-    Args:
-        name: Name without unit. A trailing or inner `#` stands for a number from 1: `q#` is q1, q2, ...
-        dimension: "length", "angle", "force", "moment", "time", "speed", "temperature", "power", "number" (no unit) or
-            "text"; several where the unit decides.
-        required: Whether a table without it is refused.
-        missing: Whether a field may be empty, which reads as NaN.
-        group: Columns of one group occur all or not at all.
-        key: Key in the table that is read; default: the name. Columns of the same name need different keys
-            (sigma_mm and sigma_deg).
-
-    """
-
-    name: str
+    name: str  #: Name without unit. A trailing or inner `#` stands for a number from 1: `q#` is q1, q2, ...
+    #: "length", "angle", "force", "moment", "time", "speed", "temperature", "power", "number" (no unit) or "text";
+    #: several where the unit decides.
     dimension: str | tuple[str, ...] = "number"
-    required: bool = False
-    missing: bool = False
-    group: str | None = None
+    required: bool = False  #: Whether a table without it is refused.
+    missing: bool = False  #: Whether a field may be empty, which reads as NaN.
+    group: str | None = None  #: Columns of one group occur all or not at all.
+    #: Key in the table that is read; default: the name. Columns of the same name need different keys (sigma_mm and
+    #: sigma_deg).
     key: str | None = None
 
     @property

@@ -37,43 +37,26 @@ MOST_LISTED = 7
 
 
 class Curve(NamedTuple):
-    """One line of a plot.
+    """One line of a plot."""
 
-    Attributes:
-        label: Text of the legend.
-        x: Shape (n,), in the unit of the axis.
-        y: Shape (n,), in the unit of the axis.
-        role: One of `ROLES`, or the number of a category.
-        mode: "lines", "markers" or "lines+markers".
-    """
-
-    label: str
-    x: Array
-    y: Array
-    role: str | int
-    mode: str = "lines"
+    label: str  #: Text of the legend.
+    x: Array  #: Shape (n,), in the unit of the axis.
+    y: Array  #: Shape (n,), in the unit of the axis.
+    role: str | int  #: One of `ROLES`, or the number of a category.
+    mode: str = "lines"  #: "lines", "markers" or "lines+markers".
 
 
 class Curves(NamedTuple):
-    """The data of a plot.
+    """The data of a plot."""
 
-    Attributes:
-        title: Title of the plot.
-        x: Label of the axis along, with its unit.
-        y: Label of the axis up, with its unit.
-        lines: The lines.
-        level: Value of a horizontal line, such as the tolerance, with its label; or None.
-        logarithmic: Whether the vertical axis is logarithmic.
-        square: Whether both axes have the same scale.
-    """
-
-    title: str
-    x: str
-    y: str
-    lines: tuple[Curve, ...]
+    title: str  #: Title of the plot.
+    x: str  #: Label of the axis along, with its unit.
+    y: str  #: Label of the axis up, with its unit.
+    lines: tuple[Curve, ...]  #: The lines.
+    #: Value of a horizontal line, such as the tolerance, with its label; or None.
     level: tuple[float, str] | None = None
-    logarithmic: bool = False
-    square: bool = False
+    logarithmic: bool = False  #: Whether the vertical axis is logarithmic.
+    square: bool = False  #: Whether both axes have the same scale.
 
 
 class Shown:

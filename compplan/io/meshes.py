@@ -10,7 +10,7 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.io.parsing import GREATEST, guard_parser
-from compplan.io.tables import MOST_BYTES
+from compplan.io.tables import MOST_BYTES, read_text
 
 #: Length of a unit. [m]
 UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
@@ -49,3 +49,25 @@ def load_mesh(file: Path, unit: str = "mm") -> Any:
     if np.abs(mesh.vertices).max() > GREATEST:
         raise InputError(f"has vertices beyond {GREATEST:g} {unit}", file=file)
     return mesh.apply_scale(UNITS[unit])
+
+
+#: Endings of files that hold a mesh or a cloud of points.
+MESHES, CLOUDS = (".stl", ".ply"), (".xyz", ".asc", ".pts")
+
+
+def is_scan(file: Path) -> bool:
+    """Return whether a file is a scan: by its ending, or a table whose first row has numbers alone."""
+    if file.suffix.lower() in (*MESHES, *CLOUDS):
+        return True
+    if not file.is_file():
+        return False
+    first = next((line for line in read_text(file).splitlines() if line.strip() and line.lstrip()[0] not in "#/"), "")
+    return bool(first) and read_numbers(first) is not None
+
+
+def read_numbers(line: str) -> list[float] | None:
+    """Return the numbers of a line separated by spaces, commas or semicolons; None for other text."""
+    try:
+        return [float(word) for word in line.replace(",", " ").replace(";", " ").split()]
+    except ValueError:
+        return None

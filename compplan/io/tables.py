@@ -40,26 +40,15 @@ LONG, HEADER = 200_000, re.compile(r"[A-Za-z][A-Za-z0-9_.\[\]/]*")
 
 @dataclass(frozen=True)
 class Table:
-    """The columns of one file in SI.
+    """The columns of one file in SI."""
 
-    Args:
-        file: The file.
-        values: Number columns by key, in SI; NaN is a missing value. Shape (n,) each.
-        text: Text columns by key; "" is a missing value. Shape (n,) each.
-        headers: Title in the file, by key.
-        units: Unit in the file by key, "" where there is none.
-        lines: Line of the file that each row stands in, counted from 1. Shape (n,).
-        notes: Ignored parts, one sentence each.
-
-    """
-
-    file: Path
-    values: Mapping[str, Array]
-    text: Mapping[str, NDArray[np.str_]]
-    headers: Mapping[str, str]
-    units: Mapping[str, str]
-    lines: NDArray[np.int64]
-    notes: tuple[str, ...] = field(default=())
+    file: Path  #: The file.
+    values: Mapping[str, Array]  #: Number columns by key, in SI; NaN is a missing value. Shape (n,) each.
+    text: Mapping[str, NDArray[np.str_]]  #: Text columns by key; "" is a missing value. Shape (n,) each.
+    headers: Mapping[str, str]  #: Title in the file, by key.
+    units: Mapping[str, str]  #: Unit in the file by key, "" where there is none.
+    lines: NDArray[np.int64]  #: Line of the file that each row stands in, counted from 1. Shape (n,).
+    notes: tuple[str, ...] = field(default=())  #: Ignored parts, one sentence each.
 
     def __post_init__(self) -> None:
         """Refuse implausibly large numbers.

@@ -25,21 +25,13 @@ ANY_FEED = 0.01
 
 @dataclass(frozen=True)
 class CalledTool:
-    """A tool of a CAM file.
+    """A tool of a CAM file."""
 
-    Attributes:
-        number: T number; 0 without one.
-        name: Its name, or "".
-        drills: Whether all cuts are along its axis.
-        spindle_rpm: Its only spindle speed in the file, or None. [1/min]
-        top_mm: Top of the stock: the part zero where cuts pass it, else their highest point. [mm]
-    """
-
-    number: int
-    name: str
-    drills: bool
-    spindle_rpm: float | None
-    top_mm: float
+    number: int  #: T number; 0 without one.
+    name: str  #: Its name, or "".
+    drills: bool  #: Whether all cuts are along its axis.
+    spindle_rpm: float | None  #: Its only spindle speed in the file, or None. [1/min]
+    top_mm: float  #: Top of the stock: the part zero where cuts pass it, else their highest point. [mm]
 
     @property
     def cut(self) -> dict[str, str | float]:

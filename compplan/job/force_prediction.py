@@ -19,20 +19,12 @@ from compplan.toolpath.toolpath import Toolpath
 
 @dataclass(frozen=True)
 class ForcePrediction:
-    """The force along a job's path.
+    """The force along a job's path."""
 
-    Attributes:
-        job: The job.
-        nominal: The path with its wrench, base frame.
-        law: Force law of the process.
-        fit: The comparison with a log, or None.
-
-    """
-
-    job: Job
-    nominal: Toolpath
-    law: ForceLaw
-    fit: ForceFit | None
+    job: Job  #: The job.
+    nominal: Toolpath  #: The path with its wrench, base frame.
+    law: ForceLaw  #: Force law of the process.
+    fit: ForceFit | None  #: The comparison with a log, or None.
 
     @property
     def wrench(self) -> Array:

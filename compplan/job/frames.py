@@ -92,18 +92,11 @@ class PoseTable(StrictTable):
 
 @dataclass(frozen=True)
 class FittedFrame:
-    """A part frame found from points.
+    """A part frame found from points."""
 
-    Attributes:
-        pose: Pose of the part frame seen from the base. Shape (4, 4). [m]
-        residual: Residual distance of each point; empty without redundancy. [mm]
-        method: How it was found.
-
-    """
-
-    pose: Array
-    residual: Array
-    method: str
+    pose: Array  #: Pose of the part frame seen from the base. Shape (4, 4). [m]
+    residual: Array  #: Residual distance of each point; empty without redundancy. [mm]
+    method: str  #: How it was found.
 
     def tell(self) -> str:
         """Return a sentence with the frame and the residuals of the points."""

@@ -5,6 +5,7 @@ Each table of the file is a model here. Keys carry their units; properties are S
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from collections.abc import Sequence
@@ -383,3 +384,22 @@ def _change_key(data: dict[str, Any], change: str) -> str:
     table[last] = value
     note_input(Path(f"--set {change}"), change.encode())
     return key
+
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def describe_schema() -> dict[str, Any]:
+    """Return the JSON schema of a job file."""
+    schema = Job.model_json_schema(by_alias=True)
+    tables = schema["$defs"]
+    wanted = tables["PlanTable"]["properties"]["configuration"]
+    tables["PlanTable"]["properties"]["configuration"] = {
+        "anyOf": [{"const": "auto"}, {"$ref": wanted["$ref"]}], "default": "auto"
+    }  # fmt: skip
+    return {"$schema": DIALECT, **schema, "title": "compplan job"}
+
+
+def write_schema() -> str:
+    """Return the schema as text."""
+    return json.dumps(describe_schema(), indent=2)

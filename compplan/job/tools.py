@@ -13,8 +13,7 @@ from pydantic import Field, model_validator
 from compplan.errors import InputError
 from compplan.io.tomlfile import StrictTable, check_table
 from compplan.job.frames import ToolTable
-from compplan.job.tool_tables import take_tool
-from compplan.job.tool_tables.listed import LibraryTool
+from compplan.job.tool_tables import LibraryTool, take_tool
 from compplan.process.force_law import Process
 from compplan.toolpath.operations import Operation
 
@@ -53,19 +52,12 @@ class ToolsTable(StrictTable):
 
 @dataclass(frozen=True)
 class Described:
-    """Description of the tool of an operation.
+    """Description of the tool of an operation."""
 
-    Attributes:
-        tool: Its [tool] table, plain.
-        process: Its keys of [process], plain.
-        where: Key or file of the description, for messages.
-        cutter: Cutter of a tool table in keys of [process], and its `kind`; empty without one.
-
-    """
-
-    tool: dict[str, Any]
-    process: dict[str, Any]
-    where: str
+    tool: dict[str, Any]  #: Its [tool] table, plain.
+    process: dict[str, Any]  #: Its keys of [process], plain.
+    where: str  #: Key or file of the description, for messages.
+    #: Cutter of a tool table in keys of [process], and its `kind`; empty without one.
     cutter: dict[str, Any] = field(default_factory=dict)
 
 

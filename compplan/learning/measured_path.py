@@ -18,8 +18,8 @@ from scipy.spatial import cKDTree
 
 from compplan.io.columns import FileColumn
 from compplan.io.in_memory import is_file_name, open_table
+from compplan.io.meshes import is_scan
 from compplan.io.parsing import LEAST_SIGMA, LEAST_SIGMA_MM
-from compplan.io.scans import is_scan
 from compplan.io.tables import Table
 from compplan.learning.plausibility import (
     check_extent,

@@ -11,8 +11,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
-from compplan.io.meshes import UNITS, open_mesh
-from compplan.io.scans import MESHES, read_numbers
+from compplan.io.meshes import MESHES, UNITS, open_mesh, read_numbers
 from compplan.io.tables import Table, read_text
 from compplan.robot import Array
 

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.io.columns import FileColumn
 from compplan.io.in_memory import is_file_name, open_table
-from compplan.io.scans import is_scan
+from compplan.io.meshes import is_scan
 from compplan.io.tables import Table
 from compplan.measurement.campaign import MODES, WRENCH, Campaign
 from compplan.measurement.checks import check_campaign

@@ -24,7 +24,7 @@ from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot, robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
-from compplan.robot.soft_limits import describe_soft_limits
+from compplan.robot.urdf import describe_soft_limits
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1

@@ -12,7 +12,7 @@ from compplan.identification import reduce_model
 from compplan.reporting.maps.pictures import draw_shares
 from compplan.reproduce.paper import CLOSE, PaperFigure, Reproduction, Row, compare, describe_paper, statement
 from compplan.robot import Array, LinkElasticity, Robot
-from compplan.robot.beam import hollow_beam_compliance
+from compplan.robot.elasticity import hollow_beam_compliance
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.encoders import combined_gain, control_equilibrium

@@ -24,7 +24,7 @@ from compplan.reproduce.mamedov_circles import (
 )
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, describe_paper, statement
 from compplan.robot import Array, LinkElasticity, Robot
-from compplan.robot.beam import hollow_beam_compliance
+from compplan.robot.elasticity import hollow_beam_compliance
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import build_arm

@@ -32,26 +32,17 @@ VAL3 = {"elbow": 'native        = { up = "epositive", down = "enegative" }',
 
 @dataclass(frozen=True)
 class Brand:
-    """The convention of a maker.
+    """The convention of a maker."""
 
-    Attributes:
-        joint_names: Names of the joints on the display.
-        senses: Direction of each axis in the zero posture; None where the controller counts as the URDF.
-        upper: Direction of the upper arm in the zero posture.
-        forearm: Direction of the forearm there.
-        pendant_x: Direction of x of the flange frame (tool 0) there.
-        coupled: Whether axis 3 counts the forearm against the horizontal.
-        raised: Whether frames have their origin at the height of axis 2.
-        words: Lines of each configuration word in terms of the controller.
-    """
-
-    joint_names: tuple[str, ...]
+    joint_names: tuple[str, ...]  #: Names of the joints on the display.
+    #: Direction of each axis in the zero posture; None where the controller counts as the URDF.
     senses: tuple[str, ...] | None = None
-    upper: str = "z"
-    forearm: str = "x"
-    pendant_x: str = "x"
-    coupled: bool = False
-    raised: bool = False
+    upper: str = "z"  #: Direction of the upper arm in the zero posture.
+    forearm: str = "x"  #: Direction of the forearm there.
+    pendant_x: str = "x"  #: Direction of x of the flange frame (tool 0) there.
+    coupled: bool = False  #: Whether axis 3 counts the forearm against the horizontal.
+    raised: bool = False  #: Whether frames have their origin at the height of axis 2.
+    #: Lines of each configuration word in terms of the controller.
     words: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -12,9 +12,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 from compplan.errors import InputError
-from compplan.io.parsing import guard_parser
+from compplan.io.parsing import guard_parser, parse_xml
 from compplan.io.tables import read_text
-from compplan.io.xmlfile import parse_xml
 
 #: Levels above a file at which packages are searched: package/urdf/file in a repository needs three.
 LEVELS = 6

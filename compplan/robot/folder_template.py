@@ -102,25 +102,16 @@ STRAIGHT = 5.0
 
 @dataclass(frozen=True)
 class Skeleton:
-    """Texts of a robot folder.
+    """Texts of a robot folder."""
 
-    Attributes:
-        texts: Text of each file by name: robot.urdf, elasticity.toml, controller.toml, and SOURCE.md with a rating.
-        meshes: Source of each mesh file by its place in the folder.
-        missing: Missing meshes.
-        springs: Number of springs.
-        grade: Grade of the springs.
-        gaps: Data missing for Cartesian programs, one sentence each.
-        mass_fault: Reason why the masses of the URDF are left out, or "".
-    """
-
+    #: Text of each file by name: robot.urdf, elasticity.toml, controller.toml, and SOURCE.md with a rating.
     texts: dict[str, str]
-    meshes: dict[Path, Path]
-    missing: list[str]
-    springs: int
-    grade: str
-    gaps: list[str]
-    mass_fault: str
+    meshes: dict[Path, Path]  #: Source of each mesh file by its place in the folder.
+    missing: list[str]  #: Missing meshes.
+    springs: int  #: Number of springs.
+    grade: str  #: Grade of the springs.
+    gaps: list[str]  #: Data missing for Cartesian programs, one sentence each.
+    mass_fault: str  #: Reason why the masses of the URDF are left out, or "".
 
 
 def write_skeleton(file: Path, tcp: str | None = None, tool_axis: str | None = None) -> dict[str, str]:

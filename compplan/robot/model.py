@@ -40,33 +40,19 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Joint:
-    """One URDF joint of the chain.
+    """One URDF joint of the chain."""
 
-    Attributes:
-        name: Name in the URDF.
-        kind: "revolute", "prismatic" or "fixed" ("continuous" becomes revolute with infinite limits).
-        parent: Parent link.
-        child: Child link.
-        placement: Pose of the joint frame in the parent link's frame. Shape (4, 4). [m]
-        axis: Unit vector of the motion in the joint frame. Shape (3,).
-        lower: Lower position limit. [rad or m]
-        upper: Upper position limit. [rad or m]
-        velocity: Velocity limit. [rad/s or m/s]
-        effort: Effort limit. [N m or N]
-        mimic: The joint it follows, or None.
-    """
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    placement: Array
-    axis: Array
-    lower: float = -np.inf
-    upper: float = np.inf
-    velocity: float = np.inf
-    effort: float = np.inf
-    mimic: Mimic | None = None
+    name: str  #: Name in the URDF.
+    kind: str  #: "revolute", "prismatic" or "fixed" ("continuous" becomes revolute with infinite limits).
+    parent: str  #: Parent link.
+    child: str  #: Child link.
+    placement: Array  #: Pose of the joint frame in the parent link's frame. Shape (4, 4). [m]
+    axis: Array  #: Unit vector of the motion in the joint frame. Shape (3,).
+    lower: float = -np.inf  #: Lower position limit. [rad or m]
+    upper: float = np.inf  #: Upper position limit. [rad or m]
+    velocity: float = np.inf  #: Velocity limit. [rad/s or m/s]
+    effort: float = np.inf  #: Effort limit. [N m or N]
+    mimic: Mimic | None = None  #: The joint it follows, or None.
 
     @cached_property
     def actuated(self) -> bool:
@@ -76,41 +62,27 @@ class Joint:
 
 @dataclass(frozen=True)
 class Body:
-    """Mass that moves with a link, in the link's frame.
+    """Mass that moves with a link, in the link's frame."""
 
-    Attributes:
-        link: The link.
-        mass: Its mass. [kg]
-        centre: Centre of the mass. Shape (3,). [m]
-        inertia: Rotational inertia about the centre; zero where none is known. Shape (3, 3). [kg m^2]
-
-    """
-
-    link: str
-    mass: float
-    centre: Array
+    link: str  #: The link.
+    mass: float  #: Its mass. [kg]
+    centre: Array  #: Centre of the mass. Shape (3,). [m]
+    #: Rotational inertia about the centre; zero where none is known. Shape (3, 3). [kg m^2]
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 @dataclass(frozen=True)
 class Spring:
-    """One elastic degree of freedom, after the motion of a joint, in the frame of the joint's child link.
+    """One elastic degree of freedom, after the motion of a joint, in the frame of the joint's child link."""
 
-    Attributes:
-        joint: Name of the URDF joint; a fixed joint may carry springs too.
-        axis: "own" for the joint's axis, or tx ty tz rx ry rz of the child frame.
-        compliance: Deflection per load. [rad/(N m), or m/N for a translation]
-        offset: Origin of the spring in the child frame. Shape (3,). [m]
-        actuator: Whether it lies between the motor-side and the link-side encoder.
-        link_share: Share of an actuator spring's compliance that lies beyond the link-side encoder, in links and
-            bearings, 0 to 1: neither encoder measures it.
-    """
-
-    joint: str
-    axis: str
-    compliance: float
+    joint: str  #: Name of the URDF joint; a fixed joint may carry springs too.
+    axis: str  #: "own" for the joint's axis, or tx ty tz rx ry rz of the child frame.
+    compliance: float  #: Deflection per load. [rad/(N m), or m/N for a translation]
+    #: Origin of the spring in the child frame. Shape (3,). [m]
     offset: Array = field(default_factory=lambda: np.zeros(3))
-    actuator: bool = False
+    actuator: bool = False  #: Whether it lies between the motor-side and the link-side encoder.
+    #: Share of an actuator spring's compliance that lies beyond the link-side encoder, in links and bearings, 0 to 1:
+    #: neither encoder measures it.
     link_share: float = 0.0
 
     @property
@@ -125,67 +97,44 @@ class LinkElasticity:
 
     The far end is the frame of the chain's next joint before that joint moves (of the last link: its own frame).
     Six elementary springs tx ty tz rx ry rz act there in this order, coupled by `compliance`.
-
-    Attributes:
-        link: Name of the link.
-        compliance: Rows tx ty tz rx ry rz, columns fx fy fz mx my mz, far-end axes. Shape (6, 6). [m, rad per N, N m]
     """
 
-    link: str
+    link: str  #: Name of the link.
+    #: Rows tx ty tz rx ry rz, columns fx fy fz mx my mz, far-end axes. Shape (6, 6). [m, rad per N, N m]
     compliance: Array
 
 
 @dataclass(frozen=True, repr=False)
 class Robot(Shown):
-    """A robot folder in memory.
+    """A robot folder in memory."""
 
-    Attributes:
-        name: Name of the robot (of the folder).
-        urdf: Text of robot.urdf, kept for drawing and for writing the folder back.
-        joints: Chain from the base to the TCP, fixed joints included.
-        bodies: Masses of the chain's links, with links fixed to them.
-        springs: Elastic degrees of freedom.
-        link_elasticities: 6x6 elasticities of links.
-        base: URDF root link; its frame is the robot base frame.
-        tcp: Frame of the tool centre point, z out of the tool.
-        flange: Frame on which tools are mounted.
-        gravity: Gravity in base axes, or None where the model carries no gravity load. Shape (3,). [m/s^2]
-        acceleration_limits: One per actuated joint, infinite where unknown. Shape (nq,). [rad/s^2 or m/s^2]
-        jerk_limits: Jerk limits, or None where unknown. Shape (nq,). [rad/s^3 or m/s^3]
-        repeatability: One standard deviation, or None. [m]
-        sources: Sources of the numbers.
-        grade: Grade of the compliances: identified, literature, scaled or placeholder.
-        folder: Source folder, or None.
-        effects: Tables of effects.toml, one mapping per effect (see `compplan.effects`).
-        weights: Masses whose weight acts in a model without gravity load: the mounted tool's, and, negative, that of
-            the tool at the identification of the springs.
-        uncertainty: Parameter covariance (uncertainty.toml), or None.
-        visited: Uncertain parts and the poses at which they were validated (visited.toml), or None.
-        ground: Fixed link where a positioner carries the part, else "". The chain then begins at the link that
-            carries the part (`base`, the reference frame of poses and wrenches), runs through the positioner to this
-            link, in whose axes gravity is given, and on through the arm.
-    """
-
-    name: str
-    urdf: str
-    joints: tuple[Joint, ...]
-    bodies: tuple[Body, ...]
-    springs: tuple[Spring, ...]
-    link_elasticities: tuple[LinkElasticity, ...]
-    base: str
-    tcp: str
-    flange: str
-    gravity: Array | None
-    acceleration_limits: Array
-    jerk_limits: Array | None = None
-    repeatability: float | None = None
-    sources: Mapping[str, str] = field(default_factory=dict)
-    grade: str = "placeholder"
-    folder: Path | None = None
+    name: str  #: Name of the robot (of the folder).
+    urdf: str  #: Text of robot.urdf, kept for drawing and for writing the folder back.
+    joints: tuple[Joint, ...]  #: Chain from the base to the TCP, fixed joints included.
+    bodies: tuple[Body, ...]  #: Masses of the chain's links, with links fixed to them.
+    springs: tuple[Spring, ...]  #: Elastic degrees of freedom.
+    link_elasticities: tuple[LinkElasticity, ...]  #: 6x6 elasticities of links.
+    base: str  #: URDF root link; its frame is the robot base frame.
+    tcp: str  #: Frame of the tool centre point, z out of the tool.
+    flange: str  #: Frame on which tools are mounted.
+    gravity: Array | None  #: Gravity in base axes, or None where the model carries no gravity load. Shape (3,). [m/s^2]
+    acceleration_limits: Array  #: One per actuated joint, infinite where unknown. Shape (nq,). [rad/s^2 or m/s^2]
+    jerk_limits: Array | None = None  #: Jerk limits, or None where unknown. Shape (nq,). [rad/s^3 or m/s^3]
+    repeatability: float | None = None  #: One standard deviation, or None. [m]
+    sources: Mapping[str, str] = field(default_factory=dict)  #: Sources of the numbers.
+    grade: str = "placeholder"  #: Grade of the compliances: identified, literature, scaled or placeholder.
+    folder: Path | None = None  #: Source folder, or None.
+    #: Tables of effects.toml, one mapping per effect (see `compplan.effects`).
     effects: tuple[Mapping[str, Any], ...] = ()
+    #: Masses whose weight acts in a model without gravity load: the mounted tool's, and, negative, that of the tool at
+    #: the identification of the springs.
     weights: tuple[Body, ...] = ()
-    uncertainty: Uncertainty | None = None
+    uncertainty: Uncertainty | None = None  #: Parameter covariance (uncertainty.toml), or None.
+    #: Uncertain parts and the poses at which they were validated (visited.toml), or None.
     visited: ValidityRegion | None = None
+    #: Fixed link where a positioner carries the part, else "". The chain then begins at the link that carries the part
+    #: (`base`, the reference frame of poses and wrenches), runs through the positioner to this link, in whose axes
+    #: gravity is given, and on through the arm.
     ground: str = ""
 
     def summary(self) -> list[tuple[str, str]]:

@@ -29,17 +29,11 @@ STATED = re.compile(r"Payload ([\d.]+) kg and reach ([\d.]+) mm(?:, own weight (
 
 @dataclass(frozen=True)
 class Rating:
-    """Ratings of an arm by its maker.
+    """Ratings of an arm by its maker."""
 
-    Attributes:
-        payload: Rated payload. [kg]
-        reach: Reach. [m]
-        mass: Own weight, or None. [kg]
-    """
-
-    payload: float
-    reach: float
-    mass: float | None = None
+    payload: float  #: Rated payload. [kg]
+    reach: float  #: Reach. [m]
+    mass: float | None = None  #: Own weight, or None. [kg]
 
     @property
     def text(self) -> str:

@@ -31,24 +31,14 @@ SMALLEST, SHORTEST, LONG_WAY = 0.01, 0.125, 0.1
 
 @dataclass(frozen=True)
 class BodyShapes:
-    """Collision shapes of a body.
+    """Collision shapes of a body."""
 
-    Attributes:
-        link: The link that its joint moves, or the base.
-        moves: Whether a joint moves it.
-        shapes: Shapes, each with the link of the chain that carries it.
-        dropped: Reason for each shape that was not read.
-        unknown: Whether it is a moving body without any shape in the URDF.
-        size_fault: Contradiction between the size of its shapes and the kinematics, or "".
-
-    """
-
-    link: str
-    moves: bool
-    shapes: tuple[UrdfShape, ...] = ()
-    dropped: tuple[str, ...] = ()
-    unknown: bool = False
-    size_fault: str = ""
+    link: str  #: The link that its joint moves, or the base.
+    moves: bool  #: Whether a joint moves it.
+    shapes: tuple[UrdfShape, ...] = ()  #: Shapes, each with the link of the chain that carries it.
+    dropped: tuple[str, ...] = ()  #: Reason for each shape that was not read.
+    unknown: bool = False  #: Whether it is a moving body without any shape in the URDF.
+    size_fault: str = ""  #: Contradiction between the size of its shapes and the kinematics, or "".
 
     @property
     def gap(self) -> str:

@@ -21,21 +21,14 @@ SECTIONS = 24
 
 @dataclass(frozen=True)
 class UrdfShape:
-    """One collision shape of a URDF.
+    """One collision shape of a URDF."""
 
-    Attributes:
-        name: Name of its link, numbered where the link has several.
-        link: Its link.
-        form: ("box", size (3,)), ("cylinder" or "capsule", radius, length), ("sphere", radius) or a mesh (trimesh); the
-            length of a capsule is that between its two centres. [m]
-        placement: Its pose in the link's frame. Shape (4, 4). [m]
-
-    """
-
-    name: str
-    link: str
+    name: str  #: Name of its link, numbered where the link has several.
+    link: str  #: Its link.
+    #: ("box", size (3,)), ("cylinder" or "capsule", radius, length), ("sphere", radius) or a mesh (trimesh); the length
+    #: of a capsule is that between its two centres. [m]
     form: Any
-    placement: Array
+    placement: Array  #: Its pose in the link's frame. Shape (4, 4). [m]
 
     def mesh(self) -> Any:
         """The shape as a mesh in the frame of the link."""

@@ -59,23 +59,14 @@ ROUNDING, NOTHING = 1e-3, 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """Parameters of one effect at one place, about the values of the robot folder.
+    """Parameters of one effect at one place, about the values of the robot folder."""
 
-    Attributes:
-        effect: Name of the effect.
-        joint: Its joint, or None.
-        axis: Its axis, or None.
-        keys: Parameters; "name#i" is item i of the list "name". Length k.
-        deviation: Standard deviation of each. Shape (k,). [SI]
-        fixed: Settings of the effect that are not unknown.
-    """
-
-    effect: str
-    joint: str | None
-    axis: str | None
-    keys: tuple[str, ...]
-    deviation: Array
-    fixed: Mapping[str, Any] = field(default_factory=dict)
+    effect: str  #: Name of the effect.
+    joint: str | None  #: Its joint, or None.
+    axis: str | None  #: Its axis, or None.
+    keys: tuple[str, ...]  #: Parameters; "name#i" is item i of the list "name". Length k.
+    deviation: Array  #: Standard deviation of each. Shape (k,). [SI]
+    fixed: Mapping[str, Any] = field(default_factory=dict)  #: Settings of the effect that are not unknown.
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,48 +79,28 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class AlternativeRobot:
-    """Alternative explanation of the measurements.
+    """Alternative explanation of the measurements."""
 
-    Attributes:
-        explanation: The effect and its place.
-        instead: The explanation in the folder.
-        weight: Its probability.
-        shift: Difference of the parameters from the folder. Shape (p,). [SI]
-    """
-
-    explanation: str
-    instead: str
-    weight: float
-    shift: Array
+    explanation: str  #: The effect and its place.
+    instead: str  #: The explanation in the folder.
+    weight: float  #: Its probability.
+    shift: Array  #: Difference of the parameters from the folder. Shape (p,). [SI]
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Normal distribution of p parameters about the values of a robot folder, mean zero.
+    """Normal distribution of p parameters about the values of a robot folder, mean zero."""
 
-    Attributes:
-        grade: "measured", "literature" or "assumed".
-        source: Source.
-        unknowns: The parameters, effect by effect; p in all.
-        factor: Correlation is F F^T. Shape (p, r).
-        unexplained: Rms 3D distance of the unmodelled error. [m]
-        scale: Its correlation length. [m]
-        repeatability: Standard deviation of the robot per axis, or None. [m]
-        calibration: Factor on all deviations from poses left out of the fit.
-        groups: Number of groups of such poses.
-        rivals: Alternative explanations; contained in the covariance.
-    """
-
-    grade: str
-    source: str
-    unknowns: tuple[Unknown, ...] = ()
-    factor: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    unexplained: float = 0.0
-    scale: float = 0.3
-    repeatability: float | None = None
-    calibration: float = 1.0
-    groups: int = 0
-    rivals: tuple[AlternativeRobot, ...] = ()
+    grade: str  #: "measured", "literature" or "assumed".
+    source: str  #: Source.
+    unknowns: tuple[Unknown, ...] = ()  #: The parameters, effect by effect; p in all.
+    factor: Array = field(default_factory=lambda: np.zeros((0, 0)))  #: Correlation is F F^T. Shape (p, r).
+    unexplained: float = 0.0  #: Rms 3D distance of the unmodelled error. [m]
+    scale: float = 0.3  #: Its correlation length. [m]
+    repeatability: float | None = None  #: Standard deviation of the robot per axis, or None. [m]
+    calibration: float = 1.0  #: Factor on all deviations from poses left out of the fit.
+    groups: int = 0  #: Number of groups of such poses.
+    rivals: tuple[AlternativeRobot, ...] = ()  #: Alternative explanations; contained in the covariance.
 
     @property
     def names(self) -> tuple[str, ...]:

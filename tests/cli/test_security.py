@@ -8,7 +8,7 @@ import pytest
 
 import compplan
 from compplan.errors import InputError
-from compplan.io.xmlfile import parse_xml
+from compplan.io.parsing import parse_xml
 
 PACKAGE = Path(compplan.__file__).parent
 #: Calls that turn text or bytes into code or objects, and the files that may make them: workers get what their own

@@ -70,6 +70,7 @@ def test_the_part_pose_places_positions_and_wrenches() -> None:
     nominal = load_nominal(changed(lambda data: None))
     assert nominal.position[0] == pytest.approx([1.5, 0.01, 0.3])
     assert nominal.wrench is not None and nominal.wrench[0, :3] == pytest.approx([-2, 1, 3])
+    assert changed(lambda data: data["plan"].update(tool_x=[1.0, 0.0, 0.0])).tool_x_base == pytest.approx([0, 1, 0])
 
 
 def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> None:

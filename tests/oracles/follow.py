@@ -22,26 +22,16 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Followed:
-    """What a planned path is compared by.
+    """What a planned path is compared by."""
 
-    Attributes:
-        position: Waypoints, part frame. Shape (n, 3). [m]
-        axis: Tool axis, part frame. Shape (n, 3).
-        rapid: Whether the move to each waypoint is rapid. Shape (n,).
-        feed: Feed of the move to each waypoint, or None where the job sets another. Shape (n,). [m/s]
-        chord: How far chords may stray from arcs. [m]
-        corner: How far corners may be rounded. [m]
-        lean: How far the tool axis may lean from the file's. [rad]
-
-    """
-
-    position: Array
-    axis: Array
-    rapid: NDArray[np.bool_]
+    position: Array  #: Waypoints, part frame. Shape (n, 3). [m]
+    axis: Array  #: Tool axis, part frame. Shape (n, 3).
+    rapid: NDArray[np.bool_]  #: Whether the move to each waypoint is rapid. Shape (n,).
+    #: Feed of the move to each waypoint, or None where the job sets another. Shape (n,). [m/s]
     feed: Array | None = None
-    chord: float = 1e-6
-    corner: float = 0.0
-    lean: float = 0.0
+    chord: float = 1e-6  #: How far chords may stray from arcs. [m]
+    corner: float = 0.0  #: How far corners may be rounded. [m]
+    lean: float = 0.0  #: How far the tool axis may lean from the file's. [rad]
 
 
 class _Move:

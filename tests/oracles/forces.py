@@ -29,26 +29,16 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class DrivenRows:
-    """What is driven; n rows, base frame. Row i ends the move that comes to it.
+    """What is driven; n rows, base frame. Row i ends the move that comes to it."""
 
-    Attributes:
-        position: Wanted tip. Shape (n, 3). [m]
-        axis: Tool axis, tip to spindle. Shape (n, 3).
-        rapid: Shape (n,).
-        lead: Rows that bring the correction in before a cut or out after it, the wanted tip at rest. Shape (n,).
-        time: Shape (n,). [s]
-        stock_top: Height of the stock's top in the part frame, or None. [m]
-        rows_at: Length along the path of each row of the toolpath file, or None. Shape (r,). [m]
-
-    """
-
-    position: Array
-    axis: Array
-    rapid: NDArray[np.bool_]
+    position: Array  #: Wanted tip. Shape (n, 3). [m]
+    axis: Array  #: Tool axis, tip to spindle. Shape (n, 3).
+    rapid: NDArray[np.bool_]  #: Shape (n,).
+    #: Rows that bring the correction in before a cut or out after it, the wanted tip at rest. Shape (n,).
     lead: NDArray[np.bool_]
-    time: Array
-    stock_top: float | None = None
-    rows_at: Array | None = None
+    time: Array  #: Shape (n,). [s]
+    stock_top: float | None = None  #: Height of the stock's top in the part frame, or None. [m]
+    rows_at: Array | None = None  #: Length along the path of each row of the toolpath file, or None. Shape (r,). [m]
 
     @property
     def arc(self) -> Array:

@@ -31,34 +31,20 @@ class CannotTellError(Exception):
 
 @dataclass(frozen=True)
 class Reading:
-    """Hold the moves of a file, part frame; a move starts where the one before it ends.
+    """Hold the moves of a file, part frame; a move starts where the one before it ends."""
 
-    Attributes:
-        kind: RAPID, LINE or ARC. Shape (n,).
-        end: End of each move. Shape (n, 3). [m]
-        axis: Tool axis at the end, tip to spindle. Shape (n, 3).
-        feed: Programmed feed, 0 in rapid moves and where none is known. Shape (n,). [m/s]
-        tool: Number of the tool, -1 where none is named. Shape (n,).
-        line: Line of the file, from 1. Shape (n,).
-        centre: Centre of an arc. Shape (n, 3). [m]
-        normal: Axis of an arc, right-handed about it. Shape (n, 3).
-        sweep: Angle of an arc, more than a turn for several. Shape (n,). [rad]
-        drill: Whether the move is a drill's along its axis, chips drawn in between or not. Shape (n,).
-        notes: What was assumed.
-
-    """
-
-    kind: NDArray[np.int_]
-    end: Array
-    axis: Array
-    feed: Array
-    tool: NDArray[np.int_]
-    line: NDArray[np.int_]
-    centre: Array
-    normal: Array
-    sweep: Array
+    kind: NDArray[np.int_]  #: RAPID, LINE or ARC. Shape (n,).
+    end: Array  #: End of each move. Shape (n, 3). [m]
+    axis: Array  #: Tool axis at the end, tip to spindle. Shape (n, 3).
+    feed: Array  #: Programmed feed, 0 in rapid moves and where none is known. Shape (n,). [m/s]
+    tool: NDArray[np.int_]  #: Number of the tool, -1 where none is named. Shape (n,).
+    line: NDArray[np.int_]  #: Line of the file, from 1. Shape (n,).
+    centre: Array  #: Centre of an arc. Shape (n, 3). [m]
+    normal: Array  #: Axis of an arc, right-handed about it. Shape (n, 3).
+    sweep: Array  #: Angle of an arc, more than a turn for several. Shape (n,). [rad]
+    #: Whether the move is a drill's along its axis, chips drawn in between or not. Shape (n,).
     drill: NDArray[np.bool_]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: What was assumed.
 
     def __len__(self) -> int:
         return len(self.kind)

@@ -11,7 +11,7 @@ from compplan.planning.evaluate import evaluate_run
 from compplan.planning.plan import PlanOptions, build_task
 from compplan.planning.strategies import command_path
 from compplan.robot import LinkElasticity, Spring, load_robot
-from compplan.robot.beam import hollow_beam_compliance
+from compplan.robot.elasticity import hollow_beam_compliance
 from compplan.simulation.simulated_robot import build_simulated_robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.toolpath.toolpath import Toolpath

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.robot.beam import hollow_beam_compliance
+from compplan.robot.elasticity import hollow_beam_compliance
 
 L, D, d, E, G = 1.15, 0.35, 0.30, 70e9, 26.3e9
 AREA = math.pi / 4 * (D**2 - d**2)

@@ -117,3 +117,13 @@ def test_a_folder_without_elasticity_is_refused(tmp_path: Path) -> None:
     (tmp_path / "elasticity.toml").unlink()
     with pytest.raises(InputError, match=r"elasticity\.toml"):
         load_robot(tmp_path)
+
+
+def test_a_rail_is_written_in_millimetres_and_the_weight_of_a_mounted_tool_pulls_down() -> None:
+    robot = load_robot("kuka_kr240_rail")
+    columns = robot.joint_columns(np.array([[1.5, *np.radians([10.0, -20.0, 30.0, 0.0, 0.0, 90.0])]]))
+    assert list(columns) == ["q1_mm", *(f"q{k}_deg" for k in range(2, 8))]
+    assert [float(values[0]) for values in columns.values()] == pytest.approx([1500.0, 10, -20, 30, 0, 0, 90])
+    bare = replace(load_robot("kuka_kr270"), gravity=None)
+    armed = bare.with_tool(np.eye(4), 20.0)
+    assert armed.loading_gravity == pytest.approx([0.0, 0.0, -9.81])

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import ConvergenceError
 from compplan.robot import Array, load_robot
-from compplan.robot.beam import hollow_beam_compliance
+from compplan.robot.elasticity import hollow_beam_compliance
 from compplan.statics.chain import Chain, build_chain, locate_frames
 from compplan.statics.elastic import (
     cartesian_compliance,

@@ -98,19 +98,12 @@ def lay_out_rows(robot: RobotDescription, seed: int, *, later: bool = False, fir
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """One robot: as MuJoCo knows it, as the product reads it, and rows to be measured.
+    """One robot: as MuJoCo knows it, as the product reads it, and rows to be measured."""
 
-    Args:
-        description: The nominal robot, for MuJoCo.
-        robot: The same folder, read by the product.
-        rows: The plan.
-        folder: Where the files are.
-    """
-
-    description: RobotDescription
-    robot: Robot
-    rows: Rows
-    folder: Path
+    description: RobotDescription  #: The nominal robot, for MuJoCo.
+    robot: Robot  #: The same folder, read by the product.
+    rows: Rows  #: The plan.
+    folder: Path  #: Where the files are.
 
     @property
     def nominal(self) -> Scenario:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.effects import Effect, apply_effects, fold_effects, solve_model_poses
+from compplan.effects import Effect, apply_effects, solve_model_poses
 from compplan.effects.forward_model import ForwardModel
 from compplan.measurement.distance import LEVEL
-from compplan.robot import Array, Robot
-from compplan.robot.uncertainty import Uncertainty, split_unknowns
-from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.robot import Array
+from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import ErrorBand
 from compplan.uncertainty.sensitivities import (
     pick_rows,
@@ -23,7 +22,6 @@ from compplan.uncertainty.sensitivities import (
     select_model_rows,
     turn_wrench,
     vary_model,
-    vary_robot,
 )
 
 #: Waves that a drawn field is made of.
@@ -32,36 +30,15 @@ WAVES = 64
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """A smooth random error over the workspace: e(x) = a sum_k c_k cos(w_k . x + f_k), Gaussian of a given scale.
+    """A smooth random error over the workspace: e(x) = a sum_k c_k cos(w_k . x + f_k), Gaussian of a given scale."""
 
-    Attributes:
-        frequency: Shape (k, 3). [rad/m]
-        phase: Shape (k,). [rad]
-        amplitude: Shape (k, 3). [m]
-    """
-
-    frequency: Array
-    phase: Array
-    amplitude: Array
+    frequency: Array  #: Shape (k, 3). [rad/m]
+    phase: Array  #: Shape (k,). [rad]
+    amplitude: Array  #: Shape (k, 3). [m]
 
     def at(self, position: Array) -> Array:
         """Return the error at places in the base frame. Shape (n, 3). [m]."""
         return np.asarray(np.cos(position @ self.frequency.T + self.phase) @ self.amplitude)
-
-
-@dataclass(frozen=True, eq=False)
-class Draw:
-    """One robot that might be the true one.
-
-    Attributes:
-        robot: The robot with its drawn parameters.
-        field: What no parameter explains.
-        values: The parameters about the folder's. Shape (p,). [SI]
-    """
-
-    robot: Robot
-    field: Field
-    values: Array
 
 
 def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
@@ -84,45 +61,14 @@ def draw_field(known: Uncertainty, seed: int, number: int) -> Field:
     return Field(frequency, phase, known.smooth * np.sqrt(2.0 / WAVES) * random.standard_normal((WAVES, 3)))
 
 
-def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
-    """Draw robots that might be the true one; the same seed gives the same robots.
-
-    Springs may come out softer or stiffer than the folder's, below zero where the folder's width allows it: a spring in
-    series that takes away. What a folder of a robot cannot hold (a negative tilt of the base) is cut at zero.
-
-    Args:
-        robot: The robot; its uncertainty.toml, or widths assumed by its grade.
-        count: How many.
-        seed: Seed.
-    """
-    known = robot_uncertainty(robot)
-    for number, values in enumerate(draw_values(known, count, seed)):
-        drawn = robot
-        for unknown, own in split_unknowns(known.unknowns, values):
-            drawn, effect = vary_robot(drawn, unknown, own)
-            if effect is not None and effect.name == "base_compliance":
-                effect = replace(effect, parameters={k: max(v, 0.0) for k, v in effect.parameters.items()})
-            if effect is not None:
-                drawn = fold_effects(drawn, [effect])
-        yield Draw(drawn, draw_field(known, seed, number), values)
-
-
 class Sampled(NamedTuple):
-    """What drawn robots do; b draws, k rows.
+    """What drawn robots do; b draws, k rows."""
 
-    Attributes:
-        held: Share of true tips, over draws and rows, that lie within the band.
-        by_row: The same at every row. Shape (k,).
-        rows: The rows. Shape (k,).
-        distance: Distance of the true tip from the planned one. Shape (b, k). [m]
-        oracle: Distance that holds them with 95 %, as who knows the truth of all draws has it. Shape (k,). [m]
-    """
-
-    held: float
-    by_row: Array
-    rows: NDArray[np.int_]
-    distance: Array
-    oracle: Array
+    held: float  #: Share of true tips, over draws and rows, that lie within the band.
+    by_row: Array  #: The same at every row. Shape (k,).
+    rows: NDArray[np.int_]  #: The rows. Shape (k,).
+    distance: Array  #: Distance of the true tip from the planned one. Shape (b, k). [m]
+    oracle: Array  #: Distance that holds them with 95 %, as who knows the truth of all draws has it. Shape (k,). [m]
 
 
 def sample_promise(

@@ -35,23 +35,14 @@ Place = tuple[str, str, str]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One effect, said twice.
+    """One effect, said twice."""
 
-    Args:
-        label: What is told apart.
-        real: Puts it into MuJoCo's robot.
-        effect: The same for the product.
-        fit: Whether the product has to find it in its log.
-        base: The nominal robot, where it is not one of `ROBOTS`.
-        same: How closely both have to agree. [m, rad]
-    """
-
-    label: str
-    real: Change
-    effect: Effect
-    fit: bool = False
-    base: RobotDescription | None = None
-    same: float = SAME
+    label: str  #: What is told apart.
+    real: Change  #: Puts it into MuJoCo's robot.
+    effect: Effect  #: The same for the product.
+    fit: bool = False  #: Whether the product has to find it in its log.
+    base: RobotDescription | None = None  #: The nominal robot, where it is not one of `ROBOTS`.
+    same: float = SAME  #: How closely both have to agree. [m, rad]
 
 
 def caused(name: str, joint: str | None = None, axis: str | None = None, size: float = 1.0, **shape: object) -> Change:

@@ -18,35 +18,20 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Template:
-    """Published figures of one robot.
+    """Published figures of one robot."""
 
-    Args:
-        name: Name of the robot.
-        origins: Origin of every revolute joint in its parent link, then of the flange. [m]
-        turns: Roll, pitch, yaw of these origins, where not zero, by index. [rad]
-        axes: Axis of every joint.
-        limits_deg: Position limits. [deg]
-        velocity_deg_s: Velocity limits. [deg/s]
-        compliance: Compliance of every joint, 0 where it is taken as rigid. [rad/(N m)]
-        masses: Mass and centre of every moving link, as assumed. [kg, m]
-        region_deg: Where campaigns place the joints. [deg]
-        max_force: Largest force that campaigns apply. [N]
-        tool_z: Direction of the tool in the flange frame: "x" or "z".
-        home_deg: A posture in the middle of the workspace. [deg]
-    """
-
-    name: str
-    origins: tuple[Vector, ...]
-    turns: dict[int, Vector]
-    axes: tuple[Vector, ...]
-    limits_deg: tuple[tuple[float, float], ...]
-    velocity_deg_s: tuple[float, ...]
-    compliance: tuple[float, ...]
-    masses: tuple[tuple[float, Vector], ...]
-    region_deg: tuple[tuple[float, float], ...]
-    max_force: float
-    tool_z: str
-    home_deg: tuple[float, ...]
+    name: str  #: Name of the robot.
+    origins: tuple[Vector, ...]  #: Origin of every revolute joint in its parent link, then of the flange. [m]
+    turns: dict[int, Vector]  #: Roll, pitch, yaw of these origins, where not zero, by index. [rad]
+    axes: tuple[Vector, ...]  #: Axis of every joint.
+    limits_deg: tuple[tuple[float, float], ...]  #: Position limits. [deg]
+    velocity_deg_s: tuple[float, ...]  #: Velocity limits. [deg/s]
+    compliance: tuple[float, ...]  #: Compliance of every joint, 0 where it is taken as rigid. [rad/(N m)]
+    masses: tuple[tuple[float, Vector], ...]  #: Mass and centre of every moving link, as assumed. [kg, m]
+    region_deg: tuple[tuple[float, float], ...]  #: Where campaigns place the joints. [deg]
+    max_force: float  #: Largest force that campaigns apply. [N]
+    tool_z: str  #: Direction of the tool in the flange frame: "x" or "z".
+    home_deg: tuple[float, ...]  #: A posture in the middle of the workspace. [deg]
 
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

@@ -88,7 +88,7 @@ def run_init(words: tuple[str, ...], **options: Any) -> None:
     form = _check_form(words, options)
     out, robot_name = options["out"], options["robot_name"]
     if form == "schema":
-        from compplan.job.schema import write_schema
+        from compplan.job.job import write_schema
 
         lines = [write_schema()]
     elif form == "job":

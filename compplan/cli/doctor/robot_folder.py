@@ -15,7 +15,7 @@ from compplan.robot.description import find_mesh
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.robot.rating import check_mass, read_rating, sum_arm_mass
 from compplan.robot.shapes import describe_shapes, read_bodies
-from compplan.robot.soft_limits import describe_soft_limits
+from compplan.robot.urdf import describe_soft_limits
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import middle_of_limits

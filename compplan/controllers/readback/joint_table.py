@@ -12,10 +12,9 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.parsing import guard_parser
+from compplan.io.parsing import guard_parser, parse_xml
 from compplan.io.tables import read_text
 from compplan.io.tomlfile import read_toml
-from compplan.io.xmlfile import parse_xml
 from compplan.robot import Array
 
 #: Columns of joints.csv beside time and joints.

@@ -5,12 +5,15 @@ Distal Denavit-Hartenberg convention: T = prod_k Rz(q_k + theta_k) Tz(d_k) Tx(a_
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
+from compplan.io.tables import is_plain
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.pose import build_pose, move_joint
 
@@ -22,17 +25,11 @@ FARTHEST = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ZeroPose:
-    """Axes and flange of a robot, all joints at zero, in the base frame.
+    """Axes and flange of a robot, all joints at zero, in the base frame."""
 
-    Attributes:
-        direction: Unit vectors of the commanded joints' axes. Shape (n, 3).
-        point: A point on each axis. Shape (n, 3). [m]
-        flange: Pose of the flange frame. Shape (4, 4). [m]
-    """
-
-    direction: Array
-    point: Array
-    flange: Array
+    direction: Array  #: Unit vectors of the commanded joints' axes. Shape (n, 3).
+    point: Array  #: A point on each axis. Shape (n, 3). [m]
+    flange: Array  #: Pose of the flange frame. Shape (4, 4). [m]
 
 
 def find_zero_pose(robot: Robot) -> ZeroPose:
@@ -160,3 +157,40 @@ def frame_dh(theta: float, a: float, d: float, alpha: float) -> Array:
     """Return Rz(theta) Tz(d) Tx(a) Rx(alpha). Shape (4, 4). [rad, m]"""
     turn = Rotation.from_euler("z", theta).as_matrix()
     return build_pose(turn @ [a, 0.0, d], turn @ Rotation.from_euler("x", alpha).as_matrix())
+
+
+def read_numbers(words: str, count: int, name: str, file: Path, line: int) -> list[float]:
+    """Read finite numbers separated by commas or spaces.
+
+    Raises:
+        InputError: If they are not `count` finite numbers.
+    """
+    try:
+        values = [float(word) for word in re.split(r"[,\s]+", words.strip())] if is_plain(words) else []
+    except ValueError:
+        values = []
+    if len(values) != count or not np.isfinite(values).all():
+        expected = "a finite number" if count == 1 else f"{count} finite numbers, one a joint"
+        raise InputError(f"{name} is {words.strip()!r}, expected {expected}", file=file, where=line)
+    return values
+
+
+def keep_once(found: dict[str, list[float]], name: str, values: list[float], file: Path, line: int) -> None:
+    """Store the value of a line.
+
+    Raises:
+        InputError: If an earlier line has set it.
+    """
+    if name in found:
+        raise InputError(f"{name} is given twice, expected once", file=file, where=line)
+    found[name] = values
+
+
+def require_names(found: dict[str, list[float]], names: list[str], file: Path) -> None:
+    """Refuse a file that lacks a name.
+
+    Raises:
+        InputError: With the missing names.
+    """
+    if missing := [name for name in names if name not in found]:
+        raise InputError(f"has no {', '.join(missing)}, expected {', '.join(names)}", file=file)

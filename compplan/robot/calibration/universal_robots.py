@@ -13,8 +13,16 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.robot import Array, Robot
-from compplan.robot.calibration.geometry import ZeroPose, find_zero_pose, fit_dh, move_axes, walk_dh
-from compplan.robot.calibration.numbers import keep_once, read_numbers, require_names
+from compplan.robot.calibration.geometry import (
+    ZeroPose,
+    find_zero_pose,
+    fit_dh,
+    keep_once,
+    move_axes,
+    read_numbers,
+    require_names,
+    walk_dh,
+)
 
 name = "universal_robots"
 words = "calibration.conf of Universal Robots (delta_theta, delta_a, delta_d, delta_alpha)"

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.robot import Robot
-from compplan.robot.calibration.geometry import ZeroPose, move_axes
-from compplan.robot.calibration.numbers import keep_once, read_numbers, require_names
+from compplan.robot.calibration.geometry import ZeroPose, keep_once, move_axes, read_numbers, require_names
 from compplan.robot.calibration.universal_robots import find_type
 from compplan.robot.pose import build_pose
 

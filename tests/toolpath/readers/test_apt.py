@@ -27,6 +27,11 @@ def test_the_tool_axis_stays_until_another_is_given(read) -> None:
     assert cam.toolpath.axis == pytest.approx(np.array([[0, 0.6, 0.8], [0, 0.6, 0.8], [1, 0, 0]]))
 
 
+def test_godlta_with_one_number_goes_along_the_tool_axis(read) -> None:
+    cam = read("UNITS/MM\nMULTAX/ON\nFEDRAT/60\nFROM/0,0,0,0,3,4\nGOTO/1,0,0\nGODLTA/10\n")
+    assert ends(cam)[-1] == pytest.approx([1, 6, 8])
+
+
 def test_continued_records_and_comments_are_joined(read) -> None:
     assert ends(read("UNITS/MM $$ metric\nFEDRAT/60\nFROM/0,0,0\nGOTO/ 1.0, $\n  2.0, 3.0\n$$ end\n"))[-1] == [1, 2, 3]
 
@@ -35,7 +40,8 @@ def test_continued_records_and_comments_are_joined(read) -> None:
     ("feed", "expected"),
     [("FEDRAT/60,MMPM", 1.0), ("FEDRAT/MMPM,60", 1.0), ("FEDRAT/60", 1.0), ("FEDRAT/60,PERMIN", 1.0),
      ("FEDRAT/IPM,60", 25.4), ("FEDRAT/FPM,60", 304.8),
-     ("SPINDL/600,CLW\nFEDRAT/0.1,MMPR", 1.0), ("SPINDL/600\nFEDRAT/PERREV,0.1", 1.0)],
+     ("SPINDL/600,CLW\nFEDRAT/0.1,MMPR", 1.0), ("SPINDL/600\nFEDRAT/0.1,IPR", 25.4),
+     ("SPINDL/600\nFEDRAT/PERREV,0.1", 1.0)],
 )  # fmt: skip
 def test_feeds_in_every_unit(read, feed: str, expected: float) -> None:
     cam = read(f"UNITS/MM\n{feed}\nFROM/0,0,0\nGOTO/1,0,0\n")
