@@ -59,23 +59,14 @@ ROUNDING, NOTHING = 1e-3, 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """Parameters of one effect at one place, about the values of the robot folder.
+    """Parameters of one effect at one place, about the values of the robot folder."""
 
-    Attributes:
-        effect: Name of the effect.
-        joint: Its joint, or None.
-        axis: Its axis, or None.
-        keys: Parameters; "name#i" is item i of the list "name". Length k.
-        deviation: Standard deviation of each. Shape (k,). [SI]
-        fixed: Settings of the effect that are not unknown.
-    """
-
-    effect: str
-    joint: str | None
-    axis: str | None
-    keys: tuple[str, ...]
-    deviation: Array
-    fixed: Mapping[str, Any] = field(default_factory=dict)
+    effect: str  #: Name of the effect.
+    joint: str | None  #: Its joint, or None.
+    axis: str | None  #: Its axis, or None.
+    keys: tuple[str, ...]  #: Parameters; "name#i" is item i of the list "name". Length k.
+    deviation: Array  #: Standard deviation of each. Shape (k,). [SI]
+    fixed: Mapping[str, Any] = field(default_factory=dict)  #: Settings of the effect that are not unknown.
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,48 +79,28 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class AlternativeRobot:
-    """Alternative explanation of the measurements.
+    """Alternative explanation of the measurements."""
 
-    Attributes:
-        explanation: The effect and its place.
-        instead: The explanation in the folder.
-        weight: Its probability.
-        shift: Difference of the parameters from the folder. Shape (p,). [SI]
-    """
-
-    explanation: str
-    instead: str
-    weight: float
-    shift: Array
+    explanation: str  #: The effect and its place.
+    instead: str  #: The explanation in the folder.
+    weight: float  #: Its probability.
+    shift: Array  #: Difference of the parameters from the folder. Shape (p,). [SI]
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Normal distribution of p parameters about the values of a robot folder, mean zero.
+    """Normal distribution of p parameters about the values of a robot folder, mean zero."""
 
-    Attributes:
-        grade: "measured", "literature" or "assumed".
-        source: Source.
-        unknowns: The parameters, effect by effect; p in all.
-        factor: Correlation is F F^T. Shape (p, r).
-        unexplained: Rms 3D distance of the unmodelled error. [m]
-        scale: Its correlation length. [m]
-        repeatability: Standard deviation of the robot per axis, or None. [m]
-        calibration: Factor on all deviations from poses left out of the fit.
-        groups: Number of groups of such poses.
-        rivals: Alternative explanations; contained in the covariance.
-    """
-
-    grade: str
-    source: str
-    unknowns: tuple[Unknown, ...] = ()
-    factor: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    unexplained: float = 0.0
-    scale: float = 0.3
-    repeatability: float | None = None
-    calibration: float = 1.0
-    groups: int = 0
-    rivals: tuple[AlternativeRobot, ...] = ()
+    grade: str  #: "measured", "literature" or "assumed".
+    source: str  #: Source.
+    unknowns: tuple[Unknown, ...] = ()  #: The parameters, effect by effect; p in all.
+    factor: Array = field(default_factory=lambda: np.zeros((0, 0)))  #: Correlation is F F^T. Shape (p, r).
+    unexplained: float = 0.0  #: Rms 3D distance of the unmodelled error. [m]
+    scale: float = 0.3  #: Its correlation length. [m]
+    repeatability: float | None = None  #: Standard deviation of the robot per axis, or None. [m]
+    calibration: float = 1.0  #: Factor on all deviations from poses left out of the fit.
+    groups: int = 0  #: Number of groups of such poses.
+    rivals: tuple[AlternativeRobot, ...] = ()  #: Alternative explanations; contained in the covariance.
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -233,15 +204,20 @@ class CalibrationTable(StrictTable):
     groups: Annotated[int, Field(ge=0, le=1_000_000)]
 
 
-class UnknownTable(StrictTable):
-    """[[unknown]]: parameters of one effect."""
+class EffectTable(StrictTable):
+    """An effect at a place."""
 
     effect: str = Field(min_length=1)
     joint: str | None = None
     axis: str | None = None
+    fixed: dict[str, Any] = Field(default_factory=dict)
+
+
+class UnknownTable(EffectTable):
+    """[[unknown]]: parameters of one effect."""
+
     keys: Annotated[Words, Field(min_length=1, max_length=MOST_UNKNOWN)]
     deviation: Annotated[tuple[Annotated[float, Field(ge=0.0)], ...], Field(strict=False)]
-    fixed: dict[str, Any] = Field(default_factory=dict)
     factor: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
 
 
@@ -314,11 +290,11 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
     """Return the text of uncertainty.toml with six digits; trailing zeros of a row are left out."""
     head: dict[str, Any] = {"schema": 1, "grade": uncertainty.grade, "source": uncertainty.source}
     if uncertainty.repeatability is not None:
-        head["repeatability_mm"] = _short(uncertainty.repeatability * 1e3)
+        head["repeatability_mm"] = short(uncertainty.repeatability * 1e3)
     head["unexplained"] = {
-        "rms_mm": _short(uncertainty.unexplained * 1e3), "scale_mm": _short(uncertainty.scale * 1e3)
+        "rms_mm": short(uncertainty.unexplained * 1e3), "scale_mm": short(uncertainty.scale * 1e3)
     }  # fmt: skip
-    head["calibration"] = {"factor": _short(uncertainty.calibration), "groups": int(uncertainty.groups)}
+    head["calibration"] = {"factor": short(uncertainty.calibration), "groups": int(uncertainty.groups)}
     lines, first = [tomli_w.dumps(head)], 0
     shape = uncertainty.factor.shape
     plain = shape[0] == shape[1] and not np.any(uncertainty.factor - np.diag(np.diag(uncertainty.factor)))
@@ -339,7 +315,7 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
     for rival in uncertainty.rivals:
         moved = np.flatnonzero(rival.shift)
         lines += ["[[rival]]", f"explanation = {_quote(rival.explanation)}", f"instead = {_quote(rival.instead)}"]
-        lines += [f"weight = {_short(rival.weight)}", f"parameter = {(moved + 1).tolist()}"]
+        lines += [f"weight = {short(rival.weight)}", f"parameter = {(moved + 1).tolist()}"]
         lines += [f"shift = {_format_row(rival.shift[moved])}", ""]
     return "\n".join(lines)
 
@@ -389,12 +365,13 @@ def _length(row: Array) -> int:
 
 
 def _format_row(values: Array) -> str:
-    return f"[{', '.join(repr(_short(value)) for value in values)}]"
+    return f"[{', '.join(repr(short(value)) for value in values)}]"
 
 
 def _quote(text: str) -> str:
     return tomli_w.dumps({"k": text}).partition(" = ")[2].strip()
 
 
-def _short(value: float) -> float:
+def short(value: float) -> float:
+    """Round a number to the six digits that are written."""
     return float(f"{float(value):.6g}")

@@ -28,13 +28,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 from pydantic import Field
 
 from compplan.errors import InputError
 from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Words, read_toml_model
-
-Array = NDArray[np.float64]
+from compplan.robot.uncertainty import Array, EffectTable, short
 
 FILE = "visited.toml"
 #: Effects that belong to the tool.
@@ -43,44 +41,26 @@ OF_TOOL = ("tool_frame", "payload")
 
 @dataclass(frozen=True, eq=False)
 class ValidityPart:
-    """An uncertain part of a folder.
+    """An uncertain part of a folder."""
 
-    Attributes:
-        effect: Name of the effect.
-        joint: Its joint, or None.
-        axis: Its axis, or None.
-        keys: Parameters; "name#i" is item i of the list "name". Length k.
-        value: Values in the folder. Shape (k,). [SI]
-        fixed: Settings of the effect.
-    """
-
-    effect: str
-    joint: str | None
-    axis: str | None
-    keys: tuple[str, ...]
-    value: Array
-    fixed: Mapping[str, Any] = field(default_factory=dict)
+    effect: str  #: Name of the effect.
+    joint: str | None  #: Its joint, or None.
+    axis: str | None  #: Its axis, or None.
+    keys: tuple[str, ...]  #: Parameters; "name#i" is item i of the list "name". Length k.
+    value: Array  #: Values in the folder. Shape (k,). [SI]
+    fixed: Mapping[str, Any] = field(default_factory=dict)  #: Settings of the effect.
 
 
 @dataclass(frozen=True, eq=False)
 class ValidityRegion:
-    """Poses of a campaign and the validation of uncertain parts at k of them.
+    """Poses of a campaign and the validation of uncertain parts at k of them."""
 
-    Attributes:
-        parts: The parts.
-        q: Joint positions. Shape (k, nq). [rad or m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (k, 6). [N, N m]
-        share: Observed share of the tip motion of the parts. Shape (k,).
-        deviation: Standard deviation of it. Shape (k,).
-        spread: Standard deviation of the share between poses, without measurement noise.
-    """
-
-    parts: tuple[ValidityPart, ...]
-    q: Array
-    wrench: Array
-    share: Array
-    deviation: Array
-    spread: float = 0.0
+    parts: tuple[ValidityPart, ...]  #: The parts.
+    q: Array  #: Joint positions. Shape (k, nq). [rad or m]
+    wrench: Array  #: Wrench of the environment on the tool at the TCP, base axes. Shape (k, 6). [N, N m]
+    share: Array  #: Observed share of the tip motion of the parts. Shape (k,).
+    deviation: Array  #: Standard deviation of it. Shape (k,).
+    spread: float = 0.0  #: Standard deviation of the share between poses, without measurement noise.
 
     def of_arm(self, joints: set[str]) -> ValidityRegion:
         """Remove the parts that belong to the tool or to other joints."""
@@ -88,15 +68,11 @@ class ValidityRegion:
         return replace(self, parts=tuple(kept))
 
 
-class ValidityPartTable(StrictTable):
+class ValidityPartTable(EffectTable):
     """[[part]]: an uncertain part."""
 
-    effect: str = Field(min_length=1)
-    joint: str | None = None
-    axis: str | None = None
     keys: Annotated[Words, Field(min_length=1)]
     value: Numbers
-    fixed: dict[str, Any] = Field(default_factory=dict)
 
 
 class PosesTable(StrictTable):
@@ -158,13 +134,9 @@ def format_visited(visited: ValidityRegion) -> str:
         parts.append({**table, "keys": list(part.keys), "value": part.value.tolist(), **fixed})
     lines = [tomli_w.dumps({"schema": 1, "part": parts}), "[stays]"]
     for name, values in (("joints", visited.q), ("wrench", visited.wrench)):
-        rows = (f"    [{', '.join(_short(v) for v in row)}]," for row in values.tolist())
+        rows = (f"    [{', '.join(repr(short(v)) for v in row)}]," for row in values.tolist())
         lines += [f"{name} = [", *rows, "]"]
     for name, values in (("share", visited.share), ("deviation", visited.deviation)):
-        lines.append(f"{name} = [{', '.join(_short(v) for v in values.tolist())}]")
-    lines.append(f"spread = {_short(visited.spread)}")
+        lines.append(f"{name} = [{', '.join(repr(short(v)) for v in values.tolist())}]")
+    lines.append(f"spread = {short(visited.spread)}")
     return "\n".join(lines) + "\n"
-
-
-def _short(value: float) -> str:
-    return repr(float(f"{value:.6g}"))
