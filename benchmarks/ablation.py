@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -69,9 +70,9 @@ MECHANISMS: dict[str, tuple[Switch, ...]] = {
     "margin without unmodelled causes": ((f"{MAP}.min", lambda margin, plain: margin),),
     "margin among unmodelled causes": ((f"{MAP}.min", lambda margin, plain: plain),),
     "bounds": ((f"{JUDGE}.find_breach", lambda *found: ""),),
-    "least motion over the noise floor": ((f"{JUDGE}.NAMEABLE", 0.0),),
+    "least motion over the noise floor": ((f"{JUDGE}.NAMING", replace(judged.NAMING, nameable=0.0)),),
     "unmodelled causes: removing and adding claims": ((f"{CAUSES}._search_again", _keep),),
-    "unmodelled causes: adding claims": ((f"{CAUSES}.WORTHWHILE", np.inf),),
+    "unmodelled causes: adding claims": ((f"{CAUSES}.SEARCH", replace(unmodelled.SEARCH, worthwhile=np.inf)),),
 }
 
 

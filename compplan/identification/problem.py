@@ -26,15 +26,23 @@ from compplan.measurement.registration import PARTS, Registration, fitted_parts,
 from compplan.robot import Array, Robot
 from compplan.robot.springs import candidate_springs, label_spring, link_springs, missing_springs, read_spring
 
-#: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.
-QUIETER = 1.5
-#: Fewest unloaded poses from which frames are fitted on their own.
-UNLOADED_POSES = 10
-#: Fewest poses from which geometry is fitted.
-GEOMETRY_POSES = 30
-#: Rows that Tukey's loss weighs less than this are gross outliers, as long as they are no more than this share.
-OUTLIER_WEIGHT = 0.05
-MOST_OUTLIERS = 0.05
+
+@dataclass(frozen=True)
+class IdentifySettings:
+    """Numbers of the choices that an identification makes."""
+
+    #: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.
+    quieter: float = 1.5
+    #: Fewest unloaded poses from which frames are fitted on their own.
+    unloaded_poses: int = 10
+    #: Fewest poses from which geometry is fitted.
+    geometry_poses: int = 30
+    #: Rows that Tukey's loss weighs less than this are gross outliers, as long as they are no more than this share.
+    outlier_weight: float = 0.05
+    most_outliers: float = 0.05
+
+
+IDENTIFY = IdentifySettings()
 
 
 @dataclass(frozen=True)
@@ -125,7 +133,7 @@ def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Re
     if parts:
         rows = usable_rows(campaign)
         quiet = rows & campaign.unloaded
-        if count_poses(campaign.q[quiet]) >= UNLOADED_POSES:
+        if count_poses(campaign.q[quiet]) >= IDENTIFY.unloaded_poses:
             rows = quiet
         seen = solve_model_poses(apply_effects(build_model(robot, campaign), robot_effects(robot)))
         start = None if set(parts) & set(PARTS) else known
@@ -151,17 +159,17 @@ def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[in
 
     Returns:
         The problem without them, to be fitted by least squares; the rows left out; and sentences on it. More rows than
-        `MOST_OUTLIERS` are structure that no model here holds: none is left out then, and the loss becomes Huber's.
+        `most_outliers` are structure that no model here holds: none is left out then, and the loss becomes Huber's.
     """
     options, rows = problem.options, problem.rows
     if options.loss != "tukey":
         return problem, (), []
     geometry = "none" if options.geometry == "auto" else options.geometry
-    if options.geometry == "auto" and rows.poses >= GEOMETRY_POSES and options.reference != "difference":
+    if options.geometry == "auto" and rows.poses >= IDENTIFY.geometry_poses and options.reference != "difference":
         geometry = GEOMETRY[-1]
     richest = replace(problem, geometry=geometry)
-    apart = richest.fit(richest.structure(extras=options.stepwise)).weights < OUTLIER_WEIGHT
-    if apart.mean() > MOST_OUTLIERS:
+    apart = richest.fit(richest.structure(extras=options.stepwise)).weights < IDENTIFY.outlier_weight
+    if apart.mean() > IDENTIFY.most_outliers:
         said = f"{apart.mean():.0%} of the rows lie apart from every model tried, too many for gross outliers"
         wide = replace(problem, rows=replace(rows, loss="huber"))
         return wide, (), [f"{said}: all are kept, with Huber's loss"]
@@ -174,7 +182,7 @@ def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
     wanted = problem.options.geometry
     if wanted != "auto" or problem.options.reference == "difference":
         return replace(problem, geometry="none" if wanted == "auto" else wanted)
-    if problem.rows.poses < GEOMETRY_POSES:
+    if problem.rows.poses < IDENTIFY.geometry_poses:
         return problem
     best, score = problem, held_out_score(problem, problem.fit(problem.structure()))
     for level in GEOMETRY[1:]:
@@ -206,7 +214,7 @@ def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[st
     except InputError:
         return problem, []
     ratio = float(absolute.noise[0] / relative.noise[0])
-    if ratio < QUIETER:
+    if ratio < IDENTIFY.quieter:
         return problem, []
     return differences, [
         f"poses are compared with themselves under other loads: absolute positions scatter {ratio:.1f} times as much,"

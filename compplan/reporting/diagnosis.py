@@ -244,7 +244,7 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
             "a sloped line, lost motion two levels, a gear error a wave."
         )
         blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
-    blocks.append(Fold("By run, time, load, direction and region", _list_splits(split)))
+    blocks.append(Fold("By run, direction and region", _list_splits(split)))
     return Section("Where it lies", blocks)
 
 
@@ -258,11 +258,6 @@ def _list_splits(split: Split) -> list[Block]:
         return f"{format_number(float(pair[0]), 4)} to {format_number(float(pair[1]), 4)}"
 
     end, spread = ["rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], split.spread
-    times = [
-        [f"{e['rows_from']} to {e['rows_to']}", reach(e["time_s"]) if "time_s" in e else "–", *tail(e)]
-        for e in spread.by_time
-    ]
-    loads = [[reach(e["force_N"]), *tail(e)] for e in spread.by_load]
     regions = [[reach(e["reach_mm"]), reach(e["height_mm"]), *tail(e)] for e in spread.by_region]
     axes = [
         [name.replace("_", " "), format_percent(s.share), f"{format_percent(s.low)} to {format_percent(s.high)}"]
@@ -270,10 +265,8 @@ def _list_splits(split: Split) -> list[Block]:
     ]
     return [
         DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
-        DataTable(["rows of the log", "time [s]", *end], times, "By time."),
-        *([DataTable(["force [N]", *end], loads, "By load.")] if len(loads) > 1 else []),
         DataTable(["reach [mm]", "height [mm]", *end], regions,
-                  "By region: distance from the axis of the base, and height."),
+                   "By region: distance from the axis of the base, and height."),
         DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
     ]  # fmt: skip
 

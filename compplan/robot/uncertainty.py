@@ -204,7 +204,7 @@ class CalibrationTable(StrictTable):
     groups: Annotated[int, Field(ge=0, le=1_000_000)]
 
 
-class EffectTable(StrictTable):
+class EffectPlaceTable(StrictTable):
     """An effect at a place."""
 
     effect: str = Field(min_length=1)
@@ -213,7 +213,7 @@ class EffectTable(StrictTable):
     fixed: dict[str, Any] = Field(default_factory=dict)
 
 
-class UnknownTable(EffectTable):
+class UnknownTable(EffectPlaceTable):
     """[[unknown]]: parameters of one effect."""
 
     keys: Annotated[Words, Field(min_length=1, max_length=MOST_UNKNOWN)]

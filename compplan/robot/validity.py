@@ -32,7 +32,7 @@ from pydantic import Field
 
 from compplan.errors import InputError
 from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Words, read_toml_model
-from compplan.robot.uncertainty import Array, EffectTable, short
+from compplan.robot.uncertainty import Array, EffectPlaceTable, short
 
 FILE = "visited.toml"
 #: Effects that belong to the tool.
@@ -68,7 +68,7 @@ class ValidityRegion:
         return replace(self, parts=tuple(kept))
 
 
-class ValidityPartTable(EffectTable):
+class ValidityPartTable(EffectPlaceTable):
     """[[part]]: an uncertain part."""
 
     keys: Annotated[Words, Field(min_length=1)]

@@ -58,7 +58,7 @@ def test_what_no_robot_can_have_is_not_named_goes_into_no_folder_and_the_reason_
     verdict = reach_verdict(diagnosis.fit, diagnosis.doubt)
     assert [f.effect.place for f in verdict.findings] == [SECOND.place]
     (soft,) = (f for f in verdict.doubtful if f.effect.place == CAUSE.place)
-    assert soft.signature not in {claim.signature for claim in possible_claims(verdict)}
+    assert soft.signature not in {claim.signature for claim in possible_claims(diagnosis.fit, verdict)}
     assert soft.beyond.startswith("joint_3 would bend by")
     assert ("not named", f"joint_stiffness: {soft.beyond}") in replace(diagnosis, verdict=verdict).summary()
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.noise import STATED, Noise, estimate_noise
+from compplan.diagnosis.data.noise import NOISE, Noise, estimate_noise
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS
 from compplan.effects.forward_model import Attained, ForwardModel
 from compplan.measurement.campaign import Campaign
@@ -156,7 +156,7 @@ def estimate_noises(
         gap[np.isfinite(direction).all(axis=1)] *= np.sqrt(3.0)
     if campaign.sights is not None and len(campaign.sights.known):
         mean = float(np.sqrt(np.mean(campaign.sights.known.sigma**2)))
-        noises["distance"] = Noise(mean, STATED, "sigma of the known distances")
+        noises["distance"] = Noise(mean, NOISE.stated, "sigma of the known distances")
     noises["position"] = estimate_noise(campaign, gap, campaign.sigma, "position", repeatability)
     if campaign.rotation is not None:
         turn = campaign_turn(campaign, attained.rotation)

@@ -22,16 +22,8 @@ from compplan.measurement.campaign import FORCE_NOISE, Campaign
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.robot import Array
 
-#: Rows further off than this many standard deviations are outliers (theory: one row in 10^6 by
-#: chance); at most this share of the rows (assumed: the contract says 2 %).
-OUTLYING, MOST = 5.5, 0.03
-
-
 #: Standard deviations per axis where nothing tells them (assumed: a laser tracker at some metres). [m, rad, rad]
 ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
-#: Degrees of freedom of what is stated (assumed: good to a tenth), of a stated repeatability (to a sixth), and of what
-#: is assumed (to a factor of two).
-STATED, STATED_REPEATABILITY, ASSUMED = 60.0, 20.0, 4.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +44,15 @@ class NoiseSettings:
     most_witnesses: float = 200.0
     #: Mean number of rows a stay up to which a stay's own error cannot be told from the noise of its row (assumed).
     single_rows: float = 1.3
+    #: Rows further off than this many standard deviations are outliers (theory: one row in 10^6 by
+    #: chance); at most this share of the rows (assumed: the contract says 2 %).
+    outlying: float = 5.5
+    most: float = 0.03
+    #: Degrees of freedom of what is stated (assumed: good to a tenth), of a stated repeatability (to a sixth), and of
+    #: what is assumed (to a factor of two).
+    stated: float = 60.0
+    stated_repeatability: float = 20.0
+    assumed: float = 4.0
 
 
 NOISE = NoiseSettings()
@@ -123,7 +124,7 @@ def estimate_noise(
         # nothing but poses met again: they tell the sum of both
         return Noise(float(np.sqrt(again)), min(count, NOISE.most_witnesses), "poses met again", 0.0, plain)
     variance, source = (variance, source) if witnesses else (ASSUMED_SIGMA[name] ** 2, "assumed")
-    witnesses = witnesses or ASSUMED
+    witnesses = witnesses or NOISE.assumed
     # of pooled rows the mean is better known than a row: what the robot repeats is weighed against a row
     single_row = max(variance, campaign.scatter**2)
     robot, freedom, told = _repeatability(again - share * variance, count, repeatability, single_row)
@@ -163,9 +164,9 @@ def _instrument(campaign: Campaign, gap: Array, stated: Array | None, name: str)
     if rough > 0:
         told.append(("path", rough, min(rough_count, NOISE.most_witnesses)))
     if stated is not None and (np.isfinite(stated) & (stated > 0)).any():
-        told.append(("sigma column", float(np.nanmean(stated[stated > 0] ** 2)), STATED))
+        told.append(("sigma column", float(np.nanmean(stated[stated > 0] ** 2)), NOISE.stated))
     if not told:
-        return ASSUMED_SIGMA[name] ** 2, 0.0 if name == "position" else ASSUMED, "assumed"
+        return ASSUMED_SIGMA[name] ** 2, 0.0 if name == "position" else NOISE.assumed, "assumed"
     # what shakes on a path, or between repeats, is no noise of the instrument: sources far above the least one do not
     # count
     firm = [variance for _, variance, weight in told if weight >= ENOUGH_ROWS] or [told[0][1]]
@@ -184,14 +185,14 @@ def _repeatability(
     """
     told = []
     if stated is not None and stated > 0:
-        told.append(("stated repeatability", stated**2, STATED_REPEATABILITY))
+        told.append(("stated repeatability", stated**2, NOISE.stated_repeatability))
     if count:
         scatter = min(max(excess, 0.0), NOISE.repeats_like**2 * instrument)
         # poses that do not come back drift or have play: that is a cause, where the robot is said to repeat better
         if not told or scatter + instrument < NOISE.disagree * (told[0][1] + instrument):
             told.append(("poses met again", scatter, count))
     if not told:
-        return NOISE.assumed_repeatability**2, ASSUMED, ""
+        return NOISE.assumed_repeatability**2, NOISE.assumed, ""
     weight = sum(w for _, _, w in told)
     return sum(v * w for _, v, w in told) / weight, weight, " and ".join(label for label, _, _ in told)
 
@@ -239,7 +240,7 @@ def _revisit_scatter(campaign: Campaign, gap: Array) -> tuple[float, float, floa
 
 def _no_gross_pairs(total: Array) -> NDArray[np.bool_]:
     # so many medians of the squares of three normal numbers
-    return np.asarray(total <= OUTLYING**2 / chdtri(3, 0.5) * max(float(np.median(total)), 1e-30))
+    return np.asarray(total <= NOISE.outlying**2 / chdtri(3, 0.5) * max(float(np.median(total)), 1e-30))
 
 
 def _path_roughness(campaign: Campaign, gap: Array) -> tuple[float, float]:
@@ -264,8 +265,8 @@ def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
     usable = length[campaign.usable]
     if len(usable) < ENOUGH_ROWS:
         return np.zeros(0, int)
-    far = np.flatnonzero(length > OUTLYING * np.quantile(usable, LEVEL))
-    return far if len(far) <= MOST * len(usable) + 1 else np.zeros(0, int)
+    far = np.flatnonzero(length > NOISE.outlying * np.quantile(usable, LEVEL))
+    return far if len(far) <= NOISE.most * len(usable) + 1 else np.zeros(0, int)
 
 
 def find_outliers(campaign: Campaign, residual: Array, sigma: float, considered: NDArray[np.bool_]) -> NDArray[np.int_]:
@@ -275,9 +276,9 @@ def find_outliers(campaign: Campaign, residual: Array, sigma: float, considered:
     outliers.
     """
     length = np.where(considered & campaign.usable, np.linalg.norm(np.nan_to_num(residual), axis=1), 0.0)
-    count = int(np.ceil(MOST * (length > 0).sum()))
-    far = np.flatnonzero(length > OUTLYING * sigma)
+    count = int(np.ceil(NOISE.most * (length > 0).sum()))
+    far = np.flatnonzero(length > NOISE.outlying * sigma)
     if len(far) > count:
         limit = NOISE.beyond * np.sort(length)[-count - 1]
-        far = np.flatnonzero(length > max(limit, OUTLYING * sigma))
+        far = np.flatnonzero(length > max(limit, NOISE.outlying * sigma))
     return far

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from compplan.diagnosis.evidence.evidence import FREE_VARIANCE, Prior
+from compplan.diagnosis.evidence.evidence import EVIDENCE, Prior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.effects import EFFECTS, frame_shift, tool_shift
 from compplan.effects.base_frame import base_twists
@@ -44,7 +44,7 @@ RARE = {"gravity_compensator": 0.15}
 REGISTRATION = "registration"
 #: Scale of the frames that are fitted freely: with their variance a metre, or a radian (theory: as good as free).
 #: [m, rad]
-REGISTRATION_SCALE = float(np.sqrt(1.0 / FREE_VARIANCE))
+REGISTRATION_SCALE = float(np.sqrt(1.0 / EVIDENCE.free_variance))
 Key = tuple[str, str | None, str | None, str]
 
 

@@ -25,26 +25,34 @@ from compplan.diagnosis.evidence.likelihood import Hyper, Solution, gather_produ
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations
 from compplan.robot import Array
 
-#: Logarithms of the smallest and largest background, shared error and error without a name that are fitted, and of the
-#: smallest noise over its estimate (assumed: far beyond what any campaign has shown).
-LOG_RANGE = (-4.0, 5.0)
-#: Logarithm of the largest background: more is no robot that was ever adjusted (assumed).
-MOST_TAU = 3.0
-#: Scale of the half-Cauchy prior of a class's background (assumed).
-TAU_SCALE = 0.7
-#: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them
-#: (assumed).
-TAU_SPREAD = 0.6
-#: Log evidence has settled when a step gains less than this (assumed: far below what decides).
-SETTLED = 5e-3
-#: Logarithm of the shared error and of the backgrounds that a fit begins with (assumed: a fifth of their scale).
-START = -1.5
-#: Likely error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
-LIKELY = 0.3
-#: Steps of a fit of noise and background that begins from the start, at most (assumed).
-FIRST_STEPS = 40
-#: Variance of columns that every model fits freely, in units of their scale (assumed: as good as free).
-FREE_VARIANCE = 1e6
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """Numbers of the evidence."""
+
+    #: Logarithms of the smallest and largest background, shared error and error without a name that are fitted, and of
+    #: the smallest noise over its estimate (assumed: far beyond what any campaign has shown).
+    log_range: tuple[float, ...] = (-4.0, 5.0)
+    #: Logarithm of the largest background: more is no robot that was ever adjusted (assumed).
+    most_tau: float = 3.0
+    #: Scale of the half-Cauchy prior of a class's background (assumed).
+    tau_scale: float = 0.7
+    #: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them
+    #: (assumed).
+    tau_spread: float = 0.6
+    #: Log evidence has settled when a step gains less than this (assumed: far below what decides).
+    settled: float = 0.005
+    #: Logarithm of the shared error and of the backgrounds that a fit begins with (assumed: a fifth of their scale).
+    start: float = -1.5
+    #: Likely error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
+    likely: float = 0.3
+    #: Steps of a fit of noise and background that begins from the start, at most (assumed).
+    first_steps: int = 40
+    #: Variance of columns that every model fits freely, in units of their scale (assumed: as good as free).
+    free_variance: float = 1000000.0
+
+
+EVIDENCE = EvidenceSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +78,7 @@ class Prior:
         """Return the prior variance of every column. Shape (p,)."""
         tau2 = np.exp(2.0 * log_tau)
         small = np.where(self.background >= 0, tau2[np.maximum(self.background, 0)] * self.spread**2, 0.0)
-        return np.asarray(small + self.slab + FREE_VARIANCE * self.free)
+        return np.asarray(small + self.slab + EVIDENCE.free_variance * self.free)
 
     def of(self, columns: NDArray[np.int_]) -> Prior:
         """Return the prior of some columns alone."""
@@ -132,7 +140,7 @@ def excess_squares(channels: Sequence[ChannelProducts], posterior: Posterior, co
 def start_hyper(equations: NormalEquations, classes: int) -> Hyper:
     """Start with the estimated noise, little shared error and little background."""
     c = len(equations.channels)
-    return Hyper(np.zeros(c), np.full(c, START), np.full(classes, START))
+    return Hyper(np.zeros(c), np.full(c, EVIDENCE.start), np.full(classes, EVIDENCE.start))
 
 
 def find_posterior(
@@ -141,7 +149,7 @@ def find_posterior(
     hyper: Hyper,
     *,
     fit: bool = True,
-    steps: int = FIRST_STEPS,
+    steps: int = EVIDENCE.first_steps,
     shared: bool = True,
 ) -> Posterior:
     """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
@@ -156,13 +164,13 @@ def find_posterior(
     if not fit:
         return _conclude(prior, channels, rows.solve(variance.at(hyper.log_tau), hyper), hyper)
     bounds = (
-        [(LOG_RANGE[0], _most_noise(ch)) for ch in channels]
-        + [LOG_RANGE if shared else (LOG_RANGE[0], LOG_RANGE[0])] * len(channels)
-        + [LOG_RANGE if own else (LOG_RANGE[0], MOST_TAU) for own in loose]
+        [(EVIDENCE.log_range[0], _most_noise(ch)) for ch in channels]
+        + [EVIDENCE.log_range if shared else (EVIDENCE.log_range[0], EVIDENCE.log_range[0])] * len(channels)
+        + [EVIDENCE.log_range if own else (EVIDENCE.log_range[0], EVIDENCE.most_tau) for own in loose]
     )
     # evidence counts from where it starts, for its digits; steps in units of likely errors
     others = len(hyper.vector) - len(channels)
-    unit = np.array([np.sqrt(2.0 / max(ch.total.count, 1)) for ch in channels] + [LIKELY] * others)
+    unit = np.array([np.sqrt(2.0 / max(ch.total.count, 1)) for ch in channels] + [EVIDENCE.likely] * others)
     started: list[float] = []
     latest: dict[bytes, Solution] = {}
 
@@ -182,7 +190,7 @@ def find_posterior(
     def stop_settled(intermediate_result: OptimizeResult) -> None:
         # the optimizer's own tolerance is a share of all that is gained: after a long way it stops far too early
         gained.append(-intermediate_result.fun)
-        if gained[-1] - gained[-2] < SETTLED:
+        if gained[-1] - gained[-2] < EVIDENCE.settled:
             raise StopIteration
 
     limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
@@ -222,7 +230,7 @@ class _Variance:
         self.small = np.flatnonzero(self.background >= 0)
         self.label = self.background[self.small]
         self.spread2 = prior.spread[active[self.small]] ** 2
-        self.large = prior.slab[active] + FREE_VARIANCE * prior.free[active]
+        self.large = prior.slab[active] + EVIDENCE.free_variance * prior.free[active]
 
     def at(self, log_tau: Array) -> Array:
         """Return the variances. Shape (a,)."""
@@ -277,12 +285,12 @@ def _hyperprior(
     factor = np.exp(-hyper.log_noise)
     shared2, tau2 = np.exp(2 * hyper.log_shared), np.exp(2 * hyper.log_tau)
     value = -0.5 * np.sum(witnesses * (hyper.log_noise + factor - 1.0)) - np.sum(np.log1p(shared2))
-    scale2 = np.where(loose, 1.0, TAU_SCALE**2)
+    scale2 = np.where(loose, 1.0, EVIDENCE.tau_scale**2)
     value -= np.sum(np.log1p(tau2 / scale2))
     alike = hyper.log_tau[~loose]
     apart = np.where(loose, 0.0, hyper.log_tau - np.sum(alike) / max(len(alike), 1))
-    value -= 0.5 * np.sum(apart**2) / TAU_SPREAD**2
-    gradient_tau = -2 * tau2 / (scale2 + tau2) - apart / TAU_SPREAD**2
+    value -= 0.5 * np.sum(apart**2) / EVIDENCE.tau_spread**2
+    gradient_tau = -2 * tau2 / (scale2 + tau2) - apart / EVIDENCE.tau_spread**2
     slope = -0.5 * witnesses * (1.0 - factor)
     gradient = np.concatenate([slope, -2 * shared2 / (1 + shared2), gradient_tau])
     return float(value), gradient

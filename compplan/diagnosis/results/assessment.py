@@ -19,7 +19,7 @@ from compplan.controllers.writers.frames import euler_angles, flange_turn
 from compplan.diagnosis.data.channels import block_index
 from compplan.diagnosis.data.shared import FEW_ROWS, HALF_WIDTH, NEGLIGIBLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.evidence.evidence import FREE_VARIANCE
+from compplan.diagnosis.evidence.evidence import EVIDENCE
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.results.verdict import CLAIMED
 from compplan.robot import Array
@@ -221,7 +221,7 @@ def _spreads(diagnosis: Diagnosis) -> dict[str, float]:
         return {}
     size = np.sqrt(np.maximum(np.diag(posterior.covariance), 0.0))
     free = np.isin(posterior.columns, equations.columns_named(REGISTRATION))
-    told = ~free | (size < NEGLIGIBLE * np.sqrt(FREE_VARIANCE))
+    told = ~free | (size < NEGLIGIBLE * np.sqrt(EVIDENCE.free_variance))
     size = size * equations.scale[posterior.columns]
     return {equations.names[c]: float(s) for c, s, t in zip(posterior.columns, size, told, strict=True) if t}
 

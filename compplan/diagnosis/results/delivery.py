@@ -27,10 +27,11 @@ from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.results.posterior import name_alternatives, state_uncertainty
-from compplan.diagnosis.results.verdict import Verdict, noise_floor
+from compplan.diagnosis.results.verdict import Verdict, motion_of, noise_floor
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, stands
+from compplan.diagnosis.validation.bounds import find_breach
 from compplan.diagnosis.validation.held_out import Folds, HeldOut
 from compplan.diagnosis.validation.mixture import (
     SMALL,
@@ -90,7 +91,7 @@ def deliver_robot(
 
     `plain` is what the nominal robot predicts, `nominal` its state; `good` tells rows that are no outliers. Shape (n,).
     """
-    fit, every, problem = folds.fit, possible_claims(verdict), folds.fit.problem
+    fit, every, problem = folds.fit, possible_claims(folds.fit, verdict), folds.fit.problem
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
     seen, fold, rivals = good[plain.rows], folds.fold[plain.rows], name_alternatives(verdict)
     before = plain.of(seen)
@@ -122,15 +123,25 @@ def deliver_robot(
     return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, posterior, small, visited)
 
 
-def possible_claims(verdict: Verdict) -> list[Claim]:
+def possible_claims(fit: Fit, verdict: Verdict) -> list[Claim]:
     """List claims that may be true and can be delivered: named ones, and others that are no part of the instrument.
 
     What errors without a name explain as well is among them: poses never seen decide what it is worth. What no robot
     can have is not, for a plan may lead far from all poses.
     """
-    beside = (f for f in (*verdict.minor, *verdict.doubtful) if not is_of_instrument(f.effect.name) and not f.beyond)
-    sizes = {f.signature: f.size for f in (*verdict.findings, *beside) if f.signature >= 0}
-    return [Claim(number, size) for number, size in sizes.items()]
+    equations, gap = fit.search.equations, verdict.structure.gap
+    values = fit.model.posterior.values(equations.p)
+    claims = {f.signature: f.size for f in verdict.findings if f.signature >= 0}
+    beyond = {f.signature for f in verdict.doubtful if f.beyond}
+    beside = [Claim(f.signature, f.size) for f in (*verdict.minor, *verdict.doubtful)]
+    for claim in (*beside, *fit.model.claims):
+        signature, columns = equations.signatures[claim.signature], equations.columns(claim.signature)
+        effect = signature.effect(values[columns] * signature.scale)
+        if claim.signature in beyond or is_of_instrument(signature.name):
+            continue
+        if not find_breach(fit, effect, motion_of(fit.search, columns, values), gap):
+            claims.setdefault(claim.signature, claim.size)
+    return [Claim(number, size) for number, size in claims.items()]
 
 
 def _residual(problem: Problem, state: FitState) -> Array:

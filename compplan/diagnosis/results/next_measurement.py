@@ -21,25 +21,19 @@ from scipy.special import expit, logit, ndtri
 
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
 from compplan.diagnosis.evidence.candidates import offered_signatures
-from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves, probe_signature
+from compplan.diagnosis.results.measurement_moves import KINDS, MOVES, MeasuringMove, list_moves, probe_signature
 from compplan.diagnosis.results.result import Diagnosis, place_table
-from compplan.diagnosis.results.verdict import Finding
-from compplan.diagnosis.search.search import SHIFTS, TRIED, Claim, Model
+from compplan.diagnosis.results.verdict import NAMING, Verdict
+from compplan.diagnosis.search.search import SEARCH, SHIFTS, Claim, Model
 from compplan.diagnosis.search.state import Fit
-from compplan.diagnosis.validation.ambiguity import is_comparable
-from compplan.diagnosis.validation.probability import TEMPER
+from compplan.diagnosis.validation.ambiguity import find_alternatives, is_comparable
+from compplan.diagnosis.validation.probability import MAP
 from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model
-from compplan.effects.signature import Signature
 from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, weight_rows
 from compplan.robot import Array
 
-#: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most, too
-#: (assumed).
-FEWEST_MOVES, MOST_MOVES = 3, 8
-#: A proposal has to add this much expected probability (assumed).
-WORTH_IT = 0.05
 #: Effects that show in motion only; a path at two speeds is laid out for them.
 OF_MOTION = ("tracking_lag", "time_skew", "backlash")
 NOTHING = "none"
@@ -91,8 +85,8 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
     Nothing is proposed where no positions were measured: poses at a socket or a gauge are not free to choose.
     """
-    fit, verdict = diagnosis.fit, diagnosis.verdict
-    pairs = list(find_pairs(fit, (*verdict.findings, *verdict.doubtful)))
+    fit = diagnosis.fit
+    pairs = list(find_pairs(fit, diagnosis.verdict))
     if not pairs or not fit.problem.campaign.measured.any():
         return []
     pool, moves = list_moves(fit.problem.robot, fit.problem.campaign)
@@ -103,23 +97,27 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     at = linearize_model(
         scene, solve_model_poses(scene), {effect.place: effect.parameters for effect in fit.state.effects}
     )
-    design = weight_columns(fit, predict_columns(fit, at))
+    # what a stay gets wrong in common is noise to the next one
+    variance = np.exp(fit.model.posterior.hyper.log_noise) * (1.0 + np.exp(2.0 * fit.model.posterior.hyper.log_shared))
+    parts = zip(predict_columns(fit, at), variance, strict=True)
+    design = np.concatenate([part / np.sqrt(v) for part, v in parts], axis=1)
     tried = [(pair, best_proposal(pair, design, moves)) for pair in pairs]
     proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -rank_number(p.gain))
     tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
     tables += [_inseparable(pair) for pair, found in tried if found is None]
-    return tables[:MOST_MOVES]
+    return tables[: MOVES.most_moves]
 
 
-def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
+def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
     """Pair every claim with effects it cannot be told from, every unsure one with its best replacement or nothing."""
     search, model = fit.search, fit.model
-    for finding in findings:
-        if finding.signature < 0:
-            continue
-        claim = next((c for c in model.claims if c.signature == finding.signature), None)
-        if claim is None:
-            continue
+    judged = {finding.signature: finding for finding in (*verdict.findings, *verdict.doubtful)}
+    small = {finding.signature for finding in verdict.minor}
+    for claim in (c for c in model.claims if c.signature not in small):
+        finding = judged.get(claim.signature)
+        # claims that errors without a name explain as well are improbable
+        probability = NAMING.refused if finding is None else finding.probability
+        rivals = find_alternatives(fit, claim.signature) if finding is None else finding.rivals
         rest = search.without(model.claims, claim)
         reduced = search.model(rest, model.posterior.hyper, fit=False)
         here = search.model(model.claims, model.posterior.hyper, fit=False)
@@ -128,21 +126,21 @@ def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
         for gain in gains:
             if is_comparable(search.equations.signatures[gain.signature]):
                 best.setdefault(_place(fit, gain.signature), Claim(gain.signature, gain.size))
-        place = finding.effect.place
-        alike = [rival.place for rival in finding.rivals if rival.alike and rival.place in best]
-        for rival in alike[:TRIED]:
+        place = _place(fit, claim.signature)
+        alike = [rival.place for rival in rivals if rival.alike and rival.place in best]
+        for rival in alike[: SEARCH.tried]:
             other = search.model((*rest, best[rival]), model.posterior.hyper, fit=False)
-            odds = np.clip((here.score - other.score) / TEMPER, 0.0, logit(SURE))
+            odds = np.clip((here.score - other.score) / MAP.temper, 0.0, logit(SURE))
             yield Pair(place, rival, here, other, float(odds))
-        if finding.probability < SURE:
-            odds = float(logit(finding.probability))
+        if probability < SURE:
+            odds = float(logit(probability))
             strongest = next((g for g in gains if _place(fit, g.signature) not in (place, *alike)), None)
             if strongest is None or strongest.log_evidence <= 0.0:
                 yield Pair(place, None, here, reduced, odds)
             else:
-                claim = Claim(strongest.signature, strongest.size)
-                other = search.model((*rest, claim), model.posterior.hyper, fit=False)
-                yield Pair(place, _place(fit, claim.signature), here, other, odds)
+                stronger = Claim(strongest.signature, strongest.size)
+                other = search.model((*rest, stronger), model.posterior.hyper, fit=False)
+                yield Pair(place, _place(fit, stronger.signature), here, other, odds)
 
 
 def _place(fit: Fit, signature: int) -> Place:
@@ -169,30 +167,14 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
             if not used & {int(c) for c in columns}:
                 continue
             found = probe_signature(at, signature)
-        for k in fresh:
-            column = int(columns[k])
-            done.add(column)
-            for channel, design in zip(equations.source, designs, strict=True):
-                design[:, :, column] = _motion(found, k, channel.name) * equations.scale[column] / channel.noise.sigma
+        motions = {"position": found.twist[:, :3], "orientation": found.twist[:, 3:], "encoder": found.encoder}
+        for channel, design in zip(equations.source, designs, strict=True):
+            motion = motions.get(channel.name)
+            if motion is not None:
+                own = equations.scale[columns[fresh]] / channel.noise.sigma
+                design[:, :, columns[fresh]] = motion[:, :, fresh] * own
+        done.update(columns[fresh].tolist())
     return designs
-
-
-def _motion(signature: Signature, k: int, channel: str) -> Array:
-    if channel == "position":
-        return signature.twist[:, :3, k]
-    if channel == "orientation":
-        return signature.twist[:, 3:, k]
-    if signature.encoder is None or channel == "distance":
-        return np.zeros((len(signature.twist), 1))
-    return signature.encoder[:, :, k]
-
-
-def weight_columns(fit: Fit, designs: Sequence[Array]) -> Array:
-    """Put columns of channels side by side, in units of the noise of a further row. Shape (n, c, p)."""
-    hyper = fit.model.posterior.hyper
-    # what a stay gets wrong in common is noise to the next one
-    variance = np.exp(hyper.log_noise) * (1.0 + np.exp(2.0 * hyper.log_shared))
-    return np.concatenate([part / np.sqrt(v) for part, v in zip(designs, variance, strict=True)], axis=1)
 
 
 def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> Proposal | None:
@@ -206,11 +188,11 @@ def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> 
         picked, information = pick_moves(predict_difference(pair, design, own), pair.log_odds)
         if picked:
             probability = float(expit(abs(pair.log_odds)))
-            gain = expected_gain(pair.log_odds, information / TEMPER, TEMPER)
+            gain = expected_gain(pair.log_odds, information / MAP.temper, MAP.temper)
             chosen = tuple(own[k] for k in picked)
             found.append(Proposal((pair.first, pair.second), kind, chosen, probability, gain, information))
     best = max((proposal.gain for proposal in found), default=0.0)
-    if best < WORTH_IT:
+    if best < MOVES.worth_it:
         return None
     good = [proposal for proposal in found if proposal.gain >= best - NEGLIGIBLE]
     return min(good, key=lambda p: sum(len(move.rows) for move in p.moves))
@@ -239,14 +221,14 @@ def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], floa
     worth = weight_rows(odds_gains, shown.covariance, shown.rows, 1.0, shown.mean)
 
     def gain_of(information: float) -> float:
-        return expected_gain(log_odds, information / TEMPER, TEMPER)
+        return expected_gain(log_odds, information / MAP.temper, MAP.temper)
 
     picked: list[int] = []
     information = 0.0
-    for best, added in grow_choice(worth, min(MOST_MOVES, len(shown.rows))):
+    for best, added in grow_choice(worth, min(MOVES.most_moves, len(shown.rows))):
         # a single move may be too little to show although all that are allowed would
-        most = information + (MOST_MOVES - len(picked)) * added
-        enough = len(picked) >= FEWEST_MOVES or not picked
+        most = information + (MOVES.most_moves - len(picked)) * added
+        enough = len(picked) >= MOVES.fewest_moves or not picked
         if enough and gain_of(most) < gain_of(information) + NEGLIGIBLE:
             break
         picked, information = [*picked, best], information + added

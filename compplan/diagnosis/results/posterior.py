@@ -25,7 +25,7 @@ from scipy.special import chdtri
 from compplan.diagnosis.data.channels import group_poses
 from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, NEGLIGIBLE, SAMPLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION, in_background
-from compplan.diagnosis.evidence.evidence import TAU_SCALE
+from compplan.diagnosis.evidence.evidence import EVIDENCE
 from compplan.diagnosis.results.verdict import Verdict
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState
@@ -139,7 +139,7 @@ def _with_usual_classes(fit: Fit) -> Fit:
     """
     posterior = fit.model.posterior
     hyper = posterior.hyper
-    usual = replace(hyper, log_tau=np.maximum(hyper.log_tau, np.log(TAU_SCALE)))
+    usual = replace(hyper, log_tau=np.maximum(hyper.log_tau, np.log(EVIDENCE.tau_scale)))
     return replace(fit, model=replace(fit.model, posterior=replace(posterior, hyper=usual)))
 
 

@@ -12,7 +12,7 @@ from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, 
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
-from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_places
+from compplan.diagnosis.search.search import SEARCH, Claim, Search, distinct_places
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
 from compplan.diagnosis.validation.bounds import find_breach
@@ -32,24 +32,34 @@ from compplan.robot import Array
 CLAIMED = 0.5
 #: Noise floors that may be left where a gap counts as explained, or as none at all (assumed: the project's own rule).
 FLOORS_LEFT = 1.5
-#: A gap is one of a robot that was not calibrated where lawful small errors leave this share of it (assumed: the
-#: project's own rule).
-CALIBRATED_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class NamingSettings:
+    """Numbers of the verdict."""
+
+    #: A gap is one of a robot that was not calibrated where lawful small errors leave this share of it (assumed: the
+    #: project's own rule).
+    calibrated_share: float = 0.2
+    #: Less than that is structure all the same where it gains more log evidence than chance and is as large as this
+    #: share of the noise floor (assumed: smaller errors cost a campaign nothing).
+    structure_size: float = 0.5
+    #: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named
+    #: (assumed).
+    nameable: float = 0.8
+    #: What an unknown error follows is said where it carries this share of it (assumed).
+    spoken_of: float = 0.4
+    #: Probability of a claim that errors without a name explain as well, and of one whose size no robot can have
+    #: (assumed).
+    refused: float = 1.0 - SURE
+    #: Margins beyond this are not told apart (assumed).
+    most_margin: float = 1000.0
+    #: Share of the values that is left to the noise at least, however many a model takes (assumed).
+    left_to_noise: float = 0.5
+
+
+NAMING = NamingSettings()
 CALIBRATED = "calibrated"
-#: Less than that is structure all the same where it gains more log evidence than chance and is as large as this share
-#: of the noise floor (assumed: smaller errors cost a campaign nothing).
-STRUCTURE_SIZE = 0.5
-#: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named
-#: (assumed).
-NAMEABLE = 0.8
-#: What an unknown error follows is said where it carries this share of it (assumed).
-SPOKEN_OF = 0.4
-#: Probability of a claim that errors without a name explain as well, and of one whose size no robot can have (assumed).
-REFUSED = 1.0 - SURE
-#: Margins beyond this are not told apart (assumed).
-MOST_MARGIN = 1e3
-#: Share of the values that is left to the noise at least, however many a model takes (assumed).
-LEFT_TO_NOISE = 0.5
 
 
 @dataclass(frozen=True)
@@ -121,7 +131,7 @@ def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
     spurious, similar = rate_spurious_fits(fit, doubt), rate_similarities(fit, doubt)
     findings = [evaluate_claim(fit, doubt, c, (spurious[c], similar[c]), structure) for c in doubt.model.claims]
     findings = sorted(findings, key=lambda f: -rank_number(f.explained))
-    small = NAMEABLE * structure.floor
+    small = NAMING.nameable * structure.floor
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, doubt, f))
     # what claims of a size beyond all bounds explain is left
     structure = replace(structure, left=structure.left or any(f.beyond for f in findings if f not in minor))
@@ -143,7 +153,9 @@ def unname(verdict: Verdict, told: Collection[int]) -> Verdict:
     if len(kept) == len(verdict.findings):
         return verdict
     status = verdict.status if kept else "unknown"
-    dropped = tuple(replace(f, probability=min(f.probability, REFUSED)) for f in verdict.findings if f not in kept)
+    dropped = tuple(
+        replace(f, probability=min(f.probability, NAMING.refused)) for f in verdict.findings if f not in kept
+    )
     return replace(verdict, status=status, findings=kept, doubtful=(*dropped, *verdict.doubtful))
 
 
@@ -152,7 +164,7 @@ def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
 
     `before` is what the nominal robot leaves on poses left out, `after` what lawful small errors leave. [m]
     """
-    least = max(FLOORS_LEFT * verdict.structure.floor, CALIBRATED_SHARE * before)
+    least = max(FLOORS_LEFT * verdict.structure.floor, NAMING.calibrated_share * before)
     return replace(verdict, status=CALIBRATED) if verdict.status == "unknown" and after <= least else verdict
 
 
@@ -176,7 +188,7 @@ def evaluate_claim(
     beyond = find_breach(fit, effect, explained, structure.gap)
     return Finding(
         effect=effect,
-        probability=REFUSED if beyond else calibrate_probability(evidence),
+        probability=NAMING.refused if beyond else calibrate_probability(evidence),
         explained=explained,
         margin=margin,
         rivals=tuple(rivals),
@@ -201,10 +213,10 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
     wider = representable_forms(search.equations, claim.signature)
     gains = [g for g in search.gains(without) if g.signature not in wider]
     gains = [g for g in gains if search.equations.signatures[g.signature].place not in same]
-    for gain in distinct_places(search, gains, TRIED):
+    for gain in distinct_places(search, gains, SEARCH.tried):
         scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
     best = float(np.logaddexp.reduce(scores))
-    return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
+    return float(np.clip(whole.score - best, -NAMING.most_margin, NAMING.most_margin)) if np.isfinite(best) else 0.0
 
 
 def only_in_readings(fit: Fit, doubt: RevisedProbabilities, finding: Finding) -> bool:
@@ -227,7 +239,7 @@ def measure_structure(fit: Fit, doubt: RevisedProbabilities) -> Structure:
     ) * source.sigma
     told = float(source.told.sum())
     used = told - count_used(doubt, foreign)
-    rms = float(np.sqrt(told / len(left) * np.sum(left**2) / max(used, LEFT_TO_NOISE * told)))
+    rms = float(np.sqrt(told / len(left) * np.sum(left**2) / max(used, NAMING.left_to_noise * told)))
     floor = noise_floor(fit)
     claimed = equations.join_columns(doubt.model.signatures)
     frames = equations.columns_named(REGISTRATION)
@@ -235,7 +247,7 @@ def measure_structure(fit: Fit, doubt: RevisedProbabilities) -> Structure:
     beyond = float(np.sqrt(max(rms**2 - floor**2, 0.0)))
     free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=STEPS)
     gain = float(posterior.log_evidence - free.posterior.log_evidence)
-    plain = gain > beats_chance(len(doubt.classes)) and beyond > STRUCTURE_SIZE * floor
+    plain = gain > beats_chance(len(doubt.classes)) and beyond > NAMING.structure_size * floor
     gap = rms_length(take_out_frames(equations, equations.observed[0]) * source.sigma)
     structure = Structure(
         gain, beyond, gap, motion_of(fit.search, small, values), 0.0,  # nothing is named yet
@@ -262,7 +274,7 @@ def find_dependences(doubt: RevisedProbabilities, structure: Structure) -> tuple
     for driver in dict.fromkeys(doubt.classes):
         columns = np.concatenate([m for m, d in zip(doubt.members, doubt.classes, strict=True) if d == driver])
         motion = motion_of(doubt.search, columns, values)
-        if motion < SPOKEN_OF * max(structure.rms, structure.floor):
+        if motion < NAMING.spoken_of * max(structure.rms, structure.floor):
             continue
         owners = [n for n, s in enumerate(equations.signatures) if s.name == UNMODELLED]
         owners = [n for n in owners if np.isin(equations.columns(n), columns).all()]

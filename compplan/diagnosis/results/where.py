@@ -1,6 +1,6 @@
 """Where a gap lies: by place and by what it follows, and over the rows.
 
-By place and factor: `shares`. By direction, run, time, load and region: how much of the sum of squares lies there,
+By place and factor: `shares`. By direction, run and region: how much of the sum of squares lies there,
 before and after. Intervals hold 95 %. A trace is the error that a named joint makes at every row against what it
 follows, everything else that is explained taken out: a soft spring shows as a line over load, lost motion as two
 levels, a gear error as a wave over the joint's angle.
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LISTED, SAMPLE, SEED
+from compplan.diagnosis.data.shared import FEW_ROWS, SAMPLE, SEED
 from compplan.diagnosis.results.shares import (
     UNEXPLAINED,
     Share,
@@ -41,13 +41,11 @@ RESOLVED = 6
 
 @dataclass(frozen=True, eq=False)
 class Division:
-    """How a gap spreads over the rows: rms of the nominal model [m], by axis, and by run, time, load and region."""
+    """How a gap spreads over the rows: rms of the nominal model [m], by axis, and by run and region."""
 
     rms: float
     by_axis: dict[str, Share]
     by_run: dict[str, dict[str, Any]]
-    by_time: list[dict[str, Any]]
-    by_load: list[dict[str, Any]]
     by_region: list[dict[str, Any]]
 
 
@@ -86,8 +84,6 @@ class Split:
             "unexplained_share": shares.by_place[UNEXPLAINED].share,
             "by_axis": {name: share.to_json() for name, share in spread.by_axis.items()},
             "by_run": spread.by_run,
-            "by_time": spread.by_time,
-            "by_load": spread.by_load,
             "by_region": spread.by_region,
         }
 
@@ -109,7 +105,7 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
 def spread_gap(
     robot: Robot, campaign: Campaign, before: Array, after: Array, used: NDArray[np.bool_], seed: int = SEED
 ) -> Division:
-    """Spread a gap over direction, runs, time, load and region; shapes (n, 3) [m], (n, 3), (n,)."""
+    """Spread a gap over direction, runs and region; shapes (n, 3) [m], (n, 3), (n,)."""
     rng = np.random.default_rng(seed)
     rows = np.flatnonzero(used)
     rows = rows[:: -(-len(rows) // SAMPLE)]
@@ -124,8 +120,6 @@ def spread_gap(
         rms=float(np.sqrt(table.size.mean())),
         by_axis={**by_axis, "tool_z": table.along(frames.tcp_rotation[:, :, 2])},
         by_run={str(name): table.describe(run == name) for name in dict.fromkeys(run.tolist())},
-        by_time=split_time(table, campaign, rows),
-        by_load=split_load(table, campaign, rows),
         by_region=split_region(table, frames.tcp_position),
     )
 
@@ -158,37 +152,6 @@ class GapTable:
         mean = 1e3 * self.deviation[inside].mean(axis=0)
         entry = {"rows": int(inside.sum()), "rms_mm": round(before, 6), "after_rms_mm": round(after, 6)}
         return {**entry, **self.of(self.size * inside).to_json(), "mean_mm": [round(float(value), 6) for value in mean]}
-
-
-def split_time(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> list[dict[str, Any]]:
-    """Split the log into some stretches with equally many rows."""
-    count = min(LISTED, max(len(rows) // ENOUGH_ROWS, 1))
-    stretch = np.arange(len(rows)) * count // len(rows)
-    entries = []
-    for number in range(count):
-        inside = stretch == number
-        entry: dict[str, Any] = {"rows_from": int(rows[inside][0]), "rows_to": int(rows[inside][-1])}
-        if campaign.time is not None:
-            entry["time_s"] = [round(float(campaign.time[row]), 3) for row in rows[inside][[0, -1]]]
-        entries.append({**entry, **table.describe(inside)})
-    return entries
-
-
-def split_load(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> list[dict[str, Any]]:
-    """Split the rows into unloaded ones and three levels of force."""
-    force = np.linalg.norm(np.nan_to_num(campaign.wrench[rows, :3]), axis=1).round(RESOLVED)
-    loaded = ~campaign.unloaded[rows]
-    level = np.zeros(len(rows), int)
-    if loaded.any():
-        edges = np.unique(np.quantile(force[loaded], np.arange(1, 3) / 3))
-        level[loaded] = 1 + np.searchsorted(edges, force[loaded])
-    entries = []
-    for number in np.unique(level):
-        inside = level == number
-        if inside.sum() >= FEW_ROWS:
-            reach = [round(float(force[inside].min()), 1), round(float(force[inside].max()), 1)]
-            entries.append({"force_N": reach, **table.describe(inside)})
-    return entries
 
 
 def split_region(table: GapTable, position: Array) -> list[dict[str, Any]]:

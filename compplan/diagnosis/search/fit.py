@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import Channel, build_channels, estimate_noises, position_residual
-from compplan.diagnosis.data.noise import OUTLYING, Noise, find_gross_outliers, find_outliers
+from compplan.diagnosis.data.noise import NOISE, Noise, find_gross_outliers, find_outliers
 from compplan.diagnosis.data.shared import rms_length
 from compplan.diagnosis.evidence.candidates import (
     CLASSES,
@@ -21,7 +21,7 @@ from compplan.diagnosis.evidence.candidates import (
     propose_again,
     proposed_signatures,
 )
-from compplan.diagnosis.evidence.evidence import FIRST_STEPS, start_hyper
+from compplan.diagnosis.evidence.evidence import EVIDENCE, start_hyper
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import (
     NormalEquations,
@@ -29,17 +29,8 @@ from compplan.diagnosis.evidence.normal_equations import (
     extend_normal_equations,
 )
 from compplan.diagnosis.evidence.proposals import propose_shifts, propose_waves
-from compplan.diagnosis.search.search import (
-    MOST_EFFECTS,
-    SOFT,
-    WORTHWHILE,
-    Claim,
-    Search,
-    search_from_forward_selection,
-    search_models,
-)
+from compplan.diagnosis.search.search import SEARCH, SOFT, Claim, Search, search_from_forward_selection, search_models
 from compplan.diagnosis.search.state import (
-    SETTLED,
     Fit,
     FitState,
     Problem,
@@ -57,12 +48,6 @@ from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import Registration
 from compplan.robot import Array
 
-#: Rounds of linearization and search at most (assumed: most campaigns settle in five).
-ROUNDS = 8
-#: The round whose residual tells the noise; scores are compared from the next one on (assumed: the first
-#: model has taken play and drift out of poses met again).
-NOISE_ROUND = 1
-
 
 def fit_effects(
     problem: Problem, registration: Registration | None,
@@ -74,20 +59,20 @@ def fit_effects(
     proposals: list[Signature] = []
     best: Fit | None = None
     restarted = settled = False
-    for number in range(ROUNDS):
+    for number in range(SEARCH.rounds):
         progress(f"round {number + 1}")
         # what is small has to wait until the large ones are exact: twice as many effects each round
-        state = replace(state, most=min(2 ** (number + 1), MOST_EFFECTS))
+        state = replace(state, most=min(2 ** (number + 1), SEARCH.most_effects))
         # poses met again tell the noise once the first model has taken play and drift out of them
-        fit, proposals = _round(problem, state, noises if number > NOISE_ROUND else None, proposals, progress)
+        fit, proposals = _round(problem, state, noises if number > SEARCH.noise_round else None, proposals, progress)
         noises = fit.noises
         step = descend(fit, advance_state(fit))
         if step is None:
             break
         following, score = step
-        if best is None or number <= NOISE_ROUND or score > best.score:
+        if best is None or number <= SEARCH.noise_round or score > best.score:
             best = replace(fit, state=following, score=score)
-        settled = number > NOISE_ROUND and len(fit.model.claims) < state.most and _settled(fit, state, following)
+        settled = number > SEARCH.noise_round and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
         if settled and not restarted:
             progress("second start")
@@ -109,12 +94,12 @@ def fit_effects(
 
 def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
     """Fit all that is kept once more together, noise and small errors too, as long as the exact model gains by it."""
-    for _ in range(ROUNDS):
+    for _ in range(SEARCH.rounds):
         progress("all together")
         old = proposed_signatures(fit.search.equations.signatures)
         again, _ = _round(fit.problem, fit.state, fit.noises, old, progress, hold=True)
         step = descend(again, advance_state(again))
-        if step is None or step[1] < fit.score + WORTHWHILE:
+        if step is None or step[1] < fit.score + SEARCH.worthwhile:
             break
         fit = replace(again, state=step[0], score=step[1])
     return fit
@@ -149,7 +134,7 @@ def _round(
         held = replace(fit.state, claims=claims_of(fit))
         fit = _search_equations(problem, held, at, channels, equations, noises, progress)
         claimed = {key_of(fit.search.equations.signatures[n]) for n in fit.model.signatures}
-        if fit.model.score < before + WORTHWHILE or not claimed & {key_of(s) for s in fresh}:
+        if fit.model.score < before + SEARCH.worthwhile or not claimed & {key_of(s) for s in fresh}:
             break
     return fit, proposed_signatures(fit.search.equations.signatures)
 
@@ -177,7 +162,11 @@ def _search_equations(
     search = _build_search(problem, equations, start_hyper(equations, len(CLASSES)), progress)
     numbers = {key_of(s): n for n, s in enumerate(equations.signatures)}
     first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
-    model = search.model(first, search.start, steps=FIRST_STEPS) if hold else search_models(search, first, state.most)
+    model = (
+        search.model(first, search.start, steps=EVIDENCE.first_steps)
+        if hold
+        else search_models(search, first, state.most)
+    )
     return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
 
 
@@ -218,7 +207,7 @@ def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
     change = change / fit.search.equations.scale
     used = np.flatnonzero(change)
     steps = [np.sqrt(np.mean((d[..., used] @ change[used]) ** 2)) for d in fit.search.equations.designs]
-    return max(steps, default=0.0) < SETTLED
+    return max(steps, default=0.0) < SEARCH.settled
 
 
 def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
@@ -260,7 +249,7 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     promised += float(np.sum(weight * target[posterior.columns] ** 2))
     tried: list[tuple[float, FitState]] = []
     share = 1.0
-    while share > SETTLED and not (tried and tried[-1][0] < start):
+    while share > SEARCH.settled and not (tried and tried[-1][0] < start):
         state = full if share == 1.0 else advance_state(fit, share)
         if stands(fit.problem, state):
             channels = build_channels(*attain_state(fit.problem, state), fit.state.use, fit.noises)
@@ -270,7 +259,7 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
         return None
     least, state = min(tried, key=lambda t: t[0])
     left_out = known_approach(fit.problem.campaign, fit.state) & ~fit.state.use
-    return state, fit.model.score - 0.5 * (least - promised + OUTLYING**2 * float(left_out.sum()))
+    return state, fit.model.score - 0.5 * (least - promised + NOISE.outlying**2 * float(left_out.sum()))
 
 
 def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper) -> float:
@@ -278,7 +267,7 @@ def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper
     total = 0.0
     for channel, rest, noise, shared in zip(channels, left, hyper.log_noise, hyper.log_shared, strict=True):
         # a gross error steers nothing
-        rest = rest * np.minimum(1.0, OUTLYING / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
+        rest = rest * np.minimum(1.0, NOISE.outlying / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
         first = np.flatnonzero(np.r_[True, np.diff(channel.group) > 0])
         sizes = np.diff(np.r_[first, len(channel.group)])
         mean2 = np.sum(np.add.reduceat(rest, first, axis=0) ** 2, axis=1) / sizes

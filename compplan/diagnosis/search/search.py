@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import STEPS, rank_evidence
 from compplan.diagnosis.evidence.evidence import (
-    FIRST_STEPS,
+    EVIDENCE,
     SIZES,
     Gain,
     Posterior,
@@ -28,13 +28,6 @@ from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
-#: Places that are tried with noise and background fitted anew: as a further claim, in exchange for one, and against one
-#: (assumed).
-TRIED = 4
-#: Effects of one campaign at most (assumed: several times what any robot has).
-MOST_EFFECTS = 24
-#: An exchange or an addition has to gain this much log posterior (assumed: less is no reason to change a model).
-WORTHWHILE = 0.5
 #: Effects that show only in what bends, and those that make a rigid robot soft (own weight on its joints does, too).
 BENDING = ("payload", "gravity_compensator", "gravity_sag", "stiffness_nonlinearity", "wrench_bias", "wrench_scale")
 SOFT = ("joint_stiffness", "link_compliance", "base_compliance")
@@ -62,6 +55,24 @@ class SearchSettings:
     once_more: float = 10.0
     #: Correlation from which on two claims are looked at together (assumed).
     entangled: float = 0.2
+    #: Places that are tried with noise and background fitted anew: as a further claim, in exchange for one, and against
+    #: one (assumed).
+    tried: int = 4
+    #: Effects of one campaign at most (assumed: several times what any robot has).
+    most_effects: int = 24
+    #: An exchange or an addition has to gain this much log posterior (assumed: less is no reason to change a model).
+    worthwhile: float = 0.5
+    #: Rounds of linearization and search at most (assumed: most campaigns settle in five).
+    rounds: int = 8
+    #: The round whose residual tells the noise; scores are compared from the next one on (assumed: the first
+    #: model has taken play and drift out of poses met again).
+    noise_round: int = 1
+    #: What moves no observation by more than this share of its noise has settled; classes of the background that move
+    #: none are left out of the model (assumed: a hundredth of its variance).
+    settled: float = 0.1
+    #: Single background errors that move the target by less than this share of the noise are left out as well
+    #: (assumed).
+    idle: float = 0.03
 
 
 SEARCH = SearchSettings()
@@ -225,11 +236,11 @@ def log_prior_size(size: float) -> float:
     return float(-0.5 * (np.log10(size) / SEARCH.decades) ** 2 - np.log(weights.sum()))
 
 
-def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_EFFECTS) -> Model:
+def search_models(search: Search, first: Sequence[Claim] = (), most: int = SEARCH.most_effects) -> Model:
     """Find the best set of effects: rounds of a forward step, exchanges and removals, until none is worthwhile."""
-    best = search.model(first, search.start, steps=FIRST_STEPS)
+    best = search.model(first, search.start, steps=EVIDENCE.first_steps)
     concerned = tuple(best.claims)
-    for _ in range(MOST_EFFECTS):
+    for _ in range(SEARCH.most_effects):
         grown = best if len(best.claims) >= most else add_claim(search, best)
         if grown is not best and not explains_enough(search, best, grown):
             grown = best
@@ -237,7 +248,7 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
         settled = _exchange(search, _remove(search, grown), concerned)
         concerned = ()
         search.progress(f"{len(settled.claims)} effects")
-        if settled.score < best.score + WORTHWHILE:
+        if settled.score < best.score + SEARCH.worthwhile:
             return best if best.score >= settled.score else settled
         best = settled
     return best
@@ -249,17 +260,17 @@ def search_from_forward_selection(search: Search, found: Model, most: int) -> Mo
     Stepwise search ends in a local optimum, where small errors everywhere may carry what a wrong first effect leaves.
     """
     bare = replace(search, prior=replace(search.prior, background=np.full_like(search.prior.background, -1)), cache={})
-    first = bare.model([], search.start, steps=FIRST_STEPS)
+    first = bare.model([], search.start, steps=EVIDENCE.first_steps)
     while len(first.claims) < most:
         grown = add_claim(bare, first)
-        if grown.score < first.score + WORTHWHILE or not explains_enough(bare, first, grown):
+        if grown.score < first.score + SEARCH.worthwhile or not explains_enough(bare, first, grown):
             break
         first = grown
     # noise and background are fitted from their start: models in the cache were fitted from another one
     afresh = replace(search, cache={})
-    possible = np.isfinite(afresh.model(first.claims, search.start, steps=FIRST_STEPS).score)
+    possible = np.isfinite(afresh.model(first.claims, search.start, steps=EVIDENCE.first_steps).score)
     other = search_models(afresh, first.claims if possible else (), most)
-    return other if other.score > found.score + WORTHWHILE else found
+    return other if other.score > found.score + SEARCH.worthwhile else found
 
 
 def explains_enough(search: Search, old: Model, new: Model) -> bool:
@@ -308,7 +319,7 @@ def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]
 def add_claim(search: Search, model: Model) -> Model:
     """Return the model with the claim that gains most, noise and background fitted anew; or the model itself."""
     best = model
-    gains = distinct_places(search, search.gains(model), TRIED)
+    gains = distinct_places(search, search.gains(model), SEARCH.tried)
     for gain in gains:
         if gain.log_evidence < -SEARCH.close:
             break
@@ -357,12 +368,12 @@ def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model
         rest = search.without(model.claims, claim)
         reduced = search.model(rest, model.posterior.hyper, fit=False)
         gains = search.gains(reduced)
-        for gain in [*distinct_places(search, gains, TRIED), *forms_of(search, gains, claim)]:
+        for gain in [*distinct_places(search, gains, SEARCH.tried), *forms_of(search, gains, claim)]:
             same = gain.signature == claim.signature and gain.size == claim.size
             if same or reduced.score + gain.log_evidence < model.score - SEARCH.close:
                 continue
             tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
-            if tried.score > model.score + WORTHWHILE:
+            if tried.score > model.score + SEARCH.worthwhile:
                 model = tried
     return model
 
@@ -370,4 +381,4 @@ def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model
 def forms_of(search: Search, gains: list[Gain], claim: Claim) -> list[Gain]:
     """Return the best forms of a claim's own place."""
     place = search.equations.signatures[claim.signature].place
-    return [g for g in gains if search.equations.signatures[g.signature].place == place][:TRIED]
+    return [g for g in gains if search.equations.signatures[g.signature].place == place][: SEARCH.tried]

@@ -37,20 +37,32 @@ from compplan.effects.linearization import AXES, Linearization
 from compplan.measurement.observations import along as take_along
 from compplan.robot import Array
 
-#: Largest probability of a claim (assumed: one campaign in a hundred has a cause outside every model here).
-MOST_SURE = 0.99
-#: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
-TEMPER = 2.0
+
+@dataclass(frozen=True)
+class ProbabilitySettings:
+    """Numbers of the map from evidence to probability."""
+
+    #: Largest probability of a claim (assumed: one campaign in a hundred has a cause outside every model here).
+    most_sure: float = 0.99
+    #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
+    temper: float = 2.0
+    #: Margins beyond this count by their logarithm alone (assumed).
+    margin_scale: float = 5.0
+    #: Spurious-fit probabilities and similarities outside these ranges tell no more: beside a larger cause a high one
+    #: says nothing about this claim (assumed).
+    spurious_range: tuple[float, float] = (NEGLIGIBLE, 0.15)
+    similarity_range: tuple[float, float] = (0.1, 1.0)
+    #: Phase of a drawn error over one standard deviation of what it follows (assumed: from nearly straight to a wave
+    #: that a few dozen poses just resolve). [rad]
+    roughness: tuple[float, ...] = (0.5, 1.0, 2.0)
+
+
+MAP = ProbabilitySettings()
 #: The map from evidence to log odds, fitted by penalised logistic regression to claims of development campaigns and of
 #: parts of measured ones (assumed: that study is not kept; python -m benchmarks ablation prints the map of a suite):
 #: constant; weights of the margin (arsinh of it over its scale) and of minus the logarithms of spurious-fit probability
 #: and residual similarity. No weight may be negative. The margin accounts for the number of parameters.
 CONSTANT, WEIGHTS = -3.49, np.array([0.57, 0.69, 0.83])
-#: Margins beyond this count by their logarithm alone (assumed).
-MARGIN_SCALE = 5.0
-#: Spurious-fit probabilities and similarities outside these ranges tell no more: beside a larger cause a high one says
-#: nothing about this claim (assumed).
-SPURIOUS_RANGE, SIMILARITY_RANGE = (NEGLIGIBLE, 0.15), (0.1, 1.0)
 
 
 @dataclass(frozen=True)
@@ -76,15 +88,15 @@ class Evidence:
 
 def features_of(evidence: Evidence) -> Array:
     """Return what the map weighs: margin, spurious-fit probability, residual similarity. Shape (3,)."""
-    margin = np.arcsinh(min(evidence.margin, evidence.plain) / MARGIN_SCALE)
-    spurious = np.log(np.clip(evidence.spurious, *SPURIOUS_RANGE))
-    return np.array([margin, -spurious, -np.log(np.clip(evidence.similarity, *SIMILARITY_RANGE))])
+    margin = np.arcsinh(min(evidence.margin, evidence.plain) / MAP.margin_scale)
+    spurious = np.log(np.clip(evidence.spurious, *MAP.spurious_range))
+    return np.array([margin, -spurious, -np.log(np.clip(evidence.similarity, *MAP.similarity_range))])
 
 
 def calibrate_probability(evidence: Evidence) -> float:
     """Return the probability of a claim."""
     odds = CONSTANT + WEIGHTS @ features_of(evidence)
-    return float(np.clip(expit(odds), 0.0, MOST_SURE))
+    return float(np.clip(expit(odds), 0.0, MAP.most_sure))
 
 
 def rate_similarities(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
@@ -118,11 +130,6 @@ def measure_similarity(left: Array, motion: Array, pose: NDArray[np.int_]) -> fl
     others = left.shape[1] - 1
     beyond = along @ along - across / others * fdtri(poses, others * poses, LEVEL)
     return float(np.sqrt(max(beyond, 0.0) / np.sum(motion[moves] ** 2)))
-
-
-#: Phase of a drawn error over one standard deviation of what it follows (assumed: from nearly straight to a wave that a
-#: few dozen poses just resolve). [rad]
-ROUGHNESS = (0.5, 1.0, 2.0)
 
 
 def rate_spurious_fits(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
@@ -165,7 +172,7 @@ def draw_errors(fit: Fit) -> Array:
     rotation = at.attained.frames.tcp_rotation[rows]
     drawn: list[Array] = []
     while len(drawn) < SAMPLE:
-        phases = [_pick(rng, followed) * rng.choice(ROUGHNESS) for _ in range(rng.integers(1, 3))]
+        phases = [_pick(rng, followed) * rng.choice(MAP.roughness) for _ in range(rng.integers(1, 3))]
         kind, direction = rng.integers(3), rng.normal(size=3)
         if kind == 0:
             moved = np.broadcast_to(direction, (len(rows), 3))

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.evidence.evidence import FREE_VARIANCE, Posterior
+from compplan.diagnosis.evidence.evidence import EVIDENCE, Posterior
 from compplan.diagnosis.evidence.likelihood import factorize, invert_factor, mirror_lower, solve_factor
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations, turn_along
 from compplan.diagnosis.search.search import Claim
@@ -158,7 +158,7 @@ def solve_sparse(
     means, size2 = _take(means, alive), size2[alive]
     design = means.design[used]
     if start is None:
-        variance = np.where(means.free, FREE_VARIANCE, np.minimum(1.0 / size2, means.most))
+        variance = np.where(means.free, EVIDENCE.free_variance, np.minimum(1.0 / size2, means.most))
         noise = SPARSE.first_noise * np.array([np.mean(y[channel == k] ** 2) for k in range(kinds)])
     else:
         variance, noise = start.variance[alive], start.noise.copy()
@@ -173,7 +173,7 @@ def solve_sparse(
                 mean, known = _solve(scaled, target, gram, against, variance)
                 determined = np.clip(known, 1e-9, 1.0)
                 fitted = np.minimum(mean**2 / determined, means.most)
-                variance = np.where(means.free, FREE_VARIANCE, np.maximum(fitted, 1e-300))
+                variance = np.where(means.free, EVIDENCE.free_variance, np.maximum(fitted, 1e-300))
                 kept = (variance * size2 > SPARSE.gone**2 * noise.min()) | means.free
                 if not kept.all():
                     means, size2, variance, design = _take(means, kept), size2[kept], variance[kept], design[:, kept]

@@ -17,11 +17,11 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import ROUNDING, STEPS, rank_evidence
-from compplan.diagnosis.evidence.evidence import FIRST_STEPS, START, Prior, find_posterior
+from compplan.diagnosis.evidence.evidence import EVIDENCE, Prior, find_posterior
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations
 from compplan.diagnosis.evidence.proposals import LEAST_RANGE
-from compplan.diagnosis.search.search import WORTHWHILE, Model, Search, add_claim
+from compplan.diagnosis.search.search import SEARCH, Model, Search, add_claim
 from compplan.diagnosis.search.state import Fit
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Signature
@@ -30,7 +30,6 @@ from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
 UNMODELLED = "unmodelled"
-TURNS = AXES[3:]
 
 
 @dataclass(frozen=True)
@@ -54,14 +53,19 @@ class UnmodelledSettings:
 SHAPES = UnmodelledSettings()
 
 
-def unmodelled_signatures(at: Linearization) -> list[Signature]:
-    """List the dependences that a campaign can show."""
+def unmodelled_signatures(fit: Fit) -> list[Signature]:
+    """List the dependences that a campaign can show, without those that another one contains."""
+    at = fit.at
     found = [*_of_position(at), *_of_time(at)]
     if at.campaign.load_varies:
         found += _of_load(at)
     if at.attained.chain.n_springs:
-        found += _of_hidden_force(at)
-    found += _of_links(at)
+        # a force on the tool that changes with the place of the target
+        twist, encoder = at.wrench_response(_times(_shifts(at), _monomials(at, 2)[0]))
+        found += _offer(None, "an unknown force that changes with the place", "curved", twist, encoder, common=True)
+    if at.campaign.load_varies:
+        # links that bend about the axis of their load are an effect of the vocabulary, unless it is left out
+        found += _of_links(at, bending="link_compliance" in fit.problem.without)
     for index in range(at.robot.nq):
         found += _of_joint(at, index)
     return found
@@ -93,18 +97,14 @@ def _offer(
 
 
 def _of_position(at: Linearization) -> Iterable[Signature]:
-    """A field over the workspace: the instrument's scale, any linear field, and curved ones."""
+    """A field over the workspace: the instrument's scale, and curved ones."""
     point = at.point
     driver = "the place of the target"
     moved = np.concatenate([np.broadcast_to(np.eye(3), (len(point), 3, 3)), point[:, :, None]], axis=2)
     scaled = np.concatenate([moved, np.zeros_like(moved)], axis=1)
     yield from _offer(None, driver, "scale", scaled, weight=np.array([1.0, 1.0, 1.0, 1.0 / SHAPES.far]))
-    powers: list[tuple[int, ...]] = [()]
-    for degree in range(1, SHAPES.field_degree + 1):
-        powers += list(combinations_with_replacement(range(3), degree))
-        weight = np.tile([SHAPES.far ** -len(power) for power in powers], 3)
-        twist = _times(np.broadcast_to(np.eye(6, 3), (len(point), 6, 3)), _monomials(at, powers))
-        yield from _offer(None, driver, f"degree {degree}", twist, weight=weight)
+    curves, degrees = _monomials(at, SHAPES.field_degree)
+    yield from _offer(None, driver, "field", _times(_shifts(at), curves), weight=np.tile(SHAPES.far**-degrees, 3))
 
 
 def _of_load(at: Linearization) -> Iterable[Signature]:
@@ -124,47 +124,39 @@ def _of_load(at: Linearization) -> Iterable[Signature]:
         yield from _offer(None, "force components that are mixed up", "linear", twist, encoder, common=True)
 
 
-def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
-    """A force on the tool that changes with the place of the target."""
-    powers: list[tuple[int, ...]] = [()]
-    for degree, form in ((1, "linear"), (2, "curved")):
-        powers += list(combinations_with_replacement(range(3), degree))
-        pull = _times(np.broadcast_to(np.eye(6, 3), (len(at.point), 6, 3)), _monomials(at, powers))
-        twist, encoder = at.wrench_response(pull)
-        driver = "an unknown force that changes with the place"
-        yield from _offer(None, driver, form, twist, encoder, common=True)
+def _shifts(at: Linearization) -> Array:
+    """Return shifts along the axes of the base. Shape (n, 6, 3)."""
+    return np.broadcast_to(np.eye(6, 3), (len(at.point), 6, 3))
 
 
-def _monomials(at: Linearization, powers: Sequence[tuple[int, ...]]) -> Array:
-    """Return products of the target's coordinates, from their mean, in units of their spread. Shape (n, k)."""
+def _monomials(at: Linearization, degree: int) -> tuple[Array, Array]:
+    """Return products of the target's coordinates, from their mean, in units of their spread, and their degrees.
+
+    Shapes (n, k), (k,).
+    """
+    powers = [power for d in range(degree + 1) for power in combinations_with_replacement(range(3), d)]
     seen = (at.point - at.point.mean(axis=0)) / np.maximum(at.point.std(axis=0), ROUNDING)
-    return np.column_stack([np.prod(seen[:, list(power)], axis=1) for power in powers])
+    curves = np.column_stack([np.prod(seen[:, list(power)], axis=1) for power in powers])
+    return curves, np.array([float(len(power)) for power in powers])
 
 
 def _of_time(at: Linearization) -> Iterable[Signature]:
-    """A drift of the base, of the tool, and of everything behind a joint: smooth motions that are no shift."""
+    """A drift of the base and of the tool: smooth motions that are no shift."""
     curves = time_curves(at.campaign)
     base = np.stack([at.twist("base", axis) for axis in AXES], axis=-1)
     yield from _offer(None, "time", "base", _times(base, curves))
     yield from _offer(None, "time", "tool", _times(tool_twists(at), curves[:, 1:]))
-    for joint in at.robot.actuated:
-        turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
-        yield from _offer(joint.name, "time", "link", _times(turn, curves), common=True)
 
 
-def _of_links(at: Linearization) -> Iterable[Signature]:
-    """An error behind a joint in any direction: fixed in the link, or bending in step with the load on it."""
+def _of_links(at: Linearization, *, bending: bool) -> Iterable[Signature]:
+    """An error behind a joint that bends in step with the load on it."""
     for joint in at.robot.actuated:
-        frame = np.stack([at.parent_twist(joint.name, axis) for axis in AXES], axis=-1)
-        yield from _offer(joint.name, "the posture alone", "frame", frame)
-        if at.campaign.load_varies:
-            loads = np.stack([at.joint_load(joint.name, axis) for axis in TURNS], axis=-1)
-            turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
-            across = np.concatenate([turn * np.roll(loads, step, axis=1)[:, None] for step in (1, 2)], axis=-1)
-            yield from _offer(joint.name, "the moments on it", "across", across, common=True)
+        loads = np.stack([at.joint_load(joint.name, axis) for axis in AXES[3:]], axis=-1)
+        turn = np.stack([at.twist(joint.name, axis) for axis in AXES[3:]], axis=-1)
+        across = np.concatenate([turn * np.roll(loads, step, axis=1)[:, None] for step in (1, 2)], axis=-1)
+        yield from _offer(joint.name, "the moments on it", "across", across, common=True)
+        if bending:
             yield from _offer(joint.name, "the moments on it", "bending", turn * loads[:, None], common=True)
-    own = at.motion * at.own_weight_load[:, None, :]
-    yield from _offer(None, "the weight of the links", "joints", own, common=True)
 
 
 def _of_joint(at: Linearization, index: int) -> Iterable[Signature]:
@@ -254,20 +246,6 @@ class RevisedProbabilities:
     members: tuple[Indices, ...]
 
 
-def foreign_signatures(fit: Fit) -> list[Signature]:
-    """List the unmodelled errors, without those that another one contains."""
-    found = []
-    for signature in unmodelled_signatures(fit.at):
-        form, driver = signature.form, str(signature.axis)
-        inside = form in ("degree 1", "degree 2", "frame", "joints", "link")
-        inside |= form == "linear" and driver.startswith("an unknown force")
-        # links that bend about the axis of their load are an effect of the vocabulary, unless it is left out
-        inside |= form == "bending" and "link_compliance" not in fit.problem.without
-        if not inside:
-            found.append(signature)
-    return found
-
-
 def class_of(signature: Signature) -> tuple[str, str]:
     """Return what a class follows, and "scale" for a scale error; joints share a class."""
     driver = str(signature.axis)
@@ -280,7 +258,7 @@ def class_of(signature: Signature) -> tuple[str, str]:
 
 def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text: None) -> RevisedProbabilities:
     """Re-estimate the claims of a fit with unmodelled errors in the model."""
-    fresh = foreign_signatures(fit)
+    fresh = unmodelled_signatures(fit)
     old = fit.search.equations
     equations = extend_normal_equations(old, fresh)
     kinds = list(dict.fromkeys(class_of(s) for s in fresh))
@@ -290,15 +268,17 @@ def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text
     )
     prior = _loosen(fit, equations, members)
     hyper = fit.model.posterior.hyper
-    hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))
+    hyper = Hyper(
+        hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), EVIDENCE.start)])
+    )
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
     search = Search(equations, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
-    model = _search_again(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
+    model = _search_again(search, search.model(fit.model.claims, hyper, steps=EVIDENCE.first_steps))
     if model.claims:
         # several claims together may fit one unmodelled error: start once more without claims, classes one noise floor
         grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
-        other = _search_again(search, search.model([], grown, steps=FIRST_STEPS))
-        model = other if other.score > model.score + WORTHWHILE else model
+        other = _search_again(search, search.model([], grown, steps=EVIDENCE.first_steps))
+        model = other if other.score > model.score + SEARCH.worthwhile else model
     return RevisedProbabilities(search, model, tuple(driver for driver, _ in kinds), members)
 
 
@@ -323,7 +303,7 @@ def _search_again(search: Search, model: Model) -> Model:
         best = _leave_out(search, here)
         if best.score <= here.score:
             best = add_claim(search, model)
-            if best.score < model.score + WORTHWHILE:
+            if best.score < model.score + SEARCH.worthwhile:
                 return model
         fitted = search.model(best.claims, best.posterior.hyper, steps=STEPS)
         if fitted.score <= model.score:

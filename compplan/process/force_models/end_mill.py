@@ -7,8 +7,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from compplan.io.tomlfile import StrictTable
-from compplan.process.cutter import Cutter
 from compplan.process.cutting import CuttingTable
+from compplan.process.engagement import Cutter
 from compplan.process.force_models import milling
 
 words = "end mill in what it meets of the stock"
@@ -29,6 +29,7 @@ class EndMillProcess(CuttingTable):
     """An end mill whose engagement follows from stock and path, see `compplan.process.cutting`."""
 
     model: Literal["end_mill"]
+    flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     corner_radius_mm: float = Field(default=0.0, ge=0.0)
     tool_mode: ToolModeTable | None = None
 

@@ -21,7 +21,7 @@ from compplan.toolpath.readers.cnc.origins import Layers, Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
-from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
+from compplan.toolpath.readers.cnc.state import INCH, LETTERS, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, refuse_unit
@@ -80,11 +80,10 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     I J K count from the start of an arc. Where that leaves arcs off their circles, another reading is taken if every
     arc of the file then lies on its circle and at least two different ones prove it: a full circle fits any reading.
     """
-    readings = CENTRE_READINGS if options.arc_centres is None else (options.arc_centres,)
     first_fault: OffCircleError | None = None
     lines = split_lines(text)
     changes_by_t, printer = CHANGE.search(text) is None, PRINTER.search(text) is not None
-    for reading in readings:
+    for reading in CENTRE_READINGS:
         scale = INCH if options.unit == "inch" else 1.0
         state = State(scale, feed_scale=scale, centres=reading, changes_by_t=changes_by_t, printer=printer)
         reader = Rs274(file, options, state)
@@ -101,7 +100,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             meaning = {"absolute": "absolute", "reversed": "counted from the centre to the start"}[reading]
             note = f"arc centres I J K are read as {meaning}: only so every arc of the file lies on a circle"
             reader.it.log.note(note, int(first_fault.where or 1))
-        return reader.it.finish("gcode", ", ".join(state.units) or "not stated", len(lines))
+        return reader.it.log.finish(file, "gcode", ", ".join(state.units) or "not stated", len(lines))
     assert first_fault is not None
     raise first_fault
 
@@ -386,11 +385,6 @@ def set_polar(dialect: Rs274, block: CncBlock, code: float) -> None:
     dialect.it.state.polar_words.clear()
 
 
-def shift(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G52: shift the program's origin."""
-    dialect.origins.shift({axis: block.values[AXES[axis]] for axis in block.list_axes()})
-
-
 PROBE, POLAR = Code(probe, 2, "once"), Code(set_polar)
 DROP = Code(lambda dialect, block, code: dialect.origins.drop(code), 2, "once")
 HOME = Code(lambda dialect, block, code: dialect.origins.go_home(code, block), 2, "once")
@@ -412,7 +406,7 @@ G_CODES: dict[float | str, Code] = {
     **{float(code): OFFSET for code in range(54, 60)}, 154.0: OFFSET, 54.2: Code(set_dynamic_offset),
     **dict.fromkeys(HAAS_OFFSETS, Code(use_haas_offset)),
     10.0: Code(lambda dialect, block, code: dialect.origins.set_offset(block), 2, "once"),
-    28.0: HOME, 30.0: HOME, 52.0: Code(shift, 2, "once"),
+    28.0: HOME, 30.0: HOME, 52.0: Code(lambda dialect, block, code: dialect.origins.shift(block), 2, "once"),
     92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
     92.1: DROP, 92.2: DROP, 92.3: DROP,
     50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),

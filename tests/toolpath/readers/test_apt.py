@@ -1,26 +1,12 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from cam_files import ends
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile, CamTable, read_cam
 
-
-@pytest.fixture
-def read(tmp_path: Path):
-    def read_text(text: str, suffix: str = ".apt", **options: object) -> CamFile:
-        file = tmp_path / f"part{suffix}"
-        file.write_bytes(text.encode("latin-1"))
-        return read_cam(file, CamTable.model_validate(options))
-
-    return read_text
-
-
-def ends(cam: CamFile) -> list[list[float]]:
-    return (cam.toolpath.position * 1e3).round(6).tolist()
+SUFFIX = ".apt"
 
 
 def test_points_feeds_and_rapids_are_read(read) -> None:
@@ -84,11 +70,6 @@ def test_arcs_turn_in_the_sense_of_their_dialect(read, record: str, quarter_turn
     cam = read(ARC.format(record))
     assert cam.facts.arcs == 1
     assert cam.facts.cutting_length_mm == pytest.approx(quarter_turns * 5 * np.pi)
-
-
-def test_the_sense_of_arcs_may_be_demanded(read) -> None:
-    cam = read(ARC.format("CIRCLE/10,0,0,0,0,1,10"), circle_sense="left_hand")
-    assert cam.facts.cutting_length_mm == pytest.approx(15 * np.pi)
 
 
 def test_arcs_that_would_all_turn_back_are_turned_round(read) -> None:

@@ -58,7 +58,7 @@ class KlartextDatums:
                 self.it.put(mirror=None)
             return True
         carry_out = {7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt_19,
-                     26: self._scale_26}  # fmt: skip
+                     26: self._scale_axes}  # fmt: skip
         carry_out[number](rest)
         return True
 
@@ -104,7 +104,7 @@ class KlartextDatums:
             raise InputError(f"scale {rest[:20]!r} is not read, expected SCL and a factor")
         self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
 
-    def _scale_26(self, rest: str) -> None:
+    def _scale_axes(self, rest: str) -> None:
         factors = [self.value(text) for _, _, text in AXIS_VALUE.findall(re.sub(r"CC[XYZ]\s*[-+\d.,]+", "", rest))]
         if any(factor != 1.0 for factor in factors):
             raise InputError("scales of single axes (cycle 26) are not read")
@@ -112,10 +112,10 @@ class KlartextDatums:
     def _tilt_19(self, rest: str) -> None:
         """Carry out cycle 19: spatial angles, or angles of rotary axes: the machine says which."""
         angles = {letter: self.value(text) for letter, text in re.findall(rf"([ABC])\s*({VALUE})", rest)}
-        kind = self.it.options.tilt_angles
+        kind = self.it.options.axes.tilt_angles
         if any(angles.values()) and kind is None:
             raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
-                             'which with [cam] tilt_angles = "spatial", or use PLANE SPATIAL')  # fmt: skip
+                             'tilt_angles = "spatial" in NAME.toml of [cam] machine, or use PLANE SPATIAL')  # fmt: skip
         if any(angles.values()) and kind != "spatial":
             raise InputError("cycle 19 with angles of rotary axes is not read; use PLANE SPATIAL")
         self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))

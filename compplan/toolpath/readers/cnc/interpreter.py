@@ -19,7 +19,6 @@ from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, Machine, State
 from compplan.toolpath.readers.frames import Frame
-from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, ask_compensation
 
 #: Addresses that make a move.
@@ -125,10 +124,6 @@ class Interpreter:
             finish()
         self.machine.end(self.flow.line)
 
-    def finish(self, kind: str, unit: str, lines: int) -> CamFile:
-        """Return toolpath and facts."""
-        return self.log.finish(self.file, kind, unit, lines)
-
     def run_words(self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None],
                   pass_over: Callable[[CncBlock, float | str], None]) -> str:  # fmt: skip
         """Carry out the G codes and names of a block by their rank, however they are shuffled.
@@ -171,7 +166,7 @@ class Interpreter:
 
         Moves while rotary axes stand turned of which nobody says what they turn are left out.
         """
-        frame, tip = self.find_frame(), self.state.tip_control or self.options.tip_control
+        frame, tip = self.find_frame(), self.state.tip_control or self.options.axes.tip_control
         if not (self.tilted or tip) and self.rotary.turned:
             frame = self.rotary.place().then(frame)
         if carried:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -45,9 +46,9 @@ class RotaryMachine:
         """
         axis = UP
         for letter, sense in self.head[::-1]:
-            axis = _turn(letter, sense * angles.get(letter, 0.0)).turn(axis)
+            axis = _turn(letter, sense * angles.get(letter, 0.0), axis)
         for letter, sense in self.table:
-            axis = _turn(letter, -sense * angles.get(letter, 0.0)).turn(axis)
+            axis = _turn(letter, -sense * angles.get(letter, 0.0), axis)
         return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
 
     def place(self, angles: Mapping[str, float]) -> Frame:
@@ -63,14 +64,21 @@ class RotaryMachine:
                 raise RotaryError("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
             centre = self.centre
             for letter, sense in self.table:
-                placed = turn_about(centre, _turn(letter, -sense * angles.get(letter, 0.0))).then(placed)
+                turn = rotate("ABC".index(letter), -sense * angles.get(letter, 0.0))
+                placed = turn_about(centre, turn).then(placed)
                 centre = combine(1.0, centre, 1.0, self.offset)
         return placed
 
 
-def _turn(letter: str, angle: float) -> Frame:
-    """Return a rotation about the axis of a rotary letter by the right hand; angle in degrees."""
-    return rotate("ABC".index(letter), angle)
+def _turn(letter: str, angle: float, vector: Point) -> Point:
+    """Return a vector turned about the axis of a rotary letter by the right hand; angle in degrees."""
+    sine, cosine = math.sin(math.radians(angle)), math.cos(math.radians(angle))
+    x, y, z = vector
+    if letter == "A":
+        return x, cosine * y - sine * z, sine * y + cosine * z
+    if letter == "B":
+        return cosine * x + sine * z, y, cosine * z - sine * x
+    return cosine * x - sine * y, sine * x + cosine * y, z
 
 
 def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
@@ -79,11 +87,11 @@ def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
     Axes stand in order, the one that carries the other first; in a head_table the first is the head's.
     """
     used, kind, missing = sorted(set(letters)), options.rotary, ""
-    order = list(options.rotary_axes or (used[::-1] if kind == "head" else used))
+    order = list(options.axes.rotary_axes or (used[::-1] if kind == "head" else used))
     unnamed = [letter for letter in used if letter not in {axis[-1] for axis in order}]
     if unnamed:
         missing = f"rotary_axes with {unnamed[0]}, which the file turns"
-    elif options.rotary_axes is None and (
+    elif options.axes.rotary_axes is None and (
         set(used) >= TILTS or (kind == "head_table" and len(used) == 2 and "C" not in used)
     ):
         example = "C" if kind == "table" else "B"
@@ -94,10 +102,10 @@ def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
         raise RotaryError(f"of rotary axes {', '.join(used)}, which carries the other is not known; state {missing}")
     signed = [(axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in order]
     head = {"head": len(order), "head_table": 1}.get(kind or "", 0)
-    centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
+    centre, offset = options.axes.rotary_centre_mm, options.axes.rotary_offset_mm
     return RotaryMachine(
         tuple(signed[:head]), tuple(signed[head:]), None if centre is None else (centre[0], centre[1], centre[2]),
-        (offset[0], offset[1], offset[2]), options.pivot_mm,
+        (offset[0], offset[1], offset[2]), options.axes.pivot_mm,
     )  # fmt: skip
 
 
@@ -160,5 +168,6 @@ class Rotary:
             words = " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items())
             raise RotaryError(
                 f"{words} without control of the tip (G43.4, TRAORI, M128): X Y Z are positions of the machine; "
-                f"state {fault.message}, or tip_control = true if they are the tip in the part frame"
+                f"state {fault.message}, or tip_control = true if they are the tip in the part frame, in NAME.toml "
+                "of [cam] machine"
             ) from None
