@@ -29,8 +29,8 @@ from compplan.diagnosis.evidence.evidence import EVIDENCE
 from compplan.diagnosis.results.verdict import Verdict
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState
-from compplan.diagnosis.validation.ambiguity import AlternativeEffect, imitate_claim
 from compplan.diagnosis.validation.held_out import HeldOut, with_claims
+from compplan.diagnosis.validation.probability import AlternativeEffect, imitate_claim
 from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import is_of_instrument
 from compplan.effects.forward_model import own_springs
