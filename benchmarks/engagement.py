@@ -14,9 +14,8 @@ import time
 
 import numpy as np
 
-from compplan.process.cutter import Cutter
 from compplan.process.cutting import shape_milling
-from compplan.process.engagement import Engagement
+from compplan.process.engagement import Cutter, Engagement
 from compplan.process.engagement_search import find_engagement
 from compplan.process.stock import build_block
 

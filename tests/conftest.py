@@ -18,7 +18,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 @pytest.fixture(scope="module")
 def graph_alone() -> Iterator[None]:
-    """Leave postures as the graph finds them (tests/planning/test_one_program.py asks what follows)."""
+    """Leave postures as the graph finds them (tests/planning/test_candidates.py asks what follows)."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planning, "better_start", lambda start, asked, **named: start)
         yield

@@ -162,7 +162,7 @@ def match_points(
         nominal: The path, base frame.
         T_base_part: Pose of the part frame. Shape (4, 4). [m]
         in_base: Whether the points are in the base frame; otherwise in the part frame.
-        align: "datum": the points stand where their frame says; "best_fit": a rigid motion is fitted and taken off.
+        align: "datum" or "best_fit" (`compplan.learning.part.learn_from_part`).
         sigma: Standard deviation of points whose file states none; assumed if left out. [m]
         sure: Whether points most of which are of no cut are meant as they are.
         surface: The nominal surface in the frame of the points, or None.

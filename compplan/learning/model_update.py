@@ -148,14 +148,9 @@ def learn_part(
 ) -> ModelUpdate:  # fmt: skip
     """Learn from a cut part: to first order, then again about what was found, exactly.
 
-    Args:
-        slopes: The path to first order, as it was cut.
-        known: What is known of the robot.
-        gathered: The measured deviations.
-        exact: Motion of the tip by values of parameters and force, exactly.
-        own: What this part and the next one have of their own.
-        least_size: Standard deviation per axis that an earlier update left of the residual, or None. [m]
-        path: What an earlier update left open of this path (`ModelUpdate.open`), or None. Shape (k, 3, r). [m]
+    slopes: the path as it was cut; exact: motion of the tip by values of parameters and force; least_size: standard
+    deviation per axis that an earlier update left of the residual [m], path: what it left open (`ModelUpdate.open`),
+    shape (k, 3, r) [m], or None.
     """
     path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
     width = max(known.smooth, LEAST) if least_size is None else least_size

@@ -62,9 +62,6 @@ def check_extent(table: Table, point: Array, place: Array) -> None:
     """Refuse points that all lie at one spot of the path, as a path in metres does that is read in millimetres.
 
     point: shape (m, 3); place: places of the cut in the frame of the points, (k, 3). [m]
-
-    Raises:
-        InputError: If they extend over far less than the cut, or are of it in another unit.
     """
     wide, whole = (float(np.ptp(np.quantile(part, (0.05, 0.95), axis=0), axis=0).max()) for part in (point, place))
     if wide < SPOT * whole:
@@ -124,19 +121,10 @@ def _exchanges() -> Iterator[tuple[Array, str]]:
 def fit_rigid(
     point: Array, normal: Array | None, nominal: Toolpath, farthest: float, surface: Surface | None = None
 ) -> tuple[Array, float]:
-    """Find the rigid motion that brings points closest to the cut, across it or along their normals, robustly.
+    """Find the rigid motion, (4, 4), that brings points closest to the cut; also the median distance left. [m]
 
-    With a nominal surface it is that which they are brought to, along its normals.
-
-    Args:
-        point: Points, base frame. Shape (m, 3). [m]
-        normal: Their normals, or None. Shape (m, 3).
-        nominal: The path, base frame.
-        farthest: Points farther away are of no cut. [m]
-        surface: The nominal surface, base frame, or None.
-
-    Returns:
-        The motion, shape (4, 4) [m], and the median distance that it leaves. [m]
+    Points count across the cut, along their normals, (m, 3), where they have them, and along those of a nominal surface
+    where there is one; points, (m, 3), farther away than `farthest` [m] are of no cut. All in the base frame.
     """
     _, place, along = sample_cut(nominal)
     tree, motion, left = cKDTree(place), np.eye(4), np.inf

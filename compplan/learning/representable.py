@@ -48,14 +48,8 @@ def apply_update(
     """Put what was learned into a robot folder; also return how much of each value it holds now. Shape (p,). [SI]
 
     What URDF and springs cannot say becomes an effect of the folder. What neither holds (the tool of a job, a spring
-    below zero) stays with the path; its mean counts as not known, m m^T.
-
-    Args:
-        robot: The robot of the folder.
-        known: What was known; its unknowns order the values.
-        values: Posterior means about the folder. Shape (p,). [SI]
-        covariance: Posterior covariance. Shape (p, p).
-        own_tool: Whether the tool is the folder's, not the job's.
+    below zero) stays with the path; its mean counts as not known, m m^T. values: means about the folder, (p,), ordered
+    as `known`; covariance: (p, p); own_tool: whether the tool is the folder's, not the job's.
     """
     held: list[Array] = []
     for unknown, own in split_unknowns(known.unknowns, values):

@@ -119,16 +119,9 @@ def learn_force(
 ) -> tuple[LearnedForce, Array]:
     """Turn an update into what other paths are told of the force; also return its shares that they are told, (4,).
 
-    Its direction travels where it is fixed in base or part; where it goes with the path it stays with the path.
-
-    Args:
-        lesson: The update.
-        spread: Uncertainty of the force before.
-        old: What was known of it, or None.
-        process: The [process] of the job.
-        R_base_part: Part axes seen from the base. Shape (3, 3).
-        job: Name of the job.
-        kept: Parameters that the robot folder is told, too; none where it is told nothing. Shape (p,).
+    Its direction travels where it is fixed in base or part; where it goes with the path it stays with the path. spread:
+    uncertainty of the force before; R_base_part: part axes seen from the base, (3, 3); kept: parameters that the robot
+    folder is told, too, (p,).
     """
     axes, told = find_axes(process), lesson.force.copy()
     scale = 1.0 if old is None else old.level
@@ -234,14 +227,9 @@ def check_generalisation(
 ) -> tuple[bool, str]:
     """Try an updated robot on copies of the path, moved along each base axis to where the arm reaches.
 
-    Returns whether it holds there, and what the copies say; "" where none is reached.
-
-    Args:
-        task: The task that was cut, with the robot of the folder before.
-        taught: The updated robot, with the tool of the job.
-        known: What was known of the robot.
-        shares: What is told of the force, in standard deviations of level and turns. Shape (4,).
-        spread: Uncertainty of the force before.
+    task: as it was cut, with the robot of the folder before, of which `known` and `spread` were known; taught: with the
+    tool of the job; shares: what is told of the force, (4,). Returns whether it holds there, and what the copies say;
+    "" where none is reached.
     """
     rows = pick_rows(task.cut, ROWS)
     wrench, every = task.wrench[rows], np.ones(len(rows), bool)

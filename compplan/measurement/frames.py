@@ -33,13 +33,9 @@ def frame_columns(
 ) -> list[Array]:  # fmt: skip
     """Differentiate measured poses by the fitted frames, in the order of `move_frames`. Shapes (n, 6, 3 or 6).
 
-    Args:
-        frames: The frames.
-        position: Measured points as predicted, measuring frame. Shape (n, 3). [m]
-        tcp_rotation: Orientation of the TCP, base axes. Shape (n, 3, 3).
-        target: Index of the measured point. Shape (n,).
-        turned: Whether orientation is measured; without it a tool is a point.
-        sights: What other instruments saw: places of contacts move it, the base of a tracker does not.
+    position: measured points as predicted, measuring frame, (n, 3) [m]; tcp_rotation: base axes, (n, 3, 3); target:
+    index of the measured point, (n,); turned: whether orientation is measured, without it a tool is a point; sights:
+    what other instruments saw: places of contacts move it, the base of a tracker does not.
     """
     n, parts = len(position), []
     if "base" in frames.parts:

@@ -41,9 +41,9 @@ LOG = logging.getLogger(__name__)
 BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error_band": ("accurate", "smooth"),
           "smooth": ("accurate", "fast")}  # fmt: skip
 LEAST = {"fast": "driven_s", "accurate": "band_mm", "error_band": "band_mm", "smooth": "joint_travel_deg"}
-#: Windows of smoothing, as shares of those that plans have.
-WINDOWS = (1.0, 0.7)
-#: Gain that a posture is changed for, and difference of time or band that counts as none.
+#: Shortest windows of smoothing, as a share of those that plans have.
+SHORT = 0.7
+#: Gain that a posture is changed for, and difference of the band that counts as none.
 LEAST_GAIN, SAME = 0.01, 1e-3
 #: Joint positions that differ by less are one posture. [rad or m]
 ALIKE = 1e-4
@@ -77,6 +77,7 @@ class TimedStart(NamedTuple):
     time: float  #: The whole run. [s]
     band: float  #: Widest 95 % band along the cut. [m]
     still: float  #: The same, vibration left out. [m]
+    spare: float  #: Time that the shortest windows of smoothing spare. [s]
     quiet: Array  #: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
     origin: str = "search"  #: Where it comes from: "search" or "programmed".
     shaped: Shaped | None = None  #: What the program did, None for nothing.
@@ -115,23 +116,33 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
             runs.append(run._replace(origin="programmed"))
             if run.time / first.time + run.band / first.band < 2.0:
                 origins.append((runs[-1], asked.state(plain)))
-    for origin, state in origins:
-        most_time = np.inf
-        for prices in PRICES[preset]:
-            if (found := shape_start(state, origin.start, asked, prices, most_time)) is None:
-                break
-            own = [run._replace(origin=origin.origin, shaped=found[1]) for run in measure_runs(found[0], asked)]
-            runs += own
-            if preset != "fast" and own:
-                most_time = found[1].time * base.time / own[0].time
-                if most_time < (1.0 + LEAST_GAIN) * found[1].time:
-                    break
-    spare = (1.0 - min(WINDOWS)) * len(task.runs) * task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
-    best = min(runs, key=lambda run: _value(preset, run, base, spare))
-    taken = min(base, ease_run(preset, best, base, asked), key=lambda run: judge_gain(preset, run, base))
+
+    def rank(run: TimedStart) -> float:
+        return run.time if preset == "fast" else _band_beside(run, base)
+
+    prices, others = PRICES[preset]
+    found = [(run, each) for each in origins for run in _shape_runs(*each, asked, prices)]
+    runs += [run for run, _ in found]
+    if found:
+        run, where = min(found, key=lambda each: rank(each[0]))
+        room = np.inf if preset == "fast" else base.time / run.time
+        if run.shaped is not None and room > 1.0 + LEAST_GAIN:
+            runs += _shape_runs(*where, asked, others, room * run.shaped.time)
+    best = runs if preset == "fast" else [min(runs, key=rank)]
+    eased = [ease_run(preset, run, base, asked) for run in best if run is not first]
+    taken = min([base, *eased], key=lambda run: judge_gain(preset, run, base))
     if judge_gain(preset, taken, first) >= 1.0 - LEAST_GAIN:
         return start
     return _take(start, first, taken, least_time(task))
+
+
+def _shape_runs(
+    origin: TimedStart, task: PlanTask, asked: Asked, prices: Prices, most_time: float = np.inf
+) -> list[TimedStart]:
+    """Shape an origin by the program and measure its fastest run; none where nothing follows."""
+    shaped = shape_start(task, origin.start, asked, prices, most_time)
+    runs = [] if shaped is None else measure_runs(shaped[0], asked)
+    return [run._replace(origin=origin.origin, shaped=None if shaped is None else shaped[1]) for run in runs]
 
 
 def _compare_presets(start: Start, asked: Asked) -> Start:
@@ -195,7 +206,7 @@ def measure_runs(
     plain = Easing(window, np.zeros(1), np.ones(1))
     task, found = asked.state(start if window == 1.0 else replace(start, pace=plain)), list[TimedStart]()
     slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
-    low, high = 0.0, np.inf if beside is None else beside.band
+    kept, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
     dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
     try:
         still = spread_tip(task, asked.force, rows) if quiet is None else quiet
@@ -208,12 +219,16 @@ def measure_runs(
             rings = _spread_vibration(run, time, rows, dynamics)
             band = band_radius(still + rings, mean=aside)
             widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
-            found.append(TimedStart(eased, float(time[-1]), widest, least, still))
+            found.append(TimedStart(eased, float(time[-1]), widest, least, (1.0 - SHORT) * smoothing_time(task), still))
             if beside is None or not rings.any():
                 break
             if count % 2 == 0:  # two rounds bring the run near to a target, then the time says which way it goes on
-                late = time[-1] > (1.0 + SAME) * beside.time
+                late = time[-1] > beside.time
+                if late and count == 0:
+                    break
                 low, high = (target, high) if late else (low, min(target, widest))
+                kept = kept if late else (slower, band, time)
+                slower, band, time = kept
                 target = 0.5 * (low + high) if low > 0.0 else LOWER * high
             room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
             use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / room
@@ -279,26 +294,26 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
 
 def ease_run(preset: str, run: TimedStart, base: TimedStart, asked: Asked) -> TimedStart:
     """Return the best of a run and of those of its posture that go slower where the arm vibrates, beside a base."""
-    beside, runs = None if preset == "fast" else base, [run]
-    for window in WINDOWS:
-        if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * base.time):
-            eased = measure_runs(run.start, asked, window=window, beside=beside, quiet=run.quiet)
-            runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
+    beside, runs, windows = (None if preset == "fast" else base), [run], [SHORT]
+    late = max(run.time - base.time, 0.0) / run.spare
+    if beside is not None and late < 1.0:
+        windows = [1.0 - (1.0 - SHORT) * late, SHORT]
+    for window in windows:
+        eased = measure_runs(run.start, asked, window=window, beside=beside, quiet=run.quiet)
+        runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
     for each in runs:
         LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", run.origin, ", program" if run.shaped else "",
                   base.time, each.time, 1e3 * base.band, 1e3 * each.band)  # fmt: skip
     return min(runs, key=lambda each: judge_gain(preset, each, base))
 
 
-def _value(preset: str, run: TimedStart, base: TimedStart, spare: float) -> float:
-    """Return the time of a run [s], or its band [m] at the time of the base: vibration falls with time squared.
+def _band_beside(run: TimedStart, base: TimedStart) -> float:
+    """Return the band of a run at the time of the base, infinite where it takes longer however short its window. [m]
 
-    It is infinite for runs that take longer than the base even where a shorter window spares that time. [s]
+    What vibration adds falls with the square of the time.
     """
-    if preset == "fast" or run.time - spare > base.time:
-        return run.time if preset == "fast" else np.inf
     ring = (run.band**2 - run.still**2) * (run.time / base.time) ** 4
-    return float(np.sqrt(run.still**2 + max(ring, 0.0)))
+    return float(np.sqrt(run.still**2 + max(ring, 0.0))) if run.time - run.spare <= base.time else np.inf
 
 
 def judge_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
@@ -306,7 +321,7 @@ def judge_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
     time, band, still = run.time / base.time, run.band / base.band, run.still / base.still
     if preset == "fast":
         return time
-    if max(time, band) > 1.0 + SAME:
+    if time > 1.0 or band > 1.0 + SAME:
         return np.inf
     if preset == "error_band":
         return band
@@ -314,8 +329,13 @@ def judge_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
 
 
 def least_time(task: PlanTask) -> float:
-    """Return the time of the programmed feed, of rapid moves, and of smoothing at both ends of every run. [s]"""
-    rapid, smooth = task.nominal.rapid[1:], task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
+    """Return the time of the programmed feed, of rapid moves, and of smoothing. [s]"""
+    rapid = task.nominal.rapid[1:]
     moves = np.abs(np.diff(task.q_start, axis=0))[rapid]
     between = time_rapids(moves, task.velocity_limits, task.acceleration_limits).sum()
-    return float(task.step_time[~rapid].sum() + between + len(task.runs) * smooth)
+    return float(task.step_time[~rapid].sum() + between + smoothing_time(task))
+
+
+def smoothing_time(task: PlanTask) -> float:
+    """Return the time by which smoothing makes the runs of a path longer, each by its windows. [s]"""
+    return len(task.runs) * task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)

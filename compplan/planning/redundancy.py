@@ -61,7 +61,7 @@ class Prices(NamedTuple):
     time: float = 1.0  #: Of the time of the run.
     band: float = 0.0  #: Of the widest 95 % band.
     motion: float = 2e-3  #: Of one unit of travel of a joint.
-    most_band: float = 1.0  #: Greatest band as a share of the start's; infinite where it may grow.
+    most_band: float = 1.005  #: Greatest band as a share of the start's, an interior left; infinite where it may grow.
 
 
 class Shaped(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.tables import Array
-from compplan.process.cutter import Cutter
+from compplan.process.engagement import Cutter
 from compplan.process.stock import expand_boxes
 
 #: Cells of the map at most, and cells across a cutter's radius.

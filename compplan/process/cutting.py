@@ -27,8 +27,7 @@ from pydantic import Field, field_validator, model_validator
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.process.cutter import Cutter, Slices
-from compplan.process.engagement import ROWS, Engagement
+from compplan.process.engagement import ROWS, Cutter, Engagement, Slices
 from compplan.process.engagement_search import find_engagement
 from compplan.process.materials import MATERIALS, Coefficients, CoefficientTable
 from compplan.process.stock import StockColumns

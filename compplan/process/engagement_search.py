@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from compplan.io.tables import Array
 from compplan.process.cut_surface import NOTHING, CutSurface, build_cut_surface, lowest_reach
-from compplan.process.cutter import Cutter
-from compplan.process.engagement import Engagement, lower_speed, middle_angles, outward_span, outward_speed
+from compplan.process.engagement import Cutter, Engagement, lower_speed, middle_angles, outward_span, outward_speed
 from compplan.process.stock import StockColumns
 from compplan.process.stock_table import UPRIGHT
 from compplan.toolpath.contact import last_set

@@ -15,7 +15,7 @@ from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable, Vector3
 from compplan.process.cut_surface import NOTHING, CutSurface, build_cut_surface
-from compplan.process.cutter import Cutter
+from compplan.process.engagement import Cutter
 from compplan.process.stock import LARGEST, HeightMap, StockColumns, build_block, build_height_map, read_mesh
 from compplan.toolpath.toolpath import Toolpath
 

@@ -100,14 +100,8 @@ def evaluate_chunks(
 ) -> tuple[dict[int, ChunkResult], int]:
     """Evaluate chunks of points, using those that a folder holds; return them by number, and how many were found.
 
-    Args:
-        study: The study.
-        chunks: Samples of each chunk.
-        points: Makes the points of a chunk.
-        about: What the points depend on, for telling studies apart.
-        folder: Folder of the chunks, or None.
-        workforce: Who computes.
-        progress: Called with samples done and wanted.
+    chunks: samples of each; points: makes those of a chunk; about: what they depend on, for telling studies apart;
+    progress: called with samples done and wanted.
     """
     store = None if folder is None else ChunkFolder(folder, fingerprint_study(study, about))
     done: dict[int, ChunkResult] = {}
@@ -168,11 +162,7 @@ def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
 
 
 class ChunkFolder:
-    """Chunks of one study in a folder.
-
-    Args:
-        folder: The folder; made if needed.
-        fingerprint: Fingerprint of the study.
+    """Chunks of one study, known by its fingerprint, in a folder; made if needed.
 
     Raises:
         InputError: If the folder cannot be written, or holds finished chunks of another study.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -334,15 +335,21 @@ def draw_points(factors: Factors, seed: int, replicates: int, samples: range) ->
         rows = [i for i in samples if i % replicates == replicate]
         if not rows:
             continue
-        first, count = rows[0] // replicates, len(rows)
-        rng = np.random.default_rng(np.random.SeedSequence([seed, replicate]))
+        engine, first = _scramble_sequence(factors.size, seed, replicate), rows[0] // replicates
+        if engine.num_generated > first:
+            engine.reset()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # no power of two: balanced less, not wrong
-            engine = qmc.Sobol(factors.size, scramble=True, rng=rng)
-            if first:
-                engine.fast_forward(first)
-            points[np.array(rows) - samples.start] = engine.random(count)
+            if first > engine.num_generated:
+                engine.fast_forward(first - engine.num_generated)
+            points[np.array(rows) - samples.start] = engine.random(len(rows))
     return np.clip(points, 1e-12, 1.0 - 1e-12)
+
+
+@lru_cache(maxsize=32)
+def _scramble_sequence(size: int, seed: int, replicate: int) -> qmc.Sobol:
+    """Scramble the Sobol sequence of a replicate; that costs as much as thousands of its points."""
+    return qmc.Sobol(size, scramble=True, rng=np.random.default_rng(np.random.SeedSequence([seed, replicate])))
 
 
 def to_normal(points: Array) -> Array:

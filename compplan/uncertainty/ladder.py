@@ -109,11 +109,7 @@ def climb_ladder(
 ) -> tuple[tuple[Rung, ...], tuple[str, ...]]:
     """Return the rungs, and the cheapest set of measurements that keeps; none where none is needed or none does.
 
-    Args:
-        now: The band of the whole cut now. [m]
-        band_after: Tells it after a set of measurements. [m]
-        steps: Measurements that have not been taken.
-        tolerance: Greatest deviation that counts as within tolerance. [m]
+    now: the band of the whole cut [m], band_after: after a set of measurements; steps: those that have not been taken.
     """
     steps = sorted(steps, key=lambda step: COSTS[step][0])
     rungs = [Rung("now", now, now, now <= tolerance, 0.0, "")]

@@ -73,17 +73,10 @@ class Push(NamedTuple):
 def swing_arm(
     dynamics: Dynamics, q: Array, time: Array, moving: Push, held: Push, *, width: float, damping: float, source: str
 ) -> Motion:
-    """Let drawn arms answer to the load of a motion.
+    """Let drawn arms, (n, nq), answer to the load of a motion at times (n,) [s].
 
-    Args:
-        dynamics: The robot with its masses.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        time: Time at each row. Shape (n,). [s]
-        moving: The load of the motion.
-        held: The load that the plan compensates, nothing where it compensates none.
-        width: Relative standard deviation of masses and compliances together.
-        damping: Share of critical damping.
-        source: What masses and damping rest on.
+    held: the load that the plan compensates, nothing where it compensates none; width: relative standard deviation of
+    masses and compliances together; damping: share of critical damping; source: what masses and damping rest on.
     """
     places = np.unique(np.linspace(0, len(q) - 1, min(POSTURES, len(q))).astype(int))
     modes = find_modes(dynamics, q[places], MODES)

@@ -95,17 +95,10 @@ def read_touch(job: Job) -> TouchOff:
 
 
 def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: TouchOff) -> TouchedPart:
-    """Compute what the touch found, by the robot model.
+    """Compute what the touch found, by the robot model, of a path in the base frame with its tool rotations and joints.
 
     The tool stands at each touched point as at the nearest waypoint of the cut; a point that the arm does not reach so
     is replaced by that waypoint.
-
-    Args:
-        robot: The robot with its tool.
-        path: The nominal path, base frame.
-        rotation: Orientation of the TCP frame along it. Shape (n, 3, 3).
-        q: Joint positions along it. Shape (n, nq). [rad or m]
-        touch: How the part was found.
     """
     cut = np.flatnonzero(~path.rapid)
     turn, origin = touch.frame[:3, :3], touch.frame[:3, 3]

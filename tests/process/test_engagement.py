@@ -7,8 +7,7 @@ import pytest
 import trimesh
 
 from compplan.errors import InputError
-from compplan.process.cutter import Cutter
-from compplan.process.engagement import Engagement
+from compplan.process.engagement import Cutter, Engagement
 from compplan.process.engagement_search import find_engagement
 from compplan.process.stock import build_block, build_height_map, read_mesh
 

@@ -3,9 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.process.cutter import Cutter
 from compplan.process.cutting import shape_milling
-from compplan.process.engagement import Engagement
+from compplan.process.engagement import Cutter, Engagement
 from compplan.process.engagement_search import find_engagement
 from compplan.process.force_models.drill import DRILLED, DrillProcess
 from compplan.process.force_models.milling import MillingProcess, milling_wrench

@@ -13,7 +13,7 @@ from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.operations import split_job
 from compplan.job.tool_tables import read_tool_library
-from compplan.process.cutter import Cutter
+from compplan.process.engagement import Cutter
 from compplan.process.engagement_search import find_engagement
 from compplan.process.materials import MATERIALS
 from compplan.process.stock import StockColumns, build_block, read_mesh

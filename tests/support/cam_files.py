@@ -10,5 +10,15 @@ from compplan.toolpath.readers import CamFile, CamTable, read_cam
 def read_cam_text(folder: Path, text: str, suffix: str, **options: object) -> CamFile:
     """Write a CAM file and read it; robot programs hold the tool along z."""
     file = folder / f"part{suffix}"
-    file.write_text(text)
+    file.write_bytes(text.encode())
     return read_cam(file, CamTable.model_validate({"tool_direction": "z", **options}))
+
+
+def ends(cam: CamFile) -> list[list[float]]:
+    """Return the waypoints. [mm]"""
+    return (cam.toolpath.position * 1e3).round(6).tolist()
+
+
+def cuts(cam: CamFile) -> list[list[float]]:
+    """Return where cutting moves end. [mm]"""
+    return [point for point, rapid in zip(ends(cam), cam.toolpath.rapid, strict=True) if not rapid]

@@ -120,7 +120,7 @@ def _try_pinocchio() -> bool:
 
 def _look_at_data() -> Iterator[Remark]:
     """Name the robots that ship, and the machines whose rotary words are read by name."""
-    from compplan.toolpath.readers.machines import list_machines
+    from compplan.toolpath.readers.options import list_machines
 
     if names := list(robot_folders()):
         yield Remark("fine", "robots", f"{len(names)} ship with compplan: {', '.join(names)}")

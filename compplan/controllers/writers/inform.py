@@ -55,11 +55,10 @@ FORM = ProgramForm(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.JBI with joint angles and, where poses and configuration words are known, NAME_L.JBI with positions.
 
-    Cutting moves of the linear job are MOVL with their feed (mm/s), rapid moves and swings MOVJ at 20 %; the joint job
-    has MOVJ with percents of the joint rates, to two digits. Positions count from a user frame of the cell, with a tool
-    of the cell; the job fills them (MFRAME, SETTOOL) where that is asked for. Joint angles need a controller that takes
-    POSTYPE ANGLE. Joints that carry the part are a station (ST1, angles EC); positions are joint angles then, and lines
-    are driven seen from the part (SMOVL .. +MOVJ EC).
+    Cutting moves of the linear job are MOVL with their feed, rapid moves and swings MOVJ; the joint job has MOVJ with
+    percents of the joint rates. Positions count from a user frame of the cell, with a tool of the cell. Joint angles
+    need a controller that takes POSTYPE ANGLE. Joints that carry the part are a station (ST1, angles EC); positions are
+    joint angles then, and lines are driven seen from the part (SMOVL .. +MOVJ EC).
     """
     if not program.moves_part or program.prismatic.any() or len(program.joint_names) - program.outer.sum() != 6:
         need_six_axes(program, "INFORM", sliding=0)

@@ -58,10 +58,10 @@ FORM = ProgramForm(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME_J.src, which moves the joints, and NAME_L.src, which moves the tool; each calls its parts.
 
-    The joint program repeats the plan waypoint by waypoint, each at a percent of the axis rates. The linear one has
-    plain motion lines (LIN, CIRC) through the geometry that the controller believes; its positions count from the part
-    frame ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. A rail counts as
-    coupled: $BASE stands still while it moves; where joints carry the part, $BASE moves with it (EK).
+    The joint program repeats the plan waypoint by waypoint, each at a percent of the axis rates. The linear one goes
+    through the geometry that the controller believes; its positions count from the part frame ($BASE), its rapid moves
+    and swings are joint moves. A rail counts as coupled: $BASE stands still while it moves; where joints carry the
+    part, $BASE moves with it (EK).
     """
     order_joints(program, ARM, "KRL")
     can = program.tcp is not None and program.status is not None

@@ -65,12 +65,12 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
     for place, written in lines.items():
         asked: list[str] = []
         for event in (event for event in events if event.place == place):
-            found = plan_event(event, wiring, phrases)
-            if asked and found.code:
+            remark, code, task = plan_event(event, wiring, phrases)
+            if asked and code:
                 written += phrases.pause(", then ".join(asked))
                 asked = []
-            written += [*found.remark, *found.code]
-            asked += [found.task] if found.task else []
+            written += [*remark, *code]
+            asked += [task] if task else []
         written += phrases.pause(", then ".join(asked)) if asked else []
     return {
         place: [line.replace("@", str(label)) for line in written]
@@ -78,52 +78,42 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
     }
 
 
-@dataclass(frozen=True)
-class EventLines:
-    """Hold what has to be done for an event: its comment, its lines, or what the operator is asked to do."""
-
-    remark: list[str]
-    code: list[str] = field(default_factory=list)
-    task: str = ""
-
-
-def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> EventLines:
-    """Return what has to be done for an event."""
+def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> tuple[list[str], list[str], str]:
+    """Return the comment of an event, the lines that do it, or else what the operator is asked to do."""
     text = clean_text(event.describe())
     if not text:
-        return EventLines([])
-    said, native, kind = phrases.say(text), phrases.native(event), event.kind
-    if kind == "comment":
-        return EventLines(said)
-    if native is not None:
-        return EventLines(said, native)
-    if kind in ("spindle_cw", "spindle_ccw") and _turns(kind, wiring):
-        return EventLines(said, _start_spindle(kind, wiring, phrases))
+        return [], [], ""
+    code = [] if event.kind == "comment" else phrases.native(event)
+    code = _phrase_event(event, text, wiring, phrases) if code is None else code
+    return phrases.say(text), code or [], text if code is None else ""
+
+
+def _phrase_event(event: Event, text: str, wiring: Wiring, phrases: Phrases) -> list[str] | None:
+    """Return the lines that do an event by the signals of the cell; None where nothing is wired for it."""
+    kind = event.kind
+    if kind in ("spindle_cw", "spindle_ccw"):
+        return _start_spindle(kind, wiring, phrases)
     if kind == "spindle_off" and wiring.spindle is not None:
-        return EventLines(said, _switch_all([wiring.spindle, wiring.spindle_reverse], phrases, on=False))
+        return _switch_all([wiring.spindle, wiring.spindle_reverse], phrases, on=False)
     if kind in ("coolant", "mist", "coolant_off"):
         wired = {"coolant": [wiring.coolant], "mist": [wiring.mist]}.get(kind, [wiring.coolant, wiring.mist])
-        return EventLines(said, _switch_all(wired, phrases, on=kind != "coolant_off"))
+        return _switch_all(wired, phrases, on=kind != "coolant_off")
     if kind == "tool" and wiring.tool_change:
-        return EventLines(said, phrases.call(wiring.tool_change, event.value))
+        return phrases.call(wiring.tool_change, event.value)
     if kind == "dwell":
-        return EventLines(said, phrases.wait(event.value))
+        return phrases.wait(event.value)
     if kind == "optional_stop" and wiring.optional_stop is not None:
-        return EventLines(said, phrases.pause_if(wiring.optional_stop, text))
+        return phrases.pause_if(wiring.optional_stop, text)
     if kind == "output" and event.text in wiring.signals:
-        return EventLines(said, phrases.switch(wiring.signals[event.text], event.value != 0.0))
-    return EventLines(said, task=text)
+        return phrases.switch(wiring.signals[event.text], event.value != 0.0)
+    return None
 
 
-def _turns(kind: str, wiring: Wiring) -> bool:
-    return wiring.spindle is not None and (kind == "spindle_cw" or wiring.spindle_reverse is not None)
-
-
-def _start_spindle(kind: str, wiring: Wiring, phrases: Phrases) -> list[str]:
-    lines: list[str] = []
-    if wiring.spindle_reverse is not None:
-        lines += phrases.switch(wiring.spindle_reverse, kind == "spindle_ccw")
-    lines += _switch_all([wiring.spindle], phrases, on=True)
+def _start_spindle(kind: str, wiring: Wiring, phrases: Phrases) -> list[str] | None:
+    if wiring.spindle is None or (kind == "spindle_ccw" and wiring.spindle_reverse is None):
+        return None
+    lines = _switch_all([wiring.spindle_reverse], phrases, on=kind == "spindle_ccw")
+    lines += phrases.switch(wiring.spindle, True)
     ready = wiring.spindle_ready
     return lines + (phrases.wait(wiring.spindle_wait_s) if ready is None else phrases.expect(ready))
 
@@ -149,7 +139,7 @@ def name_signal(signal: Signal, prefix: str) -> str:
 def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -> list[str]:
     """Return what has to be said of events that nothing is wired for, one sentence each."""
     left = [event for event in events if event.kind != "comment" and phrases.native(event) is None]
-    asked = [event for event in left if plan_event(event, wiring, phrases).task]
+    asked = [event for event in left if plan_event(event, wiring, phrases)[2]]
     notes = []
     if asked:
         kinds = ", ".join(dict.fromkeys(event.kind.replace("_", " ") for event in asked))

@@ -76,11 +76,6 @@ def name_main(program: Program) -> str:
     return program.post.main or program.name
 
 
-def name_kind(program: Program, ending: str) -> str:
-    """Return what tells joint and linear programs apart; nothing where the job names its one program."""
-    return "" if program.post.main else ending
-
-
 def render_post(program: Program, language: str, words: Mapping[str, Any]) -> str:
     """Return the text that a language's template, or the user's own, makes of a program.
 

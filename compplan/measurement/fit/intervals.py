@@ -31,14 +31,8 @@ def state_spread(
 ) -> tuple[Array, Array, bool]:  # fmt: skip
     """Compute covariance, degrees of freedom of each parameter, and whether groups of poses gave the covariance.
 
-    Args:
-        system: The linearised problem at the fitted state.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        noise: Noise against the stated one, of each block. Shape (3,).
-        loss: "least_squares", "huber" or "tukey".
-        group: Number of the pose of each row, for differences; None for absolute poses. Shape (n,).
-        free: Which parameters are estimated. Shape (p,).
-        sigma: "residuals" or "stated".
+    Arguments as of `iterate_gauss_newton`, at the fitted state; q: joint positions, (n, nq); noise: of each block over
+    the stated one, (3,).
 
     Raises:
         InputError: If the parameters use up all measured numbers.

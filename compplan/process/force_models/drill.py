@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from compplan.process.cutter import Cutter
 from compplan.process.cutting import CuttingTable, MillingShape
-from compplan.process.engagement import Engagement
+from compplan.process.engagement import Cutter, Engagement
 from compplan.process.materials import Coefficients
 
 words = "thrust and torque of a drill"

@@ -7,8 +7,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from compplan.io.tomlfile import StrictTable
-from compplan.process.cutter import Cutter
 from compplan.process.cutting import CuttingTable
+from compplan.process.engagement import Cutter
 from compplan.process.force_models import milling
 
 words = "end mill in what it meets of the stock"

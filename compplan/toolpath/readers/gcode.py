@@ -21,7 +21,7 @@ from compplan.toolpath.readers.cnc.origins import Layers, Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
-from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
+from compplan.toolpath.readers.cnc.state import INCH, LETTERS, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, refuse_unit
@@ -101,7 +101,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             meaning = {"absolute": "absolute", "reversed": "counted from the centre to the start"}[reading]
             note = f"arc centres I J K are read as {meaning}: only so every arc of the file lies on a circle"
             reader.it.log.note(note, int(first_fault.where or 1))
-        return reader.it.finish("gcode", ", ".join(state.units) or "not stated", len(lines))
+        return reader.it.log.finish(file, "gcode", ", ".join(state.units) or "not stated", len(lines))
     assert first_fault is not None
     raise first_fault
 
@@ -386,11 +386,6 @@ def set_polar(dialect: Rs274, block: CncBlock, code: float) -> None:
     dialect.it.state.polar_words.clear()
 
 
-def shift(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G52: shift the program's origin."""
-    dialect.origins.shift({axis: block.values[AXES[axis]] for axis in block.list_axes()})
-
-
 PROBE, POLAR = Code(probe, 2, "once"), Code(set_polar)
 DROP = Code(lambda dialect, block, code: dialect.origins.drop(code), 2, "once")
 HOME = Code(lambda dialect, block, code: dialect.origins.go_home(code, block), 2, "once")
@@ -412,7 +407,7 @@ G_CODES: dict[float | str, Code] = {
     **{float(code): OFFSET for code in range(54, 60)}, 154.0: OFFSET, 54.2: Code(set_dynamic_offset),
     **dict.fromkeys(HAAS_OFFSETS, Code(use_haas_offset)),
     10.0: Code(lambda dialect, block, code: dialect.origins.set_offset(block), 2, "once"),
-    28.0: HOME, 30.0: HOME, 52.0: Code(shift, 2, "once"),
+    28.0: HOME, 30.0: HOME, 52.0: Code(lambda dialect, block, code: dialect.origins.shift(block), 2, "once"),
     92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
     92.1: DROP, 92.2: DROP, 92.3: DROP,
     50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),

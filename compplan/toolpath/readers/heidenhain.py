@@ -69,7 +69,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     reader = Klartext(file, options)
     reader.run(text)
     unit = "not stated" if not reader.begun else "inch" if reader.inch else "mm"
-    return reader.it.finish(name, unit, count_lines(text))
+    return reader.it.log.finish(file, name, unit, count_lines(text))
 
 
 class Klartext:
@@ -213,8 +213,8 @@ class Klartext:
             if defining:
                 self.cycles.add_value(text)
                 self.cycles.defining = True
-        elif word in STATEMENTS:
-            STATEMENTS[word](self, text[len(word) :].strip())
+        elif word in STATEMENTS or text == "END-SUB":
+            STATEMENTS.get(word, pass_over)(self, text[len(word) :].strip())
         elif word == "ERROR" or set(text) <= set("%-_=#* "):
             self.it.note(f"line {text[:20]!r} is not read")
         else:
@@ -452,12 +452,6 @@ def pass_over(dialect: Klartext, rest: str) -> None:
     """Carry out a statement that says nothing of the path."""
 
 
-def end_part(dialect: Klartext, rest: str) -> None:
-    """END-SUB: nothing of the path; END of anything else is not read."""
-    if rest != "-SUB":
-        raise InputError(f"block 'END {rest[:36]}' is not read and may move the tool; post-process without it")
-
-
 STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "BEGIN": Klartext.begin, "M": Klartext.run_functions,
     "STOP": lambda dialect, rest: dialect.run_functions(rest, stops=True),
@@ -472,7 +466,6 @@ STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
     # nothing of the path
     **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),
-    "END": end_part,
     # refused
     "SPL": refuse("splines", "SPL"), "CONTOUR": refuse("contour cycles", "CONTOUR"),
     **{word: refuse("free contours", word) for word in ("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT")},

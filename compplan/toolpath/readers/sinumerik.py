@@ -1,6 +1,6 @@
 """Sinumerik 840D: what each of its words does, one line a word, and its frames.
 
-A new word is one line of `WORDS`: a G code by its number, any other by its name; see `readers.gcode`.
+A new word is one line of `WORDS`: a G code by its number, any other by its name; `readers.gcode` says what it may be.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """
     reader = Sinumerik(file, options)
     reader.run(text)
-    return reader.it.finish(name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
+    return reader.it.log.finish(file, name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
 
 
 class Sinumerik:

@@ -1,26 +1,12 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from cam_files import ends
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile, CamTable, read_cam
 
-
-@pytest.fixture
-def read(tmp_path: Path):
-    def read_text(text: str, suffix: str = ".apt", **options: object) -> CamFile:
-        file = tmp_path / f"part{suffix}"
-        file.write_bytes(text.encode("latin-1"))
-        return read_cam(file, CamTable.model_validate(options))
-
-    return read_text
-
-
-def ends(cam: CamFile) -> list[list[float]]:
-    return (cam.toolpath.position * 1e3).round(6).tolist()
+SUFFIX = ".apt"
 
 
 def test_points_feeds_and_rapids_are_read(read) -> None:

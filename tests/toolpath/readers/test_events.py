@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from functools import partial
-from pathlib import Path
-
 import numpy as np
 import pytest
-from cam_files import read_cam_text
 
 from compplan.toolpath.events import Event, find_halts, move_events
 from compplan.toolpath.readers import CamFile
@@ -21,11 +17,6 @@ RAPID = (
 )
 APT = "UNITS/MM\nFEDRAT/60,MMPM\nFROM/0,0,0\n%s\nGOTO/10,0,0\nFINI\n"
 NC = "G21 G0 X0 Y0 Z0\n%s\nG1 X10 F60\n"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    return partial(read_cam_text, tmp_path)
 
 
 def list_events(cam: CamFile, *, comments: bool = False) -> list[tuple[object, ...]]:

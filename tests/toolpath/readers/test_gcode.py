@@ -6,29 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cam_files import ends
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compplan.cli import main
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile, CamTable, read_cam
+from compplan.toolpath.readers import CamTable, read_cam
 from compplan.toolpath.reading import read_toolpath
 
 SHIPPED = Path(__file__).parents[3] / "paths" / "jsdc.gcode"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    def read_text(text: str, **options: object) -> CamFile:
-        file = tmp_path / "part.nc"
-        file.write_bytes(text.encode("latin-1"))
-        return read_cam(file, CamTable.model_validate(options))
-
-    return read_text
-
-
-def ends(cam: CamFile) -> list[list[float]]:
-    return (cam.toolpath.position * 1e3).round(6).tolist()
 
 
 def test_the_shipped_engraving_has_the_facts_that_another_interpreter_found() -> None:
@@ -271,15 +258,6 @@ def test_a_compensated_contour_asks_what_the_file_holds(read) -> None:
         "line 4: G41 compensates wear alone: the path is that of the tool's centre, as compensation = centre_line says",
     )
     assert read(f"{head}G41 D0 X10\n").facts.notes == ()
-
-
-BLOCKS = (
-    "X{a}", "Y{a} Z{b}", "G1 X{a} Y{b} F{c}", "N7 G01X{a}Y{b}", "F{c}", "G91", "G90", "G0 X{a}", "G1", "S{c}00 M3",
-    "G2 X{a} Y{b} R900", "G52 X{a}", "G92 Y{b}", "G68 X0 Y0 R30", "G69", "G51 X0 Y0 Z0 P2.", "G50", "G28 G91 Z0", "G20",
-    "G95 F.{c}", "G94 F{c}", "G21", "G81 X{a} Y{b} Z-3 R2 F{c}", "G80", "G1 X{a} ,R1", "G16", "G15", "X{a} F0",
-    "M98 P5",
-)  # fmt: skip
-DRAWN = st.tuples(st.sampled_from(BLOCKS), st.integers(-90, 90), st.integers(-9, 9), st.integers(1, 9))
 
 
 def test_long_programs_take_time_in_proportion(read) -> None:

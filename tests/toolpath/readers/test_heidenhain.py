@@ -3,33 +3,17 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cam_files import read_cam_text
+from cam_files import cuts, ends, read_cam_text
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile
 from compplan.toolpath.readers.cnc import flow
 
+SUFFIX = ".h"
 START = "BEGIN PGM P MM\nTOOL CALL 1 Z S3000\nL X+0 Y+0 Z+10 R0 FMAX M3\n"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    return partial(read_cam_text, tmp_path, suffix=".h", cycles="expand")
-
-
-def ends(cam: CamFile) -> list[list[float]]:
-    """Return the ends of the moves, rapid ones by their place alone. [mm]"""
-    return (cam.toolpath.position * 1e3).round(6).tolist()
-
-
-def cuts(cam: CamFile) -> list[list[float]]:
-    """Return where cutting moves end. [mm]"""
-    return [point for point, rapid in zip(ends(cam), cam.toolpath.rapid, strict=True) if not rapid]
 
 
 def close(body: str) -> str:

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
-from pathlib import Path
-
 import numpy as np
 import pytest
-from cam_files import read_cam_text
 
 from compplan.errors import InputError
 
 HEAD = "G21 G0 X0 Y0 Z0\n"
 TARGET = "[[{},{},0],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    return partial(read_cam_text, tmp_path)
 
 
 def write_krl(body: str, data: str = "") -> str:
@@ -98,7 +89,7 @@ def test_what_can_be_read_is_read(read, suffix: str, text: str, tips: list, feed
 
 
 def test_the_tool_direction_of_siemens_is_read_and_turns_along_the_move(read) -> None:
-    cam = read(HEAD + "TRAORI\nG1 X0 A3=0 B3=0 C3=2 F9\nG1 X10 A3=1 B3=0 C3=1\nG0 X20 A3=0 B3=1 C3=0\n", ".mpf")
+    cam = read(HEAD + "TRAORI\nORIWKS\nG1 X0 A3=0 B3=0 C3=2 F9\nG1 X10 A3=1 B3=0 C3=1\nG0 X20 A3=0 B3=1 C3=0\n", ".mpf")
     half = np.abs(cam.toolpath.position[:, 0] - 0.005).argmin()
     middle = np.radians(45.0 * cam.toolpath.position[half, 0] / 0.01)
     assert cam.toolpath.axis[half] == pytest.approx([np.sin(middle), 0, np.cos(middle)])

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cam_files import read_cam_text
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,11 +19,6 @@ from compplan.toolpath.readers.cnc.rs274_macro import Variables
 from compplan.toolpath.readers.options import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    return partial(read_cam_text, tmp_path)
 
 
 def rows(cam: CamFile) -> list[tuple[float, ...]]:
@@ -368,15 +361,6 @@ def test_signs_of_one_rank_are_worked_out_from_left_to_right(grammar: Grammar) -
     values = {"10-3-2": 5.0, "10-3+2": 9.0, "12/3/2": 2.0, "12/3*2": 8.0, "2*3-4-5": -3.0, "10-(3-2)": 9.0}
     for text, value in values.items():
         assert evaluate(text, grammar, lambda name, index: 0.0) == pytest.approx(value), text
-
-
-BLOCKS = [
-    ["N10", "G21", "G90", "G17", "G0", "X1.5", "Y-2", "Z10"], ["N20", "T3", "M6"], ["N30", "S900", "M3", "M8"],
-    ["N40", "G1", "Z-1", "F300"], ["N50", "X20", "Y5.25"], ["N60", "G2", "X30", "Y15.25", "I0", "J10", "F200"],
-    ["N70", "G91", "G1", "X1"], ["N80", "G90", "G3", "X21", "Y15.25", "R10"], ["N85", "G0", "Z10"],
-    ["N90", "G98", "G83", "X5", "Y5", "Z-3", "R2", "Q1.5", "F60"], ["N95", "G80", "G0", "X0"],
-    ["N100", "G28", "G91", "Z0"], ["N110", "G90", "G53", "G0", "Z0"], ["N120", "M5", "M9"], ["N130", "M30"],
-]  # fmt: skip
 
 
 def test_a_machine_by_name_is_its_keys(tmp_path: Path) -> None:

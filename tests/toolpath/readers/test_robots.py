@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cam_files import read_cam_text
+from cam_files import ends, read_cam_text
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile
 from compplan.toolpath.readers.krl import read_pose
 from compplan.toolpath.toolpath import check_toolpath
 
@@ -18,11 +16,6 @@ KRL = "&ACCESS RVP\n&REL 1\nDEF part( )\n;FOLD INI\nINTERRUPT ON 3\nBAS (#INITMO
 DOWN = "A 0,B 180,C 0"  # z of the TCP frame points down: the tool axis is 0 0 1
 RAPID = "%%%\n  VERSION:1\n  LANGUAGE:ENGLISH\n%%%\nMODULE part\n{}\nPROC main()\n{}\nENDPROC\nENDMODULE\n"
 REST = ",[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    return partial(read_cam_text, tmp_path)
 
 
 @pytest.fixture
@@ -35,10 +28,6 @@ def rapid(read):
     return lambda data, body, **options: read(RAPID.format(data, body), ".mod", **options)
 
 
-def tips(cam: CamFile) -> list[list[float]]:
-    return (cam.toolpath.position * 1e3).round(6).tolist()
-
-
 def target(x: float, y: float, z: float, turn: str = "0,0,1,0") -> str:
     return f"[[{x},{y},{z}],[{turn}]{REST}"
 
@@ -49,7 +38,7 @@ def test_krl_moves_are_read_with_their_speed(krl) -> None:
         f"LIN {{X 0,Y 0,Z 0,{DOWN}}} C_DIS ; down\n"
         "$VEL = {CP 0.1,ORI1 200}\nLIN {X 30.0,Y 40.0}\nBAS(#VEL_CP,0.2)\nlin {y 41,z 1E+1}\n"
     )
-    assert tips(cam) == [[0, 0, 50], [0, 0, 0], [30, 40, 0], [30, 41, 10]]
+    assert ends(cam) == [[0, 0, 50], [0, 0, 0], [30, 40, 0], [30, 41, 10]]
     assert cam.toolpath.feed.tolist() == pytest.approx([0, 0.05, 0.1, 0.2])
     assert cam.toolpath.rapid.tolist() == [True, False, False, False]
     assert cam.toolpath.axis == pytest.approx(np.tile([0, 0, 1], (4, 1)), abs=1e-12)
@@ -74,11 +63,11 @@ def test_krl_circles_go_through_their_middle(krl) -> None:
     start = f"$VEL.CP=0.05\nPTP {{X 10,Y 0,Z 0,{DOWN}}}\n"
     cam = krl(start + "CIRC {X 0,Y 10,Z 0},{X -10,Y 0,Z 0} C_DIS\n")
     assert cam.facts.arcs == 1 and cam.facts.cutting_length_mm == pytest.approx(10 * np.pi)
-    assert cam.toolpath.position[:, 1].max() == pytest.approx(0.01) and tips(cam)[-1] == [-10, 0, 0]
+    assert cam.toolpath.position[:, 1].max() == pytest.approx(0.01) and ends(cam)[-1] == [-10, 0, 0]
     short = krl(start + "CIRC {X 7.0710678,Y -7.0710678},{X 0,Y -10}\n")
     assert short.facts.cutting_length_mm == pytest.approx(5 * np.pi, rel=1e-6)
     full = krl(start + "CIRC {X 0,Y 10,Z 0},{X -10,Y 0,Z 0},CA 360\n")
-    assert full.facts.cutting_length_mm == pytest.approx(20 * np.pi) and tips(full)[-1] == pytest.approx([10, 0, 0])
+    assert full.facts.cutting_length_mm == pytest.approx(20 * np.pi) and ends(full)[-1] == pytest.approx([10, 0, 0])
     with pytest.raises(InputError, match=r"part.src:10: start, middle and end of a circle lie on a line"):
         krl(start + "CIRC {X 20,Y 0,Z 0},{X 30,Y 0,Z 0}\n")
 
@@ -106,7 +95,7 @@ def test_krl_positions_and_bases_come_from_the_data_beside_and_subprograms_are_f
     )
     (tmp_path / "cut.src").write_text("DEF cut()\nLIN {X 9}\nEND\n")
     cam = krl("$VEL.CP=0.05\nPTP XP1\ncut()\nother()\nLIN XP1 C_DIS\n")
-    assert tips(cam) == [[1, 2, 3], [9, 2, 3], [1, 2, 3]]
+    assert ends(cam) == [[1, 2, 3], [9, 2, 3], [1, 2, 3]]
     assert [note.split(": ", 1)[1] for note in cam.facts.notes] == [
         "call of OTHER() is not read: it is neither here nor beside the file"
     ]
@@ -120,7 +109,7 @@ def test_krl_loops_over_points_of_a_public_data_file_are_carried_out(krl, tmp_pa
     loop = "INT i, j\nFOR i = 1 TO 4 STEP 1\ngfPoint[i].Z = -2\nLIN gfPoint[i] C_DIS\nENDFOR\n"
     loop += "FOR j=4 TO 1 STEP -3\nLIN gfPoint[j]\nENDFOR"
     cam = krl(f"$VEL.CP=0.05\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\n{loop}\n")
-    assert tips(cam) == [[0, 0, 0], [10, 0, -2], [20, 0, -2], [30, 0, -2], [40, 0, -2], [10, 0, -2]]
+    assert ends(cam) == [[0, 0, 0], [10, 0, -2], [20, 0, -2], [30, 0, -2], [40, 0, -2], [10, 0, -2]]
     assert cam.facts.notes == ("line 1: positions of other files are read: points.dat",)
     (tmp_path / "again.dat").write_text("DEFDAT again PUBLIC\nDECL GLOBAL FRAME gfPoint[4]\nENDDAT\n")
     with pytest.raises(InputError, match=r"GFPOINT stands in again.dat and in points.dat, both public"):
@@ -130,7 +119,7 @@ def test_krl_loops_over_points_of_a_public_data_file_are_carried_out(krl, tmp_pa
 def test_krl_bases_that_change_are_followed_where_they_are_known(krl) -> None:
     frames = "BASE_DATA[1]={X 100,Y 0,Z 0,A 0,B 0,C 0}\nBASE_DATA[2]={FRAME: X 100,Y 50,Z 0,A 90,B 0,C 0}\n"
     body = f"$VEL.CP=0.05\n$BASE=BASE_DATA[1]\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\nBAS(#BASE,2)\nLIN {{X 10,Y 0,Z 0,{DOWN}}}\n"
-    assert tips(krl(frames + body))[-1] == [0, 60, 0]
+    assert ends(krl(frames + body))[-1] == [0, 60, 0]
     with pytest.raises(InputError, match=r"part.src:11: base changes from BASE_DATA\[1\] to BASE_DATA\[2\], and their"):
         krl(body)
 
@@ -163,7 +152,7 @@ def test_rapid_moves_are_read_with_their_speed(rapid) -> None:
         f'TPWrite "MoveL; !";\nMoveL Offs(p10,30,40,\n-50),vCut,fine,tMill\\WObj:=wPart;\n'
         f"MoveL {target(30, 41, 0)},v50\\V:=10,z0,tMill\\WObj:=wPart;SetDO a,1;\n",
     )
-    assert tips(cam) == [[0, 0, 50], [0, 0, 0], [30, 40, 0], [30, 41, 0]]
+    assert ends(cam) == [[0, 0, 50], [0, 0, 0], [30, 40, 0], [30, 41, 0]]
     assert cam.toolpath.feed.tolist() == pytest.approx([0, 0.05, 0.025, 0.01])
     assert cam.toolpath.axis[-1] == pytest.approx([0, 0, 1], abs=1e-12)
     assert (cam.facts.kind, cam.facts.cutting_moves, cam.facts.notes) == ("rapid", 3, ())
@@ -188,7 +177,7 @@ def test_rapid_work_objects_that_change_are_followed_where_they_are_known(rapid)
         'PERS wobjdata w2:=[FALSE,TRUE,"",[[100,0,0],[1,0,0,0]],[[0,50,0],[0.707106781,0,0,0.707106781]]];'
     )
     body = f"MoveJ {target(0, 0, 0)},v50,fine,t\\WObj:=w1;\nMoveL {target(10, 0, 0)},v50,fine,t\\WObj:=w2;\n"
-    assert tips(rapid(objects, body))[-1] == [0, 60, 0]
+    assert ends(rapid(objects, body))[-1] == [0, 60, 0]
     with pytest.raises(InputError, match=r"work object changes from W1 to W2, and their places are not both known"):
         rapid("", body)
     with pytest.raises(InputError, match=r"work object W1 is held by the robot"):

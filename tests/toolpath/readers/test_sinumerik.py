@@ -3,32 +3,16 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 
 import pytest
-from cam_files import read_cam_text
+from cam_files import cuts, ends, read_cam_text
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile
 from compplan.toolpath.readers.cnc import flow
 
+SUFFIX = ".mpf"
 HEAD = "G17 G71 G90 G40 G54\nT1 M6\nS3000 M3\nG0 X0 Y0\nG0 Z10\n"
-
-
-@pytest.fixture
-def read(tmp_path: Path):
-    return partial(read_cam_text, tmp_path, suffix=".mpf", cycles="expand")
-
-
-def ends(cam: CamFile) -> list[list[float]]:
-    """Return the waypoints. [mm]"""
-    return (cam.toolpath.position * 1e3).round(6).tolist()
-
-
-def cuts(cam: CamFile) -> list[list[float]]:
-    """Return where cutting moves end. [mm]"""
-    return [point for point, rapid in zip(ends(cam), cam.toolpath.rapid, strict=True) if not rapid]
 
 
 POST = """%_N_POCKET_MPF
@@ -226,12 +210,6 @@ def test_endless_loops_are_refused(read, monkeypatch) -> None:
     monkeypatch.setattr(flow, "MOST_JUMPS", 2_000)
     with pytest.raises(InputError, match=r"part.mpf:\d: more than 2000 jumps"):
         read(f"{HEAD}A1:\nGOTOB A1\nM30\n")
-
-
-def test_the_tool_direction_of_vectors_turns_along_the_move(read) -> None:
-    cam = read(f"{HEAD}TRAORI\nORIWKS\nG1 X0 A3=0 B3=0 C3=1 F60\nX10 A3=1 B3=0 C3=1\nTRAFOOF\nM30\n")
-    assert cam.toolpath.axis[-1] == pytest.approx([math.sqrt(0.5), 0, math.sqrt(0.5)])
-    assert cam.facts.cutting_moves == 1 and len(cam.toolpath) > 40
 
 
 def test_inches_and_feeds_by_the_turn_and_the_dwell(read) -> None:

@@ -17,16 +17,6 @@ from compplan.toolpath.reading import read_toolpath
 HEAD = "G21 G0 X0 Y0 Z0\n"
 
 
-@pytest.fixture
-def read(tmp_path: Path):
-    def read_text(text: str, suffix: str = ".nc", **options: object) -> CamFile:
-        file = tmp_path / f"part{suffix}"
-        file.write_bytes(text.encode())
-        return read_cam(file, CamTable.model_validate(options))
-
-    return read_text
-
-
 def length(cam: CamFile) -> float:
     return cam.facts.cutting_length_mm
 

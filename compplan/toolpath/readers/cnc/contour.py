@@ -190,58 +190,51 @@ def _find_rounding(
     point = before.end
     u = before.tangent(point)
     v = cross(normal, u)
-    moved = [_move_inwards(element, point, radius if right_hand else -radius, u, v) for element in (before, after)]
-    places = _meet(moved[0], moved[1])
-    best: tuple[float, Point, Point, Point] | None = None
-    for x, y in places:
-        centre = combine(1.0, combine(1.0, point, x, u), y, v)
-        touches = [_touch(element, centre, normal) for element in (before, after)]
-        if all(_lies_on(e, t) for e, t in zip((before, after), touches, strict=True)):
-            far = math.dist(centre, point)
-            if best is None or far < best[0]:
-                best = far, centre, touches[0], touches[1]
-    if best is None:
+    found: list[tuple[float, Point, Point, Point]] = []
+    left = radius if right_hand else -radius
+    for place in _meet(*(_move_inwards(element, point, left, u, v) for element in (before, after))):
+        centre = combine(1.0, combine(1.0, point, place.real, u), place.imag, v)
+        first, last = (_touch(element, centre, normal) for element in (before, after))
+        if _lies_on(before, first) and _lies_on(after, last):
+            found.append((math.dist(centre, point), centre, first, last))
+    if not found:
         raise ValueError(f"a rounding of radius {radius:g} does not fit between its elements")
-    return best[1], best[2], best[3]
+    return min(found)[1:]
 
 
-Flat = tuple[str, float, float, float, float]
+#: A line, its point and direction, or a circle, its centre and radius; places of a plane are complex numbers.
+Flat = tuple[complex, complex | float]
 
 
 def _move_inwards(element: Element, point: Point, left: float, u: Point, v: Point) -> Flat:
-    """Return an element moved to its left, in the plane: a line (point, direction) or a circle (centre, radius)."""
+    """Return an element moved to its left, in the plane."""
     if element.centre is None:
         t = element.tangent(point)
-        x, y = dot(t, u), dot(t, v)
-        return "line", -y * left, x * left, x, y
+        along = complex(dot(t, u), dot(t, v))
+        return 1j * left * along, along
     arm = combine(1.0, element.centre, -1.0, point)
     size = math.dist(element.centre, point) + (-left if element.right_hand else left)
-    return "circle", dot(arm, u), dot(arm, v), abs(size), 0.0
+    return complex(dot(arm, u), dot(arm, v)), abs(size)
 
 
-def _meet(one: Flat, other: Flat) -> list[tuple[float, float]]:
-    """Return where two lines or circles of a plane meet."""
-    if one[0] == "line" and other[0] == "line":
+def _meet(one: Flat, other: Flat) -> list[complex]:
+    """Return where a line and a circle, or two circles, meet."""
+    (start, way), (centre, radius) = (one, other) if isinstance(one[1], complex) else (other, one)
+    if isinstance(radius, complex):
         return []
-    if one[0] == "circle" and other[0] == "circle":
-        dx, dy = other[1] - one[1], other[2] - one[2]
-        apart = math.hypot(dx, dy)
-        if apart < 1e-12:
-            return []
-        along = (apart * apart + one[3] ** 2 - other[3] ** 2) / (2.0 * apart)
-        across = math.sqrt(max(one[3] ** 2 - along**2, 0.0))
-        if abs(along) > one[3] + 1e-9:
-            return []
-        ex, ey = dx / apart, dy / apart
-        return [(one[1] + along * ex - s * across * ey, one[2] + along * ey + s * across * ex) for s in (1.0, -1.0)]
-    line, circle = (one, other) if one[0] == "line" else (other, one)
-    px, py = line[1] - circle[1], line[2] - circle[2]
-    along = px * line[3] + py * line[4]
-    inside = along * along - (px * px + py * py - circle[3] ** 2)
-    if inside < -1e-9:
+    to = start - centre
+    if isinstance(way, complex):
+        along = (to * way.conjugate()).real
+        inside = along * along - (abs(to) ** 2 - radius**2)
+        root = math.sqrt(max(inside, 0.0))
+        return [start + t * way for t in (-along + root, -along - root)] if inside >= -1e-9 else []
+    if abs(to) < 1e-12:
         return []
-    root = math.sqrt(max(inside, 0.0))
-    return [(line[1] + t * line[3], line[2] + t * line[4]) for t in (-along + root, -along - root)]
+    along = (abs(to) ** 2 + radius**2 - way**2) / (2.0 * abs(to))
+    across = math.sqrt(max(radius**2 - along**2, 0.0))
+    return (
+        [centre + to / abs(to) * complex(along, s * across) for s in (1.0, -1.0)] if abs(along) <= radius + 1e-9 else []
+    )
 
 
 def _touch(element: Element, centre: Point, normal: Point) -> Point:

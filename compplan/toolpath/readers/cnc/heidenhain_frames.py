@@ -58,7 +58,7 @@ class KlartextDatums:
                 self.it.put(mirror=None)
             return True
         carry_out = {7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt_19,
-                     26: self._scale_26}  # fmt: skip
+                     26: self._scale_axes}  # fmt: skip
         carry_out[number](rest)
         return True
 
@@ -104,7 +104,7 @@ class KlartextDatums:
             raise InputError(f"scale {rest[:20]!r} is not read, expected SCL and a factor")
         self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
 
-    def _scale_26(self, rest: str) -> None:
+    def _scale_axes(self, rest: str) -> None:
         factors = [self.value(text) for _, _, text in AXIS_VALUE.findall(re.sub(r"CC[XYZ]\s*[-+\d.,]+", "", rest))]
         if any(factor != 1.0 for factor in factors):
             raise InputError("scales of single axes (cycle 26) are not read")

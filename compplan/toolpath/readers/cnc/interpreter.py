@@ -19,7 +19,6 @@ from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, Machine, State
 from compplan.toolpath.readers.frames import Frame
-from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, ask_compensation
 
 #: Addresses that make a move.
@@ -124,10 +123,6 @@ class Interpreter:
             self.contour.refuse_open()
             finish()
         self.machine.end(self.flow.line)
-
-    def finish(self, kind: str, unit: str, lines: int) -> CamFile:
-        """Return toolpath and facts."""
-        return self.log.finish(self.file, kind, unit, lines)
 
     def run_words(self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None],
                   pass_over: Callable[[CncBlock, float | str], None]) -> str:  # fmt: skip

@@ -149,11 +149,11 @@ class Origins:
         self.course.lose(axes)
         self.it.turn_home(dict.fromkeys(turned, 0.0))
 
-    def shift(self, numbers: dict[int, float]) -> None:
-        """Shift the program's origin (G52), in program units."""
+    def shift(self, block: CncBlock) -> None:
+        """Shift the program's origin (G52)."""
         shifted = list(self.shifted)
-        for axis, number in numbers.items():
-            shifted[axis] = number * self.state.scale
+        for axis in block.list_axes():
+            shifted[axis] = block.values[AXES[axis]] * self.state.scale
         self.shifted = shifted[0], shifted[1], shifted[2]
         self.it.put(origin=shift(*self.zero))
 

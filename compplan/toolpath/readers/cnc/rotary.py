@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -45,9 +46,9 @@ class RotaryMachine:
         """
         axis = UP
         for letter, sense in self.head[::-1]:
-            axis = _turn(letter, sense * angles.get(letter, 0.0)).turn(axis)
+            axis = _turn(letter, sense * angles.get(letter, 0.0), axis)
         for letter, sense in self.table:
-            axis = _turn(letter, -sense * angles.get(letter, 0.0)).turn(axis)
+            axis = _turn(letter, -sense * angles.get(letter, 0.0), axis)
         return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
 
     def place(self, angles: Mapping[str, float]) -> Frame:
@@ -63,14 +64,21 @@ class RotaryMachine:
                 raise RotaryError("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
             centre = self.centre
             for letter, sense in self.table:
-                placed = turn_about(centre, _turn(letter, -sense * angles.get(letter, 0.0))).then(placed)
+                turn = rotate("ABC".index(letter), -sense * angles.get(letter, 0.0))
+                placed = turn_about(centre, turn).then(placed)
                 centre = combine(1.0, centre, 1.0, self.offset)
         return placed
 
 
-def _turn(letter: str, angle: float) -> Frame:
-    """Return a rotation about the axis of a rotary letter by the right hand; angle in degrees."""
-    return rotate("ABC".index(letter), angle)
+def _turn(letter: str, angle: float, vector: Point) -> Point:
+    """Return a vector turned about the axis of a rotary letter by the right hand; angle in degrees."""
+    sine, cosine = math.sin(math.radians(angle)), math.cos(math.radians(angle))
+    x, y, z = vector
+    if letter == "A":
+        return x, cosine * y - sine * z, sine * y + cosine * z
+    if letter == "B":
+        return cosine * x + sine * z, y, cosine * z - sine * x
+    return cosine * x - sine * y, sine * x + cosine * y, z
 
 
 def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:

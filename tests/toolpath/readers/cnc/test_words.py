@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile, CamTable, read_cam
 
 #: A code, and what is expected of it: the end of the cut [mm], or words of the refusal.
 CODES = [
@@ -51,39 +48,23 @@ STATEMENTS = [
 ]
 
 
-def read_text(folder: Path, text: str, suffix: str = ".nc") -> CamFile:
-    file = folder / f"part{suffix}"
-    file.write_text(text)
-    return read_cam(file, CamTable())
+FORMS = {
+    ".nc": ("G21 G90 G17\nG0 X0 Y0 Z5\n{}\nG0 X0 Y0 Z1\nG1 X10 F600\nM30\n", CODES),
+    ".mpf": ("G71 G90 G17\nG0 X0 Y0 Z5\n{}\nG0 X0 Y0 Z1\nG1 X10 F600\nM30\n", WORDS),
+    ".h": ("BEGIN PGM A MM\nL X+0 Y+0 Z+5 FMAX\n{}\nL X+0 Y+0 Z+1 FMAX\nL X+10 F600\nEND PGM A MM\n", STATEMENTS),
+}
+CASES = [(suffix, word, expected) for suffix, (_, words) in FORMS.items() for word, expected in words]
 
 
-def check(folder: Path, text: str, suffix: str, line: int, expected: tuple[float, float] | str) -> None:
-    """Compare where the cut ends, or what is refused in a line and the one after it."""
+@pytest.mark.parametrize(("suffix", "word", "expected"), CASES)
+def test_a_word_acts_on_the_cut_after_it(read, suffix: str, word: str, expected: tuple[float, float] | str) -> None:
+    text = FORMS[suffix][0].format(word)
     if isinstance(expected, str):
         with pytest.raises(InputError, match=expected) as refusal:
-            read_text(folder, text, suffix)
-        assert refusal.value.where == line
+            read(text, suffix)
+        assert refusal.value.where == 3
     else:
-        end = read_text(folder, text, suffix).toolpath.position[-1, :2] * 1e3
-        assert np.allclose(end, expected, atol=1e-9)
-
-
-@pytest.mark.parametrize(("code", "expected"), CODES)
-def test_a_code_acts_on_the_cut_after_it(tmp_path: Path, code: str, expected: tuple[float, float] | str) -> None:
-    check(tmp_path, f"G21 G90 G17\nG0 X0 Y0 Z5\n{code}\nG0 X0 Y0 Z1\nG1 X10 F600\nM30\n", ".nc", 3, expected)
-
-
-@pytest.mark.parametrize(("word", "expected"), WORDS)
-def test_a_word_acts_on_the_cut_after_it(tmp_path: Path, word: str, expected: tuple[float, float] | str) -> None:
-    check(tmp_path, f"G71 G90 G17\nG0 X0 Y0 Z5\n{word}\nG0 X0 Y0 Z1\nG1 X10 F600\nM30\n", ".mpf", 3, expected)
-
-
-@pytest.mark.parametrize(("statement", "expected"), STATEMENTS)
-def test_a_statement_acts_on_the_cut_after_it(
-    tmp_path: Path, statement: str, expected: tuple[float, float] | str
-) -> None:
-    body = f"L X+0 Y+0 Z+5 FMAX\n{statement}\nL X+0 Y+0 Z+1 FMAX\nL X+10 F600"
-    check(tmp_path, f"BEGIN PGM A MM\n{body}\nEND PGM A MM\n", ".h", 3, expected)
+        assert np.allclose(read(text, suffix).toolpath.position[-1, :2] * 1e3, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -93,10 +74,10 @@ def test_a_statement_acts_on_the_cut_after_it(
 )  # fmt: skip
 @pytest.mark.parametrize("cycle", ["G83", "G73"])
 def test_a_rounding_remainder_of_a_hole_adds_no_peck(
-    tmp_path: Path, cycle: str, unit: str, depth: float, peck: float, expected: int
+    read, cycle: str, unit: str, depth: float, peck: float, expected: int
 ) -> None:
     text = f"{unit} G90\nG0 X0 Y0 Z5\nG98 {cycle} Z-{depth:g} R0 Q{peck:g} F10\nG80\nG0 Z5\nG1 X1\nM30\n"
-    path = read_text(tmp_path, text).toolpath
+    path = read(text).toolpath
     height = path.position[:, 2]
     cuts = ~path.rapid & (np.diff(height, prepend=height[0]) < -1e-9)
     assert cuts.sum() == expected

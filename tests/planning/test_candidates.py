@@ -1,10 +1,12 @@
-"""One program of time, posture and promise: derivatives, closed forms, limits, and what it brings on a small job."""
+"""Candidates of a start: finished postures of several presets, and one program of time, posture and band."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,13 @@ import pytest
 
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job, load_job
+from compplan.planning import candidates
 from compplan.planning.candidates import judge_gain
+from compplan.planning.feed import time_run
 from compplan.planning.lost_motion import describe_reversals, list_reversals
 from compplan.planning.plan import Plan, build_task, plan_job, prepare_job
 from compplan.planning.posture.motion import count_reversals
+from compplan.planning.task import PlanTask
 from compplan.planning.timing import time_command
 from compplan.reporting.writers.plan import write_plan
 
@@ -29,10 +34,14 @@ CIRCLE: dict[str, Any] = {
 
 
 def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
-    assert judge_gain("fast", 0.8, 3.0, 3.0) == 0.8
-    assert judge_gain("accurate", 1.0, 1.0, 0.9) == 0.95 and judge_gain("error_band", 1.1, 0.5, 0.5) == np.inf
-    assert judge_gain("error_band", 1.0, 0.5, 1.1) == 0.5 and judge_gain("accurate", 1.0, 0.5, 1.1) == 0.8
-    assert judge_gain("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and judge_gain("", 0.5, 1.01, 0.9) == np.inf
+    def judge(preset: str, time: float, band: float, still: float) -> float:
+        return judge_gain(preset, SimpleNamespace(time=time, band=band, still=still), base)
+
+    base = SimpleNamespace(time=1.0, band=1.0, still=1.0)
+    assert judge("fast", 0.8, 3.0, 3.0) == 0.8
+    assert judge("accurate", 1.0, 1.0, 0.9) == 0.95 and judge("error_band", 1.1, 0.5, 0.5) == np.inf
+    assert judge("error_band", 1.0, 0.5, 1.1) == 0.5 and judge("accurate", 1.0, 0.5, 1.1) == 0.8
+    assert judge("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and judge("", 0.5, 1.01, 0.9) == np.inf
 
 
 def test_reversals_count_ways_of_a_stroke_and_more() -> None:
@@ -132,3 +141,59 @@ def test_a_mirror_strategy_keeps_the_posture_of_the_graph() -> None:
     robot, nominal, options = prepare_job(check_job(CIRCLE, "job.toml"))
     task = build_task(robot, nominal, replace(options, strategy="iterated_mirror"))
     assert task.start is not None and task.start.program is None
+
+
+RAIL: dict[str, Any] = {
+    "schema": 1, "robot": "kuka_kr240_rail", "process": PUSH, "part": {"position_mm": [1590.0, 2000.0, 600.0]},
+    "toolpath": {"generator": "circle", "radius_mm": 250.0, "feed_mm_s": 600.0, "waypoints": 12},
+}  # fmt: skip
+SPIN = {**{key: CIRCLE[key] for key in ("schema", "robot", "process", "part", "tool")},
+        "toolpath": {**CIRCLE["toolpath"], "waypoints": 12}}  # fmt: skip
+JOBS = {"rail": RAIL, "spin": SPIN,
+        "slow spin": {**SPIN, "toolpath": {**SPIN["toolpath"], "feed_mm_s": 5.0}}}  # fmt: skip
+
+
+@cache
+def stand(job: str, preset: str) -> tuple[PlanTask, float]:
+    """Return the task of a job with the posture of a preset, and how long its run takes."""
+    robot, nominal, options = prepare_job(check_job({**JOBS[job], "posture": {"preset": preset}}, "job.toml"))
+    task = build_task(robot, nominal, options)
+    return task, float(time_run(task, task.q_start, options.feed)[1].time[-1])
+
+
+@pytest.mark.parametrize(
+    ("job", "presets"),
+    [("rail", ["smooth"]), pytest.param("spin", ["accurate", "smooth"], marks=pytest.mark.slow)],
+)
+def test_no_other_preset_is_faster_than_fast(job: str, presets: list[str]) -> None:
+    task, fast = stand(job, "fast")
+    others = {preset: stand(job, preset)[1] for preset in presets}
+    assert fast <= 1.0001 * min(others.values()), others
+    assert task.start is not None and task.start.posture_choice is not None
+    assert fast == pytest.approx(task.start.posture_choice.costs["driven_s"], rel=1e-9)
+    assert task.start.posture_choice.costs["driven_s"] == min(task.start.posture_choice.compared.values())
+    assert any("one of the least time is driven" in note for note in task.start.notes)
+
+
+def test_a_feed_that_every_posture_holds_is_a_tie_and_the_plan_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(candidates, "measure_runs", lambda *words: [])  # one program may start and end faster
+    task, _ = stand("slow spin", "fast")
+    assert task.start is not None and task.start.posture_choice is not None
+    assert task.start.posture_choice.settings.preset == "fast"
+    assert any("compared tie at a time of" in note for note in task.start.notes)
+
+
+@pytest.mark.parametrize("preset", ["accurate", "smooth"])
+def test_a_preset_that_is_asked_for_is_the_best_by_its_own_measure(preset: str) -> None:
+    task, _ = stand("spin", preset)
+    assert task.start is not None and (chosen := task.start.posture_choice) is not None
+    assert chosen.compared_by == {"accurate": "band_mm", "smooth": "joint_travel_deg"}[preset]
+    assert chosen.costs[chosen.compared_by] == min(chosen.compared.values()) and len(chosen.compared) >= 3
+    assert any(note.startswith(f"Preset {preset}: ") for note in task.start.notes)
+
+
+def test_a_preset_that_nobody_named_compares_nothing() -> None:
+    robot, nominal, options = prepare_job(check_job(SPIN, "job.toml"))
+    task = build_task(robot, nominal, options)
+    assert task.start is not None and task.start.posture_choice is not None
+    assert task.start.posture_choice.settings.preset == "accurate" and not task.start.posture_choice.compared
