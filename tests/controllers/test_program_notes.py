@@ -15,7 +15,6 @@ from script_readers import read_urscript
 
 import compplan as cp
 from compplan.controllers.writers import Program, build_program, check_brand, describe_program, write_program
-from compplan.controllers.writers.text import read_code
 from compplan.errors import InputError, ShapeError
 from compplan.robot import load_robot
 from compplan.toolpath.events import Event
@@ -159,22 +158,6 @@ def test_header_lines_stand_before_the_first_move_and_footer_lines_after_the_las
     assert "not started here" not in text
 
 
-def test_a_job_names_the_files_of_its_lines(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    job = write_job(tmp_path, "krl")
-    job.write_text(job.read_text() + 'header = { krl = "on.txt" }\n')
-    (tmp_path / "on.txt").write_text("$OUT[3]=TRUE\nWAIT SEC 5.0\n")
-    assert run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys).status == 0
-    assert re.search(
-        r"^\$OUT\[3\]=TRUE\nWAIT SEC 5.0\ngolden_L1\(\)", (tmp_path / "out" / "golden_L.src").read_text(), re.M
-    )
-    (tmp_path / "on.txt").write_text("$OUT[3]=TRUE\nWAIT \u2028")
-    answer = run_command(["plan", job, "--out", tmp_path / "bad"], monkeypatch, capsys)
-    assert answer.status == 2 and not (tmp_path / "bad").exists()
-    assert "on.txt:2: has characters that programs cannot hold" in answer.err
-
-
 @pytest.mark.parametrize("robot", ["kuka_kr270", "ur10"])
 def test_the_tool_stands_where_a_cut_begins_that_the_plan_approaches(
     robot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -191,10 +174,3 @@ def test_the_tool_stands_where_a_cut_begins_that_the_plan_approaches(
     moves = {"krl": read_krl, "urscript": read_urscript}[language](tmp_path / "out" / name)
     first = next(index for index, move in enumerate(moves) if move.kind != "joint")
     assert moves[first].stops and not moves[first + 1].stops
-
-
-def test_lines_that_would_break_a_file_are_refused(tmp_path: Path) -> None:
-    for text in ("a\x00", "\xe4", "]]>", "a\x0bb"):
-        (tmp_path / "lines.txt").write_text(text, encoding="utf-8")
-        with pytest.raises(InputError, match=r"printable ASCII|binary file"):
-            read_code(tmp_path / "lines.txt")

@@ -27,7 +27,7 @@ FASTEST, SLOW, SLOWEST = 2000.0, 1.0, 1.0
 #: Share of the axis rates that rapid moves take (assumed). [%]
 RAPID = 20
 #: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
-CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 2}, int), 99
+CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 2}), 99
 MOVES_PART = True
 
 

@@ -28,7 +28,7 @@ BRAND = "Yaskawa"
 #: A remark has 32 letters.
 LONGEST_REMARK = 32
 #: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
-CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1}, int)
+CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1})
 TOOL_VARIABLE, FRAME_VARIABLE, MOVES_PART = 98, 99, True
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1

@@ -26,7 +26,7 @@ UNTRUE = 0.1
 #: How far before a corner lines and arcs leave the path where the job does not ask for less. [mm]
 WIDE = "$APO.CDIS=0.1"
 #: $BASE of a part that a positioner carries is EK of MACHINE_DEF[n], here its number (assumed).
-CELL = CellWords(int, int, {"positioner": 2}, int)
+CELL = CellWords(int, int, {"positioner": 2})
 MOVES_PART = True
 #: How modules begin that the controller itself writes: seen and edited by all, all lines editable.
 HEAD = ("&ACCESS RVP", "&REL 1", "&PARAM EDITMASK = *")

@@ -14,6 +14,8 @@ from compplan.errors import InputError
 from compplan.io.notes import Stop
 from compplan.toolpath.events import Event
 
+#: How long a program waits for a spindle that has no `spindle_ready` (assumed). [s]
+SPINDLE_WAIT = 5.0
 #: A signal: its number, or its name where the language has names.
 Signal = int | str
 
@@ -23,11 +25,8 @@ class Wiring:
     """Hold the signals of a cell and what they do; what is None is not wired."""
 
     spindle: Signal | None = None  #: Output that turns the spindle.
-    spindle_reverse: Signal | None = None  #: Output that turns it counter-clockwise while `spindle` is on.
     spindle_ready: Signal | None = None  #: Input that is on when the spindle has its speed.
-    spindle_wait_s: float = 5.0  #: How long to wait for the spindle where there is no such input. [s]
-    coolant: Signal | None = None  #: Output of flood coolant.
-    mist: Signal | None = None  #: Output of mist coolant.
+    coolant: Signal | None = None  #: Output of coolant, flood or mist.
     tool_change: str | None = None  #: Program that changes the tool; it gets the tool's number.
     optional_stop: Signal | None = None  #: Input that is on while optional stops are wanted; left out: every one stops.
     #: Outputs for signals of a robot program that was read, by their name there.
@@ -91,13 +90,12 @@ def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> tuple[list[str
 def _phrase_event(event: Event, text: str, wiring: Wiring, phrases: Phrases) -> list[str] | None:
     """Return the lines that do an event by the signals of the cell; None where nothing is wired for it."""
     kind = event.kind
-    if kind in ("spindle_cw", "spindle_ccw"):
-        return _start_spindle(kind, wiring, phrases)
+    if kind == "spindle_cw" and wiring.spindle is not None:
+        return _start_spindle(wiring.spindle, wiring, phrases)
     if kind == "spindle_off" and wiring.spindle is not None:
-        return _switch_all([wiring.spindle, wiring.spindle_reverse], phrases, on=False)
+        return phrases.switch(wiring.spindle, False)
     if kind in ("coolant", "mist", "coolant_off"):
-        wired = {"coolant": [wiring.coolant], "mist": [wiring.mist]}.get(kind, [wiring.coolant, wiring.mist])
-        return _switch_all(wired, phrases, on=kind != "coolant_off")
+        return [] if wiring.coolant is None else phrases.switch(wiring.coolant, kind != "coolant_off")
     if kind == "tool" and wiring.tool_change:
         return phrases.call(wiring.tool_change, event.value)
     if kind == "dwell":
@@ -109,23 +107,15 @@ def _phrase_event(event: Event, text: str, wiring: Wiring, phrases: Phrases) -> 
     return None
 
 
-def _start_spindle(kind: str, wiring: Wiring, phrases: Phrases) -> list[str] | None:
-    if wiring.spindle is None or (kind == "spindle_ccw" and wiring.spindle_reverse is None):
-        return None
-    lines = _switch_all([wiring.spindle_reverse], phrases, on=kind == "spindle_ccw")
-    lines += phrases.switch(wiring.spindle, True)
+def _start_spindle(spindle: Signal, wiring: Wiring, phrases: Phrases) -> list[str]:
     ready = wiring.spindle_ready
-    return lines + (phrases.wait(wiring.spindle_wait_s) if ready is None else phrases.expect(ready))
-
-
-def _switch_all(outputs: Sequence[Signal | None], phrases: Phrases, *, on: bool) -> list[str]:
-    return [line for output in outputs if output is not None for line in phrases.switch(output, on)]
+    return phrases.switch(spindle, True) + (phrases.wait(SPINDLE_WAIT) if ready is None else phrases.expect(ready))
 
 
 def check_signals(wiring: Wiring, phrases: Phrases, language: str) -> None:
     """Refuse names of signals in a language that numbers them."""
     single = {name: getattr(wiring, name) for name in
-              ("spindle", "spindle_reverse", "spindle_ready", "coolant", "mist", "optional_stop")}  # fmt: skip
+              ("spindle", "spindle_ready", "coolant", "optional_stop")}  # fmt: skip
     for key, signal in {**single, **wiring.signals}.items():
         if isinstance(signal, str) and not phrases.named:
             raise InputError(f"output.io {key} is {signal!r}, {language} numbers its signals; give a number")
@@ -144,13 +134,12 @@ def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -
     if asked:
         kinds = ", ".join(dict.fromkeys(event.kind.replace("_", " ") for event in asked))
         notes.append(f"the program stops for {len(asked)} events and asks the operator ({kinds}): see [output.io]")
-    cooled = [event for event in left if event.kind in ("coolant", "mist") and getattr(wiring, event.kind) is None]
-    if cooled:
+    if wiring.coolant is None and any(event.kind in ("coolant", "mist") for event in left):
         notes.append("coolant is a comment only: no output is named in [output.io]")
     if wiring.spindle is not None and any(event.kind.startswith("spindle_c") for event in left):
         notes.append(Stop("spindle speeds are comments: the output of [output.io] turns it, its drive sets the speed"))
         if wiring.spindle_ready is None:
-            notes.append(f"the program waits {wiring.spindle_wait_s:g} s for the spindle (assumed): spindle_ready")
+            notes.append(f"the program waits {SPINDLE_WAIT:g} s for the spindle (assumed): spindle_ready")
     tools = {(event.value, event.text) for event in events if event.kind == "tool"}
     if len(tools) > 1:
         notes.append(Stop(f"{len(tools)} tools are called: the program is planned for one: write [[tool]] for each"))

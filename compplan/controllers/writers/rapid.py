@@ -19,7 +19,7 @@ BRAND = "ABB"
 RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
 #: Mechanical unit that carries the part, where a job names none (assumed).
-CELL = CellWords(str, str, {"positioner": "STN1"}, str)
+CELL = CellWords(str, str, {"positioner": "STN1"})
 MOVES_PART = True
 #: Letters of a message on the teach pendant.
 LONGEST_MESSAGE = 80

@@ -174,7 +174,7 @@ def read_scene(job: Job, robot: Robot) -> CollisionScene | None:
             )
     scene = build_scene(
         robot, **meshes, T_base_part=job.T_base_part, tip_zone=table.tip_zone_mm * 1e-3,
-        self_collision=table.self_collision, bodies=leave_out(bodies, table.without_shapes),
+        bodies=leave_out(bodies, table.without_shapes),
     )  # fmt: skip
     return replace(scene, bodies=bodies, notes=tuple(notes))
 
