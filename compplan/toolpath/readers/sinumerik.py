@@ -51,7 +51,7 @@ KLARTEXT = {"FMAX", "TCPM", "STAY"}
 #: What no other language has, and what G-code of others may hold as well.
 SURE = re.compile(
     r"^[ \t]*%_N_\w+_(MPF|SPF)|^;\$PATH=|\b(CYCLE|POCKET|SLOT|HOLES|LONGHOLE)\d*[ \t]*\(|\bGOTO[FB][ \t]+\w|\bSUPA\b|"
-    rf"^[ \t/]*([A-Z][ \t]*=?[ \t]*[-+.\d]+[ \t]*)*({'|'.join(sorted(HARMLESS - KLARTEXT))}|{CHANGING})\b"
+    rf"^[ \t/]*([A-Z][ \t]*=?[ \t]*[-+.\d]+[ \t]*)*(?<![.\w])({'|'.join(sorted(HARMLESS - KLARTEXT))}|{CHANGING})\b"
     r"(?![ \t]*/)|"
     r"^[ \t]*(N\d+[ \t]*)?DEF[ \t]+(REAL|INT|BOOL)\b|\bWORKPIECE\s*\(|[XYZIJK]\s*=\s*(AC|IC)\s*\(|"
     r"^[ \t]*(N\d+[ \t]*)?MSG[ \t]*\(|\bORI(WKS|MKS|AXES|VECT)\b|\bTRAFOOF\b|\b(CR|SPOS|TURN|AR|RND|CHR|CHF)=|"
