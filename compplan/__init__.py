@@ -21,19 +21,21 @@ loaded when they are first used.
 
 from __future__ import annotations
 
+import ast as _ast
 from importlib import import_module as _import_module
+from pathlib import Path as _Path
 from typing import TYPE_CHECKING
 from typing import Any as _Any
 
 from compplan.version import VERSION
 
 if TYPE_CHECKING:
-    from compplan.api.measure import diagnose, learn
-    from compplan.api.plan import compare, plan
+    from compplan.api.verbs import compare, diagnose, learn, plan
     from compplan.controllers.writers import Program, build_program, write_program
     from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
     from compplan.diagnosis.results.next_measurement import propose_measurements
     from compplan.diagnosis.results.result import Diagnosis
+    from compplan.diagnosis.results.where import split_diagnosis as split_diagnosis
     from compplan.effects import EFFECTS, Effect, fold_effects
     from compplan.errors import CompplanError, InfeasibleError, InputError
     from compplan.identification.campaign import Identification, identify_campaign
@@ -59,69 +61,11 @@ if TYPE_CHECKING:
     from compplan.simulation.simulated_robot import SimulatedRobot, build_simulated_robot, run_simulated_robot
     from compplan.studies.job_study import JobStudy, compare_job, study_job
     from compplan.studies.runner import Settings
+    from compplan.studies.study import prepare_study as prepare_study
     from compplan.toolpath.reading import read_toolpath
     from compplan.toolpath.toolpath import Toolpath, place_toolpath, write_toolpath
 
 __version__ = VERSION
-
-_MODULES = {
-    "api.measure": ("diagnose", "learn"),
-    "api.plan": ("compare", "plan"),
-    "simulation.simulated_robot": (
-        "SimulatedRobot", "build_simulated_robot", "run_simulated_robot", "standard_variants",
-    ),
-    "simulation.predict": ("Prediction", "predict_campaign", "write_prediction"),
-    "diagnosis.campaign_diagnosis": ("diagnose_campaign",),
-    "diagnosis.results.result": ("Diagnosis",),
-    "effects": (
-        "EFFECTS", "Effect", "apply_effects", "solve_model_poses", "fold_effects", "robot_effects", "build_model",
-    ),
-    "errors": ("CompplanError", "InfeasibleError", "InputError"),
-    "identification.campaign": ("Identification", "identify_campaign"),
-    "identification.problem": ("IdentifyOptions",),
-    "job.job": ("Job", "check_job", "load_job"),
-    "job.loading": ("load_nominal",),
-    "job.operations": ("load_one_job", "split_job"),
-    "measurement.campaign": ("Campaign",),
-    "measurement.frames": ("fit_registration",),
-    "measurement.instrument": ("read_instrument",),
-    "measurement.reading": ("read_campaign",),
-    "measurement.registration": ("Registration",),
-    "reporting.identify": ("write_identification",),
-    "reporting.montecarlo": ("write_study",),
-    "reporting.operations": ("write_operations",),
-    "reporting.compare": ("write_comparison",),
-    "reporting.writers.plan": ("write_plan",),
-    "reporting.writers.post": ("Posted", "post"),
-    "toolpath.events": ("Event",),
-    "toolpath.reading": ("read_toolpath",),
-    "controllers.writers": ("Program", "Wiring", "build_program", "write_program"),
-    "toolpath.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
-    "planning.compare": ("Comparison", "compare_task"),
-    "planning.evaluate": ("Evaluation", "evaluate_run"),
-    "planning.problem": ("PlanningProblem",),
-    "planning.plan": (
-        "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",
-    ),
-    "robot": ("Robot", "load_robot", "write_robot_folder"),
-    "studies.job_study": ("JobStudy", "compare_job", "study_job"),
-    "studies.runner": ("Run", "Settings", "run_study"),
-    "studies.study": ("Study", "prepare_study"),
-    "studies.summary": ("summarise_run",),
-    "diagnosis.results.next_measurement": ("propose_measurements",),
-    "diagnosis.results.where": ("split_diagnosis",),
-    "job.force_prediction": ("ForcePrediction", "predict_forces"),
-    "learning.campaign": ("PoseCampaign", "design_campaign"),
-    "uncertainty.ladder": ("Equipment",),
-    "learning.part": ("LearnedPart", "learn_from_part"),
-    "reporting.maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
-    "planning.posture.place": ("PlaceResult", "place_part"),
-    "robot.folder_template": ("write_skeleton",),
-    "statics.chain": ("build_chain", "joint_jacobian", "locate_frames"),
-    "statics.elastic": ("solve_equilibrium",),
-    "studies.sensitivity": ("measure_sensitivity",),
-}  # fmt: skip
-_HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [  # noqa: RUF022 (by subject)
     # one verb a daily way
@@ -146,6 +90,16 @@ __all__ = [  # noqa: RUF022 (by subject)
     # errors
     "CompplanError", "InputError", "InfeasibleError",
 ]  # fmt: skip
+
+
+#: The module of each name, without "compplan.": the imports above are read from the text, so that a name stands once.
+_HOME = {
+    alias.name: node.module.removeprefix("compplan.")
+    for node in _ast.walk(_ast.parse(_Path(__file__).read_text(encoding="utf-8")))
+    if isinstance(node, _ast.ImportFrom) and node.module and node.module.startswith("compplan.")
+    for alias in node.names
+    if alias.name != "VERSION"
+}
 
 
 def __getattr__(name: str) -> _Any:

@@ -141,16 +141,10 @@ def said_rotation(table: dict) -> Array:
         return product("zyx", table["abc_deg"])
     if "wpr_deg" in table:
         return product("zyx", table["wpr_deg"][::-1])
-    if "zyz_deg" in table:
-        return product("zyz", table["zyz_deg"])
-    if "val3_deg" in table:
-        return product("xyz", table["val3_deg"])
     if "quaternion" in table:
         w, *v = np.array(table["quaternion"], float) / np.linalg.norm(table["quaternion"])
         size = np.linalg.norm(v)
         return rotation_vector(np.array(v) / max(size, 1e-300) * 2.0 * np.arctan2(size, w))
-    if "rotation_rad" in table:
-        return rotation_vector(np.array(table["rotation_rad"], float))
     return rotation_vector(np.radians(table.get("rotation_deg", [0, 0, 0])))
 
 

@@ -21,7 +21,7 @@ from compplan.diagnosis.validation.sparse import add_gear_waves
 from compplan.diagnosis.validation.unmodelled import RevisedProbabilities, revise_probabilities
 from compplan.effects import Effect, robot_effects, solve_model_poses
 from compplan.effects.forward_model import ForwardModel
-from compplan.effects.linearization import AXES, Place
+from compplan.effects.linearization import AXES
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.frames import fit_registration
@@ -166,24 +166,18 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
     """Rank effects: named ones, then their rivals and what else explains the gap on its own."""
     search, equations = fit.search, fit.search.equations
     hyper = fit.model.posterior.hyper
-    probability: dict[Place, float] = {}
-    chosen: dict[Place, Claim] = {}
-    beforehand = {finding.effect.place for finding in verdict.findings if finding.signature < 0}
-    for finding in (*verdict.findings, *verdict.doubtful):
-        if finding.signature < 0:
-            continue
-        probability[finding.effect.place] = finding.probability
-        chosen[finding.effect.place] = Claim(finding.signature, finding.size)
+    found = [finding for finding in (*verdict.findings, *verdict.doubtful) if finding.signature >= 0]
+    probability = {finding.effect.place: finding.probability for finding in found}
+    chosen = {finding.effect.place: Claim(finding.signature, finding.size) for finding in found}
+    for finding in found:
         for rival in finding.rivals[: SEARCH.tried]:
             left = 1.0 - finding.probability
             probability.setdefault(rival.place, 0.5 * finding.probability if rival.alike else 0.5 * left * rival.share)
-    alone = search.model([], hyper, fit=False)
-    gains = search.gains(alone)
-    for gain in gains:
-        place = equations.signatures[gain.signature].place
-        if place in probability and place not in chosen:
-            chosen[place] = Claim(gain.signature, gain.size)
-    for gain in distinct_places(search, gains, LISTED):
+    gains = search.gains(search.model([], hyper, fit=False))
+    places = [equations.signatures[gain.signature].place for gain in gains]
+    rivals = [gain for gain, place in zip(gains, places, strict=True) if place in probability]
+    beforehand = {finding.effect.place for finding in verdict.findings if finding.signature < 0}
+    for gain in (*rivals, *distinct_places(search, gains, LISTED)):
         place = equations.signatures[gain.signature].place
         if place not in beforehand:
             chosen.setdefault(place, Claim(gain.signature, gain.size))

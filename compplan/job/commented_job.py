@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from compplan.controllers.writers import WRITERS
 from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.job.called_tools import CalledTool
-from compplan.job.names import EFFECTS, STRATEGIES
+from compplan.job.names import STRATEGIES
 from compplan.process.force_models import FORCE_MODELS, ForceModel
 from compplan.process.materials import MATERIALS
 from compplan.robot import Robot
@@ -41,7 +41,6 @@ def write_job_text() -> str:
     choices = {
         "<strategies>": " | ".join(STRATEGIES),
         "<models>": _wrap_names(FORCE_MODELS),
-        "<effects>": _wrap_names(EFFECTS),
         "<programs>": " | ".join(WRITERS),
         "<materials>": " | ".join(MATERIALS),
         "<readers>": ", ".join(READERS),

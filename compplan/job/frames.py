@@ -2,10 +2,8 @@
 
 abc_deg      KUKA A B C: about z, then the new y, then the newest x
 wpr_deg      FANUC W P R, Yaskawa Rx Ry Rz: about the fixed x, y, z
-zyz_deg      Kawasaki O A T, Comau A E R, Doosan A B C: about z, the new y, the newest z
-val3_deg     Staubli rx ry rz: about x, the new y, the newest z
 quaternion   ABB q1 q2 q3 q4: w x y z
-rotation_deg, rotation_rad   rotation vector; Universal Robots rx ry rz are rotation_rad
+rotation_deg rotation vector
 """
 
 from __future__ import annotations
@@ -34,9 +32,9 @@ QUATERNION_ROUNDING = 1e-3
 #: Least size of a triangle of measured points, as the sine of an angle, and least distance of two [mm].
 FLATTEST, NEAREST_MM = 1e-3, 1.0
 #: Euler sequences of each form in scipy's notation: capitals intrinsic, small letters extrinsic.
-ANGLES = {"abc_deg": "ZYX", "wpr_deg": "xyz", "zyz_deg": "ZYZ", "val3_deg": "XYZ"}
+ANGLES = {"abc_deg": "ZYX", "wpr_deg": "xyz"}
 #: Keys of a rotation.
-ROTATIONS = ("rotation_deg", "rotation_rad", "quaternion", *ANGLES)
+ROTATIONS = ("rotation_deg", "quaternion", *ANGLES)
 
 
 def make_pose(position_mm: Sequence[float], rotation: Rotation) -> Array:
@@ -60,12 +58,9 @@ class PoseTable(StrictTable):
 
     position_mm: Place = (0.0, 0.0, 0.0)
     rotation_deg: Place | None = None
-    rotation_rad: Place | None = None
     quaternion: Quaternion | None = None
     abc_deg: Place | None = None
     wpr_deg: Place | None = None
-    zyz_deg: Place | None = None
-    val3_deg: Place | None = None
 
     @model_validator(mode="after")
     def _check_rotation(self) -> PoseTable:
@@ -83,8 +78,6 @@ class PoseTable(StrictTable):
         if self.quaternion is not None:
             w, x, y, z = self.quaternion
             return Rotation.from_quat([x, y, z, w])
-        if self.rotation_rad is not None:
-            return Rotation.from_rotvec(self.rotation_rad)
         for key, order in ANGLES.items():
             angles = getattr(self, key)
             if angles is not None:
@@ -154,77 +147,32 @@ class PointPairs(StrictTable):
         return FittedFrame(pose, left, f"best fit of {len(nominal)}")
 
 
-class Datums(StrictTable):
-    """3-2-1: three points on the face z = 0, two on the face y = 0, one on the face x = 0, measured in the robot base.
-
-    The three are counter-clockwise seen from +z; x points from the first of the two to the second.
-    """
-
-    plane: Annotated[tuple[Place, Place, Place], Field(strict=False)]
-    line: Annotated[tuple[Place, Place], Field(strict=False)]
-    point: Place
-
-    @model_validator(mode="after")
-    def _check(self) -> Datums:
-        a, b, c = np.asarray(self.plane)
-        along = np.asarray(self.line[1]) - np.asarray(self.line[0])
-        normal = np.cross(b - a, c - a)
-        sides = np.linalg.norm(b - a) * np.linalg.norm(c - a)
-        if sides < NEAREST_MM**2 or np.linalg.norm(normal) < FLATTEST * sides:
-            raise ValueError("has three points of the plane on one line, expected a triangle")
-        flat = along - normal * (normal @ along) / (normal @ normal)
-        if float(np.linalg.norm(flat)) < max(NEAREST_MM, FLATTEST * float(np.linalg.norm(along))):
-            raise ValueError("has a line that stands on the plane, expected two points along x")
-        return self
-
-    def fit(self) -> FittedFrame:
-        """Build the frame: z from the plane, x from the line, the origin where the three faces meet."""
-        a, b, c = np.asarray(self.plane)
-        z = np.cross(b - a, c - a)
-        z /= np.linalg.norm(z)
-        first, second = np.asarray(self.line)
-        x = (second - first) - z * (z @ (second - first))
-        x /= np.linalg.norm(x)
-        y = np.cross(z, x)
-        origin = x * (x @ np.asarray(self.point)) + y * (y @ first) + z * (z @ a)
-        return FittedFrame(make_pose(origin, Rotation.from_matrix(np.column_stack([x, y, z]))), np.zeros(0), "3-2-1")
-
-
 class PartTable(PoseTable):
     """[part]: pose of the part frame in the robot base (or in the link that carries the part).
 
     touched_off: Whether the part was found by touching it with this robot and tool; otherwise the frame is absolute in
         the robot base (tracker, calibrated cell).
-    touch_repeatability_mm: Standard deviation of a touched coordinate (assumed 0.02 mm).
     """
 
     points_mm: PointPairs | None = None
-    datum_mm: Datums | None = None
     touched_off: bool = True
-    touch_repeatability_mm: float = Field(default=0.02, ge=0.0, le=10.0)
 
     @model_validator(mode="after")
     def _check_one(self) -> PartTable:
         given = self.model_fields_set & {"position_mm", *ROTATIONS}
-        found = [key for key in ("points_mm", "datum_mm") if getattr(self, key) is not None]
-        if len(found) + bool(given) > 1:
-            raise ValueError(f"is given by {', '.join([*sorted(given), *found])}, expected one of them")
+        if given and self.points_mm is not None:
+            raise ValueError(f"is given by {', '.join([*sorted(given), 'points_mm'])}, expected one of them")
         return self
 
     @property
     def touched_points(self) -> Array | None:
         """Touched points in the part frame, or None. Shape (k, 3). [m]."""
-        if self.datum_mm is not None:
-            datum, pose = self.datum_mm, self.pose
-            touched = 1e-3 * np.asarray([*datum.plane, *datum.line, datum.point])
-            return np.asarray((touched - pose[:3, 3]) @ pose[:3, :3])
         return None if self.points_mm is None else 1e-3 * np.asarray(self.points_mm.nominal)
 
     @property
     def fit(self) -> FittedFrame | None:
         """The frame found from points, or None."""
-        found = self.points_mm or self.datum_mm
-        return None if found is None else found.fit()
+        return None if self.points_mm is None else self.points_mm.fit()
 
     @property
     def pose(self) -> Array:
@@ -237,12 +185,9 @@ class ToolTable(PoseTable):
     """[tool]: TCP frame on the flange and mass of the tool, replacing the robot folder's.
 
     frame: reference of position, rotation and centre of mass: the URDF's flange frame, or the maker's (pendant).
-    cutter_file: a tool table (`compplan.job.tool_tables`) with the cutter of [process]; cutter_name selects it.
     """
 
     frame: Literal["flange", "pendant"] = "flange"
-    cutter_file: str | None = Field(default=None, min_length=1, max_length=LONGEST_PATH)
-    cutter_name: str | None = None
     mass_kg: float | None = Field(default=None, ge=0.0, le=HEAVIEST_KG)
     centre_of_mass_mm: Place = (0.0, 0.0, 0.0)
 
@@ -277,29 +222,25 @@ class PositionerTable(StrictTable):
     """[positioner]: fixed positions of joints that carry the part, by name; the plan chooses the others."""
 
     hold_deg: dict[str, float] = Field(default_factory=dict)
-    hold_mm: dict[str, float] = Field(default_factory=dict)
 
     def hold(self, robot: Robot) -> Robot:
         """Return a robot whose held joints have equal limits.
 
         Raises:
-            InputError: If a name is no joint that carries the part, or a position is out of its range.
+            InputError: If a name is no rotating joint that carries the part, or a position is out of its range.
 
         """
-        for key, factor in (("hold_deg", np.pi / 180.0), ("hold_mm", 1e-3)):
-            slides = key == "hold_mm"
-            names = [joint.name for joint, carries in zip(robot.actuated, robot.carriers, strict=True)
-                     if carries and slides == (joint.kind == "prismatic")]  # fmt: skip
-            for name, value in getattr(self, key).items():
-                where = f"positioner.{key}.{name}"
-                if name not in names:
-                    raise InputError(f"carries no part in robot {robot.name!r}, choose from {names}", where=where)
-                joint = robot.actuated[robot.joint_names.index(name)]
-                low, high = joint.lower / factor, joint.upper / factor
-                if not low - 1e-6 <= value <= high + 1e-6:
-                    unit = key.removeprefix("hold_")
-                    raise InputError(f"is {value:g} {unit}, its range is [{low:.6g}, {high:.6g}]", where=where)
-                at = float(np.clip(value * factor, joint.lower, joint.upper))
-                held = tuple(replace(each, lower=at, upper=at) if each is joint else each for each in robot.joints)
-                robot = replace(robot, joints=held)
+        names = [joint.name for joint, carries in zip(robot.actuated, robot.carriers, strict=True)
+                 if carries and joint.kind != "prismatic"]  # fmt: skip
+        for name, value in self.hold_deg.items():
+            where = f"positioner.hold_deg.{name}"
+            if name not in names:
+                raise InputError(f"carries no part in robot {robot.name!r}, choose from {names}", where=where)
+            joint = robot.actuated[robot.joint_names.index(name)]
+            low, high = np.degrees(joint.lower), np.degrees(joint.upper)
+            if not low - 1e-6 <= value <= high + 1e-6:
+                raise InputError(f"is {value:g} deg, its range is [{low:.6g}, {high:.6g}]", where=where)
+            at = float(np.clip(value * np.pi / 180.0, joint.lower, joint.upper))
+            held = tuple(replace(each, lower=at, upper=at) if each is joint else each for each in robot.joints)
+            robot = replace(robot, joints=held)
         return robot

@@ -25,11 +25,10 @@ from compplan.job.output import OutputTable
 from compplan.job.profile import apply_profile
 from compplan.job.removed import refuse_removed
 from compplan.job.tolerance import ToleranceTable
-from compplan.job.tools import NumberedTool, ToolsTable, check_tools, place_cutter
+from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.process.force_law import Process, turns_with_travel
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.learned_force import LearnedForce
-from compplan.process.materials import apply_material
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
@@ -53,7 +52,6 @@ class Configuration(StrictTable):
     shoulder: Literal["front", "back"] | None = None
     elbow: Literal["up", "down"] | None = None
     wrist: Literal["flip", "noflip"] | None = None
-    start_deg: Numbers | None = None
 
 
 def _expand_auto(value: object) -> object:
@@ -84,11 +82,6 @@ class PlanTable(StrictTable):
             raise ValueError("has length 0, expected a direction")
         return value
 
-    @property
-    def start(self) -> Numbers | None:
-        """Joint positions to start near [deg, prismatic joints mm], or None."""
-        return self.start_deg if self.start_deg is not None else self.configuration.start_deg
-
 
 class SamplingTable(StrictTable):
     """[sampling]: division of moves before planning (toolpath files: 1 mm by default).
@@ -98,7 +91,6 @@ class SamplingTable(StrictTable):
     """
 
     max_step_mm: float | None = Field(default=None, gt=0.0, le=1e5)
-    max_turn_deg: float | None = Field(default=None, gt=0.0, le=360.0)
     chord_mm: float | None = Field(default=None, gt=0.0, le=100.0)
 
 
@@ -112,30 +104,19 @@ class FeedTable(StrictTable):
 
 
 class LimitsTable(StrictTable):
-    """[limits]: shares of the robot's rate limits.
-
-    full_acceleration_after_s: time in which a joint reaches its greatest acceleration, which assumes a jerk limit where
-        the robot folder has none.
-    """
+    """[limits]: shares of the robot's rate limits."""
 
     velocity_scale: float = Field(default=1.0, ge=1e-3, le=1.0)
     acceleration_scale: float = Field(default=1.0, ge=1e-3, le=1.0)
-    full_acceleration_after_s: float | None = Field(default=None, ge=1e-3, le=10.0)
 
 
 class PostureTable(StrictTable):
     """[posture]: objective of the redundant degree of freedom, and freedom of the tool axis."""
 
     preset: Literal["accurate", "error_band", "smooth", "fast"] = "accurate"
-    wrench_uncertainty: float = Field(default=0.1, ge=0.0, le=2.0)
-    compliance_uncertainty: float = Field(default=0.1, ge=0.0, le=2.0)
-    joint_zero_uncertainty_deg: float = Field(default=0.0, ge=0.0, le=10.0)
-    spin_step_deg: float = Field(default=5.0, ge=0.5, le=90.0)
     lead_deg: float = Field(default=0.0, ge=0.0, le=90.0)
     lean_deg: float = Field(default=0.0, ge=0.0, le=90.0)
     limit_margin_deg: float = Field(default=10.0, gt=0.0, le=180.0)
-    singularity_margin: float = Field(default=0.03, ge=0.0, lt=1.0)
-    reconfigure: Literal["rapid", "never"] = "rapid"
 
 
 def _ascend(limits: tuple[float, float]) -> tuple[float, float]:
@@ -154,7 +135,6 @@ class PlaceTable(StrictTable):
     x_mm: Range | None = None
     y_mm: Range | None = None
     z_mm: Range | None = None
-    base_height_mm: Range = (0.0, 0.0)
     step_mm: float = Field(default=100.0, gt=0.0)
     turn_deg: Annotated[tuple[Annotated[float, Field(ge=-360.0, le=360.0)], ...], Field(strict=False)] = (0.0,)
 
@@ -168,15 +148,7 @@ class CollisionTable(StrictTable):
     unit: Literal["mm", "m", "inch"] = "mm"
     clearance_mm: float = Field(default=5.0, ge=0.0, le=1e4)
     tip_zone_mm: float = Field(default=30.0, ge=0.0, le=1e4)
-    self_collision: bool = True
     without_shapes: Words = ()
-
-
-class FileTable(StrictTable):
-    """[toolpath] with a file, as `toolpath = "FILE"`; strict refuses a CAM file with any note."""
-
-    file: str
-    strict: bool = False
 
 
 class Job(StrictTable):
@@ -325,30 +297,17 @@ def check_job(
         InputError: With file and key.
 
     """
-    data = apply_profile(data, file)
+    plain = data = apply_profile(data, file)
     refuse_removed(data, file)
-    plain = data
+    data = dict(data)
     tools: tuple[NumberedTool, ...] = ()
     if isinstance(data.get("tool"), list):
         if "tools" in data:
             raise InputError("is given beside [tools], expected one of them", file=file, where="tool")
         tools = check_tools(data["tool"], file)
         data = {key: value for key, value in data.items() if key != "tool"}
-    if isinstance(data.get("process"), dict):
-        data["process"] = apply_material(data["process"], Path(file), "process")
-    if isinstance(data.get("tool"), dict) and "cutter_file" in data["tool"]:
-        if "tools" in data:
-            raise InputError("is given beside [tools], which holds every cutter", file=file, where="tool.cutter_file")
-        tool = check_table(ToolTable, data["tool"], file=file, key="tool")
-        data["process"] = place_cutter(data.get("process", {}), tool, Path(file))
     table = data.get("toolpath")
-    if isinstance(table, dict) and "file" in table:
-        named = check_table(FileTable, table, file=file, key="toolpath")
-        data["toolpath"] = named.file
-        if named.strict:
-            cam = check_table(CamTable, data.get("cam", {}), file=file, key="cam")
-            data["cam"] = {**cam.model_dump(exclude_unset=True), "strict": True}
-    elif isinstance(table, dict):
+    if isinstance(table, dict):
         kind = table.get("generator")
         if not isinstance(kind, str) or kind not in GENERATORS:
             fault = "missing key" if kind is None else f"is {kind!r}"

@@ -123,10 +123,10 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     rows_at, from_file = toolpath.arc_length, isinstance(job.toolpath, str)
     from_cam = job.given is None and isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
     top, note = read_stock_top(job.process, toolpath, from_cam=from_cam)
-    step, turn = job.sampling.max_step_mm, job.sampling.max_turn_deg
+    step = job.sampling.max_step_mm
     max_step = step * 1e-3 if step is not None else FILE_STEP if from_file else np.inf
-    if np.isfinite(max_step) or turn is not None:
-        toolpath = resample_toolpath(toolpath, max_step, max_turn=np.inf if turn is None else float(np.radians(turn)))
+    if np.isfinite(max_step):
+        toolpath = resample_toolpath(toolpath, max_step)
     toolpath = round_corners(toolpath, job.corner_tolerance, KEPT if job.feed.mode == "constant" else SLOWED)
     cutting = None
     if isinstance(job.process, CuttingTable):

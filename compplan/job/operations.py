@@ -104,12 +104,12 @@ def _describe(job: Job, operation: Operation) -> Described:
     """
     if job.tool_table is not None:
         file = job.folder / job.tool_table.file
-        found = find_listed(read_tool_library(file, job.tool_table.unit), operation, job.tool, file)
+        found = find_listed(read_tool_library(file), operation, job.tool, file)
         if found is None:
             message = f"the CAM file cuts with {operation.tool}, and {job.tool_table.file} has no such tool"
             raise InputError(f"{message}; add it there", file=job.file, where="tools.file")
         return found
-    found = find_numbered(job.tools, operation, job.folder)
+    found = find_numbered(job.tools, operation)
     if found is None:
         key = f'name = "{operation.name}"' if operation.name else f"number = {operation.number}"
         start = "" if operation.name or operation.number else " before it calls any tool (T0)"

@@ -15,11 +15,10 @@ FITTED, FINEST = 0.05, 2e-6
 
 
 class CellTable(StrictTable):
-    """[output.cell]: tool data, frame and positioner of the cell, and whether programs fill the first two."""
+    """[output.cell]: tool data and frame of the cell, and whether programs fill them."""
 
     tool: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
     base: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
-    positioner: Annotated[int, Field(ge=1, le=99)] | Annotated[str, Field(max_length=32)] | None = None
     overwrite: bool = False
 
 
@@ -29,10 +28,7 @@ class OutputTable(StrictTable):
     programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
     form: Literal["linear", "joint", "both"] = "linear"
     fit_tolerance_mm: float | None = Field(default=None, ge=0.0, le=1.0)
-    max_points_per_file: int | None = Field(default=None, ge=2)
     any_brand: bool = False
-    header: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
-    footer: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
     templates: dict[Annotated[str, OneOf(WRITERS)], Annotated[str, Field(min_length=1)]] = Field(default_factory=dict)
     main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None
     cell: CellTable = CellTable()

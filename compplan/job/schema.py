@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from compplan.job.job import FileTable, Job
+from compplan.job.job import Job
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -14,8 +14,6 @@ def describe_schema() -> dict[str, Any]:
     """Return the JSON schema of a job file."""
     schema = Job.model_json_schema(by_alias=True)
     tables = schema["$defs"]
-    tables["FileTable"] = FileTable.model_json_schema()
-    schema["properties"]["toolpath"]["anyOf"].append({"$ref": "#/$defs/FileTable"})
     wanted = tables["PlanTable"]["properties"]["configuration"]
     tables["PlanTable"]["properties"]["configuration"] = {
         "anyOf": [{"const": "auto"}, {"$ref": wanted["$ref"]}], "default": "auto"

@@ -26,11 +26,8 @@ class IoTable(StrictTable):
     """[output.io]: signals of the cell for events of the CAM file; events without one ask the operator."""
 
     spindle: SignalValue | None = None
-    spindle_reverse: SignalValue | None = None
     spindle_ready: SignalValue | None = None
-    spindle_wait_s: float = Field(default=5.0, ge=0.0, le=600.0)
     coolant: SignalValue | None = None
-    mist: SignalValue | None = None
     tool_change: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
     optional_stop: SignalValue | None = None
     signals: dict[str, SignalValue] = Field(default_factory=dict)

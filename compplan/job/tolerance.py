@@ -15,19 +15,16 @@ from compplan.toolpath.toolpath import Toolpath
 
 Size = Annotated[float, Field(ge=1e-6, le=100.0)]
 #: Keys that select a part of a path.
-PLACES = ("waypoints", "s_mm", "operation")
+PLACES = ("s_mm", "operation")
 
 
 class TolerancePart(StrictTable):
     """[[tolerance.part]]: another tolerance for some moves, such as roughing.
 
-    waypoints: First and last row of the toolpath file, counted from 0; the moves between them.
     s_mm: Length along the path, rapid moves included.
     operation: Number or name of a tool, or words of a comment of the CAM file, until the next one.
     """
 
-    name: str = Field(default="", max_length=200)
-    waypoints: Annotated[tuple[int, int], Field(strict=False)] | None = None
     s_mm: Annotated[tuple[float, float], Field(strict=False)] | None = None
     operation: str | None = Field(default=None, min_length=1)
     normal_mm: Size | None = None
@@ -40,17 +37,13 @@ class TolerancePart(StrictTable):
             raise ValueError(f"has {', '.join(given) or 'no place'}, expected one of {', '.join(PLACES)}")
         if self.normal_mm is None and self.tangential_mm is None:
             raise ValueError("states no tolerance, expected normal_mm or tangential_mm")
-        for key in ("waypoints", "s_mm"):
-            span = getattr(self, key)
-            if span is not None and span[1] <= span[0]:
-                raise ValueError(f"has {key} that end at {span[1]:g}, expected more than {span[0]:g}")
+        if self.s_mm is not None and self.s_mm[1] <= self.s_mm[0]:
+            raise ValueError(f"has s_mm that end at {self.s_mm[1]:g}, expected more than {self.s_mm[0]:g}")
         return self
 
     def mark(self, toolpath: Toolpath) -> NDArray[np.bool_]:
         """Return which moves are selected, by the row of their end. Shape (n,)."""
         rows = np.arange(len(toolpath))
-        if self.waypoints is not None:
-            return (rows > self.waypoints[0]) & (rows <= self.waypoints[1])
         if self.s_mm is not None:
             middle = 1e3 * (toolpath.arc_length - 0.5 * np.r_[0.0, toolpath.steps])
             return np.asarray((middle > self.s_mm[0]) & (middle < self.s_mm[1]))
@@ -65,13 +58,12 @@ class TolerancePart(StrictTable):
 
 
 class ToleranceTable(StrictTable):
-    """[tolerance]: tolerance of the path outside its parts (default: plan.tolerance_mm as a distance).
+    """[tolerance]: directions and parts of the tolerance; plan.tolerance_mm is that of the path outside its parts.
 
-    tangential_mm: Tolerance along the travel; normal_mm is then for the deviation across it.
+    tangential_mm: Tolerance along the travel; plan.tolerance_mm is then for the deviation across it.
     tube: Share of the tolerance by which a plan may leave the path for a shorter run or a narrower band.
     """
 
-    normal_mm: Size | None = None
     tangential_mm: Size | None = None
     tube: float = Field(default=0.0, ge=0.0, le=0.9)
     part: Annotated[tuple[TolerancePart, ...], Field(strict=False, max_length=10000)] = ()
@@ -83,8 +75,7 @@ class ToleranceTable(StrictTable):
 
     def strictest(self, whole: float) -> float:
         """Return the least tolerance across the travel, given the default. [mm]"""
-        normal = whole if self.normal_mm is None else self.normal_mm
-        return min([normal, *(part.normal_mm for part in self.part if part.normal_mm is not None)])
+        return min([whole, *(part.normal_mm for part in self.part if part.normal_mm is not None)])
 
     def lay(self, toolpath: Toolpath, whole: float) -> Toolpath:
         """Return a toolpath with the tolerance of its moves; the last of overlapping parts holds.
@@ -100,7 +91,7 @@ class ToleranceTable(StrictTable):
         if not self.stated:
             return toolpath
         allowed = np.empty((len(toolpath), 2))
-        allowed[:, 0] = whole if self.normal_mm is None else self.normal_mm
+        allowed[:, 0] = whole
         allowed[:, 1] = np.nan if self.tangential_mm is None else self.tangential_mm
         for number, part in enumerate(self.part):
             rows = part.mark(toolpath)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from compplan.errors import InputError
 from compplan.io.tomlfile import StrictTable, check_table
 from compplan.job.frames import ToolTable
-from compplan.job.tool_tables import read_tool_library, take_cutter, take_tool
+from compplan.job.tool_tables import take_tool
 from compplan.job.tool_tables.listed import LibraryTool
 from compplan.process.force_law import Process
 from compplan.toolpath.operations import Operation
@@ -21,13 +21,9 @@ from compplan.toolpath.operations import Operation
 #: Force models with a cutter, and the keys that a tool table supplies.
 CUTTERS = {
     "end_mill": ("diameter_mm", "teeth", "corner_radius_mm", "flute_mm"),
-    "drill": ("diameter_mm", "teeth", "flute_mm", "point_deg"),
+    "drill": ("diameter_mm", "teeth", "point_deg"),
     "milling": ("diameter_mm",),
 }
-#: Keys of [tool] for the file of the cutter.
-CUTTER_KEYS = ("cutter_file", "cutter_name")
-#: Tolerance of equal sizes of a cutter. [mm, deg]
-SAME_SIZE = 1e-3
 #: Force models with a spindle speed.
 SPINNING = ("end_mill", "drill", "milling")
 
@@ -50,11 +46,9 @@ class ToolsTable(StrictTable):
     """[tools]: a tool table; [tool] is then the spindle, with lengths along its z.
 
     file: any form of `compplan.job.tool_tables`.
-    unit: of a file without one.
     """
 
     file: str
-    unit: Literal["mm", "inch"] | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +60,6 @@ class Described:
         process: Its keys of [process], plain.
         where: Key or file of the description, for messages.
         cutter: Cutter of a tool table in keys of [process], and its `kind`; empty without one.
-        required: Whether the cutter has to fit the force model (cutter_file).
 
     """
 
@@ -74,7 +67,6 @@ class Described:
     process: dict[str, Any]
     where: str
     cutter: dict[str, Any] = field(default_factory=dict)
-    required: bool = False
 
 
 def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool, ...]:
@@ -100,13 +92,13 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
     return tuple(tools)
 
 
-def find_numbered(tools: Sequence[NumberedTool], operation: Operation, folder: Path) -> Described | None:
-    """Return the [[tool]] of an operation, or None; files are relative to a folder."""
+def find_numbered(tools: Sequence[NumberedTool], operation: Operation) -> Described | None:
+    """Return the [[tool]] of an operation, or None."""
     for k, tool in enumerate(tools):
         named = tool.name is not None and operation.name and tool.name.lower() == operation.name.lower()
         if named or (not operation.name and tool.number == operation.number):
-            plain = tool.model_dump(exclude_unset=True, exclude={"number", "name", "process", *CUTTER_KEYS})
-            return Described(plain, dict(tool.process or {}), f"tool[{k}]", _read_cutter(tool, folder), required=True)
+            plain = tool.model_dump(exclude_unset=True, exclude={"number", "name", "process"})
+            return Described(plain, dict(tool.process or {}), f"tool[{k}]")
     return None
 
 
@@ -118,59 +110,6 @@ def find_listed(
     if entry is None:
         return None
     return Described(_mount(entry, spindle or ToolTable()), {}, "tools.file", _describe_cutter(entry))
-
-
-def place_cutter(process: Mapping[str, Any], tool: ToolTable, job: Path) -> dict[str, Any]:
-    """Return [process] with the cutter of [tool] cutter_file, if any.
-
-    Args:
-        process: The table, plain.
-        tool: [tool]; cutter_file is relative to the job.
-        job: The job file.
-
-    Raises:
-        InputError: If the file is no tool table, or contradicts [process].
-
-    """
-    cutter = _read_cutter(tool, job.parent)
-    try:
-        _check_fit(cutter, model := str(process.get("model", "columns")), "tool")
-        return _join_cutter(cutter, process, model, "tool")
-    except InputError as error:
-        raise InputError(error.message, file=job, where=error.where) from None
-
-
-def _read_cutter(tool: ToolTable, folder: Path) -> dict[str, Any]:
-    """Return the cutter of cutter_file, empty without one."""
-    if tool.cutter_file is None:
-        return {}
-    file = folder / tool.cutter_file
-    return _describe_cutter(take_cutter(read_tool_library(file), tool.cutter_name, file))
-
-
-def _check_fit(cutter: Mapping[str, Any], model: str, where: str) -> None:
-    """Refuse a cutter that does not fit the force model."""
-    fits = {"drill": ("drill",), "mill": ("end_mill", "milling"), "": tuple(CUTTERS)}.get(cutter["kind"], ())
-    if model not in fits:
-        kind = {"other": "a shape without a force model", "": "a cutter"}.get(cutter["kind"], f"a {cutter['kind']}")
-        message = f"is {kind}, and process.model is {model!r}; a mill fits end_mill and milling, a drill drill"
-        raise InputError(message, where=f"{where}.cutter_file")
-
-
-def _join_cutter(cutter: Mapping[str, Any], stated: Mapping[str, Any], model: str, where: str) -> dict[str, Any]:
-    """Merge stated keys of [process] over those of a cutter.
-
-    Raises:
-        InputError: If both state a size differently.
-
-    """
-    found = {key: cutter[key] for key in CUTTERS[model] if key in cutter}
-    for key, value in found.items():
-        other = stated.get(key)
-        if isinstance(other, (int, float)) and isinstance(value, (int, float)) and abs(other - value) > SAME_SIZE:
-            message = f"says {key} = {value:g}, and [process] {other:g}; expected one of both"
-            raise InputError(message, where=f"{where}.cutter_file")
-    return {**found, **stated}
 
 
 def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
@@ -205,23 +144,18 @@ def fill_process(common: Mapping[str, Any], described: Described, speed: float |
         described: The tool.
         speed: Spindle speed of the operation in the file, or None. [1/min]
 
-    Raises:
-        InputError: If the cutter of the job does not fit its force model.
-
     """
     own, cutter = dict(described.process), described.cutter
     if not common and not own:
         return None
-    model = before = str(common.get("model", "columns"))
+    before = str(common.get("model", "columns"))
     if cutter:  # a tool table holds the cutter, not the force model
-        if not described.required and (before not in CUTTERS or cutter["kind"] == "other"):
+        if before not in CUTTERS or cutter["kind"] == "other":
             return dict(common)
+        model = before
         if before in ("end_mill", "drill"):
             model = {"drill": "drill", "mill": "end_mill"}.get(cutter["kind"], before)
-        own = {"model": model, **own}
-        if described.required:
-            _check_fit(cutter, str(own["model"]), described.where)
-        own = _join_cutter(cutter, own, str(own["model"]), described.where)
+        own = {"model": model, **{key: cutter[key] for key in CUTTERS[model] if key in cutter}}
     model = str(own.get("model", before))
     known = model_keys(model)
     kept = {key: value for key, value in common.items() if model == before or known is None or key in known}

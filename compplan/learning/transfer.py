@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from compplan.errors import ConvergenceError
 from compplan.job.job import Job
 from compplan.job.loading import find_learned_force
-from compplan.job.noise import NoiseTable
+from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.learning.gathered_points import Gathered
 from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, condition
 from compplan.learning.representable import apply_update
@@ -102,7 +102,7 @@ def state_own(noise: NoiseTable, origin: Array, slopes: Slopes, spread: ForceSpr
     if fitted:
         free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
         moved = rigid_columns(tip, tip.mean(axis=0)) * np.repeat(free, 3)
-    warm = noise.temperature_K * noise.expansion_per_K if "temperature_K" in noise.model_fields_set else 0.0
+    warm = noise.temperature_K * EXPANSION if "temperature_K" in noise.model_fields_set else 0.0
     heat = warm * tip[:, :, None] if warm > 0.0 else np.zeros((len(tip), 3, 0))
     part, following = (np.concatenate([force, place, heat], axis=2) for place in (moved, clamped))
     return Own(part, following, ratio)

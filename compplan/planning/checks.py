@@ -312,7 +312,7 @@ def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job
         checks += _check_each_joint("joint acceleration, share of elasticity.toml", joints, most, ROUNDED * 1.01,
                                     "{joint} accelerates {value:.3g} times as much as elasticity.toml allows"
                                     )  # fmt: skip
-    return [*checks, *_check_jerk(task, q, time, joints, job)]
+    return [*checks, *_check_jerk(task, q, time, joints)]
 
 
 def _find_moving(task: PlanTask, time: Array) -> NDArray[np.int_]:
@@ -321,12 +321,9 @@ def _find_moving(task: PlanTask, time: Array) -> NDArray[np.int_]:
     return rows[~task.rests[rows]]
 
 
-def _check_jerk(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
+def _check_jerk(task: PlanTask, q: Array, time: Array, joints: JointTable) -> list[Check]:
     """Sampled every millisecond, as a cubic spline over time through each run, no joint passes a limit of the jerk."""
-    limits, cutting = job.limits, np.r_[False, ~task.nominal.rapid[1:]]
-    after = np.inf if limits.full_acceleration_after_s is None else limits.full_acceleration_after_s
-    assumed = joints.acceleration * limits.acceleration_scale / after if after < np.inf else joints.jerk
-    allowed = joints.jerk if np.isfinite(joints.jerk).any() else assumed
+    cutting, allowed = np.r_[False, ~task.nominal.rapid[1:]], joints.jerk
     if not np.isfinite(allowed).any():
         return []
     ends = np.flatnonzero(task.rests | ~cutting | np.r_[~cutting[1:], True])

@@ -13,8 +13,8 @@ from compplan.statics.chain import joint_jacobian, locate_frames
 
 #: Shares of the joints' efforts and of the correction limit that a first force may take (assumed).
 EFFORT, CORRECTION = 0.5, 0.4
-#: Step of the rotation about the tool axis that is good enough here. [deg]
-SPIN_STEP = 30.0
+#: Step of the rotation about the tool axis that is good enough here. [rad]
+SPIN_STEP = float(np.radians(30.0))
 #: Load that deflections are worked out under, as a share of the job's: springs are linear, the arm hardly moves.
 LIGHT = 0.01
 
@@ -27,9 +27,9 @@ def bearable_share(job: Job) -> float:
     Raises:
         InputError, InfeasibleError: If its path cannot be followed.
     """
-    coarse = job.model_copy(update={"posture": job.posture.model_copy(update={"spin_step_deg": SPIN_STEP})})
-    coarse._file = job.file
-    task = build_task(*prepare_job(coarse), file=job.file)
+    robot, nominal, options = prepare_job(job)
+    coarse = replace(options.posture, spin_step=SPIN_STEP)
+    task = build_task(robot, nominal, replace(options, posture=coarse), file=job.file)
     rows = np.flatnonzero(task.cut)
     frames = locate_frames(task.chain, task.q_start[rows])
     torque = np.abs(np.einsum("kij,ki->kj", joint_jacobian(task.chain, frames), task.wrench[rows]))

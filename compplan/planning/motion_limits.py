@@ -28,24 +28,11 @@ STATIC_ROOM = 1.05
 Torques = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 
 
-def limit_jerk(robot: Robot, scale: float = 1.0, after: float | None = None) -> Array | None:
-    """Return the jerk limits of a robot: the folder's, else as assumed, None where neither says any. Shape (nq,).
-
-    As assumed, a joint reaches `scale` of its acceleration limits in the time `after`. [s], [rad/s^3 or m/s^3]
-    """
-    if robot.jerk_limits is not None:
-        return robot.jerk_limits
-    return None if after is None else np.asarray(scale * robot.acceleration_limits / after)
-
-
-def describe_jerk(robot: Robot, after: float | None) -> str:
-    """Say what limits the jerk and where that comes from, "" where nothing does."""
-    if robot.jerk_limits is not None:
-        return "The jerk of every joint is held to jerk_limits of the robot folder, with the motion as a cubic spline."
-    if after is None:
+def describe_jerk(robot: Robot) -> str:
+    """Say what limits the jerk, "" where nothing does."""
+    if robot.jerk_limits is None:
         return ""
-    return (f"The jerk of every joint is held to an assumed limit: full acceleration after {after:g} s "
-            "(limits.full_acceleration_after_s); the robot folder states none.")  # fmt: skip
+    return "The jerk of every joint is held to jerk_limits of the robot folder, with the motion as a cubic spline."
 
 
 def measure_smooth_use(

@@ -65,7 +65,7 @@ def list_notes(
     if conflict := command.nlp.get("conflict"):
         last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     last.append(describe_depth_limit(task, command.q))
-    last.append(describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s))
+    last.append(describe_jerk(task.robot))
     figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task), _check_swing(task)]
     return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
 
@@ -111,7 +111,7 @@ def _check_swing(task: PlanTask) -> Check:
 
 def describe_spindle(task: PlanTask, job: Job) -> list[str]:
     """Say that nothing turns the spindle of a cut that comes from a CAM file."""
-    if job.process.model not in TURNING or not isinstance(job.toolpath, str) or job.output.header:
+    if job.process.model not in TURNING or not isinstance(job.toolpath, str) or job.output.templates:
         return []
     if job.toolpath.lower().endswith(".csv"):
         return []
@@ -119,7 +119,7 @@ def describe_spindle(task: PlanTask, job: Job) -> list[str]:
         return []
     return [
         Stop("The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
-             "or name lines that do in [output] header.")
+             "or write lines that do into a template ([output] templates).")
     ]  # fmt: skip
 
 
@@ -137,7 +137,7 @@ def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
     if not robot.ground:
         return []
     names = [joint.name for joint in robot.actuated[: int(robot.carriers.sum())]]
-    held = [] if job is None else [*job.positioner.hold_deg, *job.positioner.hold_mm]
+    held = [] if job is None else list(job.positioner.hold_deg)
     stays = f" (held: {', '.join(held)})" if held else ""
     return [
         f"The part is carried by {', '.join(names)}{stays}: poses and deviations count from {robot.base}. It is taken "
@@ -213,9 +213,8 @@ def ask_about_form(job: Job, robot: Robot) -> list[str]:
     maker = load_controller(robot).name
     for name, table in (("tool", job.tool), ("part", job.part)):
         if table is not None and table.abc_deg is not None and "Doosan" in maker:
-            notes.append(
-                Stop(f"{name}.abc_deg are KUKA's A B C (z, y', x''); those of a Doosan turn z, y', z'': zyz_deg.")
-            )
+            turns = "are KUKA's A B C (z, y', x''), those of a Doosan turn z, y', z''"
+            notes.append(Stop(f"{name}.abc_deg {turns}: write quaternion."))
     found = locate_pendant(robot) if job.tool is not None and job.tool.frame == "pendant" else None
     if found is not None and not found.confirmed:
         notes.append(Stop(
@@ -243,7 +242,7 @@ def _angle(a: Array, b: Array) -> float:
 
 
 #: Tables of a job whose files go into programs line by line.
-COPIED = ("output.header.", "output.footer.", "output.templates.")
+COPIED = "output.templates."
 
 
 def describe_outside(job: Job, robot: Robot) -> str:

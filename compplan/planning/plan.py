@@ -27,7 +27,6 @@ from compplan.planning.evaluate import (
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
-from compplan.planning.motion_limits import limit_jerk
 from compplan.planning.notes import describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import check_start
 from compplan.planning.posture.kept_posture import Kept, find_kept_start, read_lock
@@ -62,9 +61,6 @@ class PlanOptions:
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
     velocity_scale: float = 1.0  #: Share of the robot's velocity limits that may be used.
     acceleration_scale: float = 1.0  #: Share of the robot's acceleration limits that may be used.
-    #: Time in which a joint reaches its greatest acceleration where the robot states no limit of the jerk; None assumes
-    #: none. [s]
-    jerk_after: float | None = None
     #: What is asked of the posture; by default one configuration and the tool's x where `tool_x` has it.
     posture: PostureSettings = field(default_factory=lambda: PostureSettings(search=False))
     feed: FeedRequest = field(default_factory=FeedRequest)  #: What the process asks of the feed.
@@ -228,7 +224,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         step_time=programmed_times(nominal),
         velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
-        jerk_limits=limit_jerk(robot, options.acceleration_scale, options.jerk_after),
+        jerk_limits=robot.jerk_limits,
         max_correction=options.max_correction,
         tolerance=options.tolerance,
         spin_free=options.spin_free,
@@ -269,7 +265,6 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
-        jerk_after=job.limits.full_acceleration_after_s,
         posture=state_frequency(read_settings(job, robot, posture_errors(job, robot)), robot),
         feed=FeedRequest(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,

@@ -136,9 +136,7 @@ class CuttingTable(ForceTable):
     diameter_mm: float = Field(ge=0.05, le=500.0)
     teeth: int = Field(default=2, ge=1, le=60)
     spindle_rpm: float = Field(gt=0.0, le=2e5)
-    flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     material: str | None = None
-    materials: str | None = None  # a file of the user's own, see `compplan.process.materials`
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
     stock_top_mm: float | None = None
@@ -152,8 +150,6 @@ class CuttingTable(ForceTable):
 
     @model_validator(mode="after")
     def _check_material(self) -> CuttingTable:
-        if self.materials is not None:
-            raise ValueError("materials and coefficients are both given, choose one")
         if (self.material is None) == (self.coefficients is None):
             raise ValueError(f"needs one of coefficients and material, choose from {list(MATERIALS)}")
         if self.stock is not None and self.stock_top_mm is not None:

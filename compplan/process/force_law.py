@@ -77,7 +77,7 @@ class ForceLaw:
     @property
     def abrupt(self) -> bool:
         """Tell whether the force still stands where a cut ends; one that follows the feed goes as the tool rests."""
-        return not self.always and not self.follows_feed and not getattr(self.process, "ramp_out_mm", 0.0) > 0.0
+        return not self.always and not self.follows_feed
 
     @property
     def always(self) -> bool:
@@ -123,7 +123,7 @@ class ForceLaw:
         wrench = _turn(local, self._axes(frame, nominal))
         if self.always:
             return wrench
-        return wrench * contact_share(nominal, process.ramp_mm * 1e-3, process.ramp_out_mm * 1e-3)[:, None]
+        return wrench * contact_share(nominal, getattr(process, "ramp_mm", 0.0) * 1e-3)[:, None]
 
     def _axes(self, frame: Frame, nominal: Toolpath) -> Array:
         """Return the axes of a wrench's frame, base axes. Shape (3, 3) or (n, 3, 3)."""

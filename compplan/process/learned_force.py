@@ -50,7 +50,7 @@ OTHER = 0.1
 #: Frames in which a force keeps its direction wherever the path goes; "columns" are in that of the part.
 FIXED = ("part", "base")
 #: Keys of [process] that say where it acts, not how hard it pushes.
-WHERE = ("model", "ramp_mm", "ramp_out_mm", "during_rapid", "required", "stock", "stock_top_mm", "uncertainty", "file")
+WHERE = ("model", "ramp_mm", "during_rapid", "required", "stock", "stock_top_mm", "uncertainty", "file")
 
 
 #: Numbers of the level and three turns.

@@ -16,8 +16,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from compplan.errors import InputError
-from compplan.io.tomlfile import StrictTable, check_table, read_toml
+from compplan.io.tomlfile import StrictTable
 
 Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
 
@@ -44,7 +43,6 @@ class CoefficientTable(StrictTable):
     edge_N_mm: Force3 = (0.0, 0.0, 0.0)
     exponent: Force3 = (0.0, 0.0, 0.0)
     uncertainty: float = Field(default=0.1, ge=0.0, le=1.0)
-    source: str = "the job"
 
     @model_validator(mode="after")
     def _check(self) -> CoefficientTable:
@@ -61,9 +59,7 @@ class CoefficientTable(StrictTable):
 
     def coefficients(self) -> Coefficients:
         """Return them as a material's."""
-        return Coefficients(
-            self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty, source=self.source
-        )
+        return Coefficients(self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty)
 
 
 #: Fields of a material by the keys of its table, where they differ.
@@ -82,31 +78,3 @@ MATERIALS: dict[str, Coefficients] = {
     name: _make_material(table)
     for name, table in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).items()
 }
-
-
-def apply_material(process: Mapping[str, Any], job: Path, where: str) -> dict[str, Any]:
-    """Return [process] with the coefficients of its own file of materials; as it is where it names none.
-
-    A name of the file, which is relative to the job, goes before one that ships with compplan.
-
-    Raises:
-        InputError: If the file, or the material in it, is not what it has to be.
-    """
-    file, name = process.get("materials"), process.get("material")
-    if not isinstance(file, str) or "coefficients" in process:
-        return dict(process)
-    path = job.parent / file
-    listed = read_toml(path)
-    if name in MATERIALS and name not in listed:
-        return {key: value for key, value in process.items() if key != "materials"}
-    if not isinstance(name, str) or name not in listed:
-        fault = "missing key" if name is None else f"is {name!r}"
-        message = f"{fault}, {path.name} has {list(listed)}, compplan {list(MATERIALS)}"
-        raise InputError(message, file=job, where=f"{where}.material")
-    if not isinstance(listed[name], dict):
-        raise InputError(f"is {listed[name]!r}, expected a table with cutting_N_mm2", file=path, where=name)
-    table = check_table(CoefficientTable, listed[name], file=path, key=name).model_dump(exclude_unset=True)
-    table.setdefault("source", f"{name} of {path.name}")
-    return {key: value for key, value in process.items() if key not in ("material", "materials")} | {
-        "coefficients": table
-    }

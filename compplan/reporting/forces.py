@@ -101,7 +101,7 @@ def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
 
 
 def write_coefficients(found: ForcePrediction, file: Path) -> None:
-    """Write the fitted coefficients as a file of materials that holds `measured`.
+    """Write the fitted coefficients as the table [process.coefficients] of a later job.
 
     Raises:
         InputError: If the force model has no coefficients, or the file cannot be written.
@@ -113,16 +113,16 @@ def write_coefficients(found: ForcePrediction, file: Path) -> None:
     table = {
         "cutting_N_mm2": [float(f"{value:.5g}") for value in fitted.cutting],
         "edge_N_mm": [float(f"{value:.4g}") for value in fitted.edge], "exponent": list(fitted.exponent),
-        "uncertainty": fitted.uncertainty, "source": fitted.source,
+        "uncertainty": fitted.uncertainty,
     }  # fmt: skip
     try:
         CoefficientTable.model_validate(table)
     except ValidationError as error:
         why = error.errors()[0]["msg"].removeprefix("Value error, ")
         raise InputError(f"the fitted coefficients are no job's: {why}", file=file) from None
-    text = (f'# A later job says under [process]: materials = "{file.name}" and material = "measured". uncertainty is\n'
-            "# that of the force along the cut that was logged, one standard deviation; another tool, wear, another\n"
-            "# cut add to it.\n" + tomli_w.dumps({"measured": table}))  # fmt: skip
+    text = (f"# {fitted.source}. Copy this table into a later job, in place of [process] material.\n"
+            "# uncertainty is that of the force along the cut that was logged, one standard deviation; another tool,\n"
+            "# wear, another cut add to it.\n" + tomli_w.dumps({"process": {"coefficients": table}}))  # fmt: skip
     write_text(file, text)
 
 

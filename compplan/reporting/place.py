@@ -59,7 +59,6 @@ def _open(summary: Mapping[str, Any], result: PlaceResult) -> Summary:
     x, y, z = summary["part"]["position_mm"]
     there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
     turn = f", turned by {summary['part']['turn_deg']:g} deg" if summary["part"]["turn_deg"] else ""
-    turn += f", the base raised by {summary['base_height_mm']:g} mm" if summary["base_height_mm"] else ""
     figures: list[tuple[str, ...]] = [
         (f"{there:.3g}\u00a0mm", "95 % of the remaining deviations are smaller there", "good")
     ]

@@ -493,6 +493,6 @@ def _list_uncertainties(choice: PostureSummary) -> str:
         return f"posture: chosen for the smallest 95 % band; {choice.settings.errors.source}"
     uncertainty = choice.settings.uncertainty
     return (
-        f"posture: errors of {100 * uncertainty.wrench:g} % of the wrench, {100 * uncertainty.compliance:g} % of the "
-        f"compliances and {np.degrees(uncertainty.joint_zero):.3g} deg of the joint zeros are assumed"
+        f"posture: errors of {100 * uncertainty.wrench:g} % of the wrench and {100 * uncertainty.compliance:g} % of "
+        "the compliances are assumed"
     )

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from compplan.effects.attained import TRANSIENT, attain_with_effects, rest_robot
+from compplan.effects.attained import attain_with_effects, rest_robot
 from compplan.errors import ConvergenceError
 from compplan.job.noise import NoiseTable
 from compplan.planning.task import PlanTask
@@ -141,11 +141,7 @@ def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None
         theta=np.zeros((k, task.chain.n_springs)), touched=None,
     )  # fmt: skip
     rates = differentiate_placements(there, noise)[0]
-    first = GROWN
-    rates[first : first + PART_AXES] = 0.0  # the part does not move between touch and cut
-    for number, entry in enumerate(noise.effects):
-        if entry.effect in TRANSIENT:
-            rates[first + PART_AXES + number] = 0.0
+    rates[GROWN : GROWN + PART_AXES] = 0.0  # the part does not move between touch and cut
     rates[len(rates) - 3 * MODES :] = 0.0  # the band counts what is unexplained as it is
     offset = np.zeros((k, 3))
     if robot.effects:

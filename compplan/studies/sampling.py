@@ -22,13 +22,9 @@ from scipy.stats import qmc
 from compplan.effects import (
     build_model,
     command_campaign,
-    fold_effects,
-    is_of_instrument,
-    robot_effects,
     solve_model_poses,
 )
-from compplan.effects.attained import attain_with_effects
-from compplan.job.noise import EffectNoise, NoiseTable
+from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
@@ -40,6 +36,17 @@ from compplan.uncertainty.sensitivities import ForceSpread
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
 _PATH, _ENCODERS, _FORCE = range(3)
+#: Correlation length of the force along the path (assumed). [m]
+CORRELATION = 0.02
+#: Errors of motor-side encoders (assumed: 17 bits behind a gear, far finer than its mounting) and of link-side ones
+#: (assumed: a ring of 20 bits with its mounting error). [deg]
+ENCODERS = (0.0003, 0.0008)
+#: Drift of a force sensor since taring, as a multiple of its noise (assumed).
+DRIFT = 2.5
+#: Moments of a force sensor by its forces, noise and drift (assumed). [m]
+NOISE_ARM, BIAS_ARM = 0.05, 0.1
+#: Gain of a force sensor, one standard deviation (assumed; datasheets state 1 %).
+GAIN = 0.01
 #: Coordinates of a placement: three translations, three rotations.
 TWIST = 6
 
@@ -87,7 +94,7 @@ def survey_surroundings(
     """Work out what all samples of a task share; `force`: what measured parts said of it."""
     chain, q = task.chain, task.q_start
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(task.position, axis=0), axis=1))])
-    knots = min(int(np.ceil(length[-1] / (noise.correlation_mm * 1e-3) * KNOTS)) + 2, MOST_KNOTS)
+    knots = min(int(np.ceil(length[-1] / CORRELATION * KNOTS)) + 2, MOST_KNOTS)
     spacing = max(length[-1], 1e-9) / (knots - 1)
     shift, scale = differentiate_placements(task, noise)
     return Surroundings(
@@ -101,7 +108,7 @@ def survey_surroundings(
         shift=shift,
         scale=scale,
         knot=np.minimum(length / spacing, knots - 1.000001),
-        forget=float(np.exp(-spacing / (noise.correlation_mm * 1e-3))),
+        forget=float(np.exp(-spacing / CORRELATION)),
         repeatability=robot_uncertainty(task.robot).repeatability or 0.0,
         posterior=take_posterior(task, find_travel(q).T, force),
     )
@@ -124,38 +131,16 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
     scene = build_model(bare, command_campaign(task.q_start))
     grown = solve_model_poses(replace(scene, growth=scene.growth + 1.0)).position
     parts = [grown - solve_model_poses(scene).position]
-    scale = [noise.temperature_K * noise.expansion_per_K]
+    scale = [noise.temperature_K * EXPANSION]
     if task.touched is not None and read_placement(noise) is None:
         parts += list(np.moveaxis(task.touched.spread_part(task.position), 2, 0))
         scale += [1.0] * 6
     else:
         parts += list(np.moveaxis(rigid_columns(task.position, task.position.mean(axis=0)), 2, 0))
         scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
-    parts += [move_by_effect(task, entry) for entry in noise.effects]
-    scale += [1.0] * len(noise.effects)
     drawn = move_by_posterior(task, robot_uncertainty(task.robot))
     parts, scale = parts + drawn, scale + [1.0] * len(drawn)
     return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2)), np.array(scale)
-
-
-def move_by_effect(task: PlanTask, entry: EffectNoise) -> Array:
-    """Move the tip by one standard deviation of an effect, by the effects' own forward model. Shape (n, 3). [m]
-
-    Samples scale it: exact where the effect is linear in its parameters. Effects of instruments and sensors move
-    nothing.
-
-    Raises:
-        UnknownNameError: If there is no such effect, or no such joint.
-    """
-    table = entry.model_dump(exclude_none=True)
-    (effect,) = robot_effects(replace(task.robot, effects=(table,), folder=None))
-    if is_of_instrument(effect.name):
-        return np.zeros((len(task), 3))
-    with_it, without = (
-        attain_with_effects(robot, task.q_start, task.wrench, task.step_time)[0]
-        for robot in (fold_effects(task.robot, [effect]), task.robot)
-    )
-    return with_it - without
 
 
 def sample_robots(at: Surroundings, points: Array) -> Cells:
@@ -170,18 +155,18 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
     share = np.repeat(at.link_share[:, None], len(points), axis=1)
     unsure = (at.link_share > 0.0) & (at.link_share < 1.0)
     share[unsure] = np.clip(share[unsure] + noise.link_share * take("link_share"), 0.0, 1.0)
-    moving = ("temperature", "part_frame", "effects")
+    moving = ("temperature", "part_frame")
     robot = at.posterior.settle(take("posterior"))
     causes = np.vstack([*(take(name) for name in moving), robot])
     causes *= at.scale[:, None]
-    bias, noises = take("force_bias"), _Noises(at, points)
+    bias, noises, drift = take("force_bias"), _Noises(at, points), DRIFT * noise.force_noise_N
     shares = np.vstack([take("wrench_level"), take("wrench_direction")])
     shares = at.posterior.push(robot, shares)
     wrench = _draw_wrench(at, shares, noises)
     force = noises.white(_FORCE, "force_noise", 0, 6)
-    force *= _six(noise.force_noise_N, noise.moment_noise_Nm)
-    force += (bias[:6, :, None] * _six(noise.force_bias_N, noise.moment_bias_Nm)
-              + noise.force_gain * bias[6, :, None] * wrench)  # fmt: skip
+    force *= _six(noise.force_noise_N, NOISE_ARM * noise.force_noise_N)
+    force += (bias[:6, :, None] * _six(drift, BIAS_ARM * drift)
+              + GAIN * bias[6, :, None] * wrench)  # fmt: skip
     nq, n = at.q.shape
     zero, drive = np.zeros((nq, len(points))), np.zeros((nq, len(points), n))
     at.posterior.draw(robot, factor, zero, drive)
@@ -255,9 +240,7 @@ class _Noises:
 
     def encoder(self, side: int) -> Array:
         """Draw the errors of motor-side (0) or link-side (1) encoders. Shape (nq, b, n). [rad]"""
-        noise = self.at.noise
-        level = (noise.motor_encoder_deg, noise.link_encoder_deg)[side]
-        return np.radians(level) * self.white(_ENCODERS, "encoders", side, len(self.at.q))
+        return np.radians(ENCODERS[side]) * self.white(_ENCODERS, "encoders", side, len(self.at.q))
 
 
 @dataclass(frozen=True)
@@ -295,7 +278,6 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         "repeatability": 3,
         "force_bias": 7,
         "force_noise": 1,
-        "effects": len(noise.effects),
         "posterior": count_coordinates(robot),
     }
     starts = np.concatenate([[0], np.cumsum(list(sizes.values()))])
@@ -307,13 +289,9 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         "wrench_level": (noise.wrench_level, ("wrench_level",)),
         "wrench_direction": (noise.wrench_direction_deg, ("wrench_direction",)),
         "wrench_path": (noise.wrench_path, ("wrench_path",)),
-        "encoders": (max(noise.motor_encoder_deg, noise.link_encoder_deg), ("encoders",)),
+        "encoders": (1.0, ("encoders",)),
         "repeatability": (robot_uncertainty(robot).repeatability or 0.0, ("repeatability",)),
-        "force_sensor": (
-            max(noise.force_noise_N, noise.moment_noise_Nm, noise.force_bias_N, noise.moment_bias_Nm, noise.force_gain),
-            ("force_bias", "force_noise"),
-        ),
-        "effects": (float(len(noise.effects)), ("effects",)),
+        "force_sensor": (1.0, ("force_bias", "force_noise")),
         "robot": (1.0, ("posterior",)),
     }
     kept = {

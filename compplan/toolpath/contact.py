@@ -37,15 +37,13 @@ class ForceTable(StrictTable):
 class ContactTable(ForceTable):
     """Keys of every model that switches on at contact and off in rapid moves.
 
-    ramp_mm is the length over which the wrench grows from 0 after contact, ramp_out_mm that over which it falls to 0
-    before the tool leaves.
+    ramp_mm is the length over which the wrench grows from 0 after contact.
     """
 
     ramp_mm: float = Field(default=0.0, ge=0.0)
-    ramp_out_mm: float = Field(default=0.0, ge=0.0)
 
 
-class PathForceTable(ContactTable):
+class PathForceTable(ForceTable):
     """Keys of every model whose wrench stands in path axes and follows from the path alone."""
 
     @property
@@ -131,21 +129,15 @@ def check_tool_x(nominal: Toolpath, tool_x: Array, file: Path | None = None) -> 
         raise InputError(message, file=file, where="plan.tool_x" if file else None)
 
 
-def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Array:
-    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact, falling before leaving.
-
-    `ramp` and `ramp_out` are the lengths over which it grows and falls [m]. Shape (n,).
-    """
+def contact_share(nominal: Toolpath, ramp: float) -> Array:
+    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact over `ramp` [m]. Shape (n,)."""
     length, n = nominal.arc_length, len(nominal)
     share = np.where(nominal.rapid, 0.0, 1.0)
     index = np.arange(n)
-    # contact: the last waypoint that was reached in a rapid move, or the first waypoint; leaving: the end of the cut
+    # contact: the last waypoint that was reached in a rapid move, or the first waypoint
     contact = np.maximum.accumulate(np.where(nominal.rapid, index, 0))
-    after = np.minimum.accumulate(np.where(nominal.rapid, index, n)[::-1])[::-1]
     if ramp > 0.0:
         share *= np.clip((length - length[contact]) / ramp, 0.0, 1.0)
-    if ramp_out > 0.0:
-        share *= np.clip((length[np.minimum(after, n) - 1] - length) / ramp_out, 0.0, 1.0)
     return share
 
 

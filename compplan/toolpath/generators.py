@@ -1,6 +1,6 @@
 """Toolpaths that are computed: circle, planar spiral and the frustum cone of incremental sheet forming (ISF).
 
-All of them stand in the part frame: the circle and the spiral around `centre_mm`, the cone hangs below its upper rim.
+All of them stand in the part frame: the circle and the spiral around its origin, the cone hangs below its upper rim.
 Each is a table of a job; a new one is a table with `generate` and one line of `GENERATORS`.
 """
 
@@ -15,40 +15,31 @@ from scipy.optimize import brentq
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.io.tomlfile import StrictTable, Vector3
+from compplan.io.tomlfile import StrictTable
 from compplan.toolpath.toolpath import MOST_WAYPOINTS, Toolpath
 
-UP = (0.0, 0.0, 1.0)
 #: Feeds that are taken for true. [m/s]
 SLOWEST, FASTEST = 1e-9, 1e3
-PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 #: Position at parameter u of a curve. (n,) -> (n, 3) [m]
 Curve = Callable[[Array], Array]
 NO_CORNERS: Array = np.zeros(0)
 
 
 class GeneratorTable(StrictTable):
-    """Keys that every generator has: feed or duration, density of waypoints, tool axis in part axes.
+    """Keys that every generator has: feed and density of waypoints; the tool axis is z of the part.
 
     approach_mm is the height above the ends, along the tool axis, that rapid moves come from and go to; 0: none.
     """
 
-    feed_mm_s: float | None = Field(default=None, gt=0.0)
-    duration_s: float | None = Field(default=None, gt=0.0)
+    feed_mm_s: float = Field(gt=0.0)
     step_mm: float | None = Field(default=None, gt=0.0)
     waypoints: int | None = Field(default=None, ge=2)
-    rate_hz: float | None = Field(default=None, gt=0.0)
-    axis: Vector3 = UP
     approach_mm: float = Field(default=0.0, ge=0.0)
 
     @model_validator(mode="after")
     def _check(self) -> GeneratorTable:
-        if sum(value is not None for value in (self.feed_mm_s, self.duration_s)) != 1:
-            raise ValueError("needs exactly one of feed_mm_s and duration_s")
-        if sum(value is not None for value in (self.step_mm, self.waypoints, self.rate_hz)) != 1:
-            raise ValueError("needs exactly one of step_mm, waypoints and rate_hz")
-        if not np.linalg.norm(self.axis) > 0.0:
-            raise ValueError("axis has length 0, expected a direction")
+        if (self.step_mm is None) == (self.waypoints is None):
+            raise ValueError("needs exactly one of step_mm and waypoints")
         return self
 
     def generate(self) -> Toolpath:
@@ -57,14 +48,12 @@ class GeneratorTable(StrictTable):
 
     def _resolve_pace(self, length: float) -> tuple[float, int]:
         """Return the feed [m/s] and the number of waypoints for a curve of this length [m]."""
-        feed = length / (self.duration_s or 1.0) if self.feed_mm_s is None else self.feed_mm_s * 1e-3
-        if self.feed_mm_s is not None and not SLOWEST <= feed <= FASTEST:
+        feed = self.feed_mm_s * 1e-3
+        if not SLOWEST <= feed <= FASTEST:
             message = f"feed is {feed * 1e3:g} mm/s, expected {SLOWEST * 1e3:g} to {FASTEST * 1e3:g} mm/s"
             raise InputError(message)
         if self.waypoints is not None:
             count = float(self.waypoints)
-        elif self.rate_hz is not None:
-            count = length / feed * self.rate_hz
         else:
             count = 1.0 + length / (length if self.step_mm is None else self.step_mm * 1e-3)
         if not count <= MOST_WAYPOINTS:
@@ -84,7 +73,7 @@ class GeneratorTable(StrictTable):
         feed, count = self._resolve_pace(float(lengths[-1]))
         bounds = np.r_[0.0, np.interp(corners, grid, lengths), lengths[-1]]
         position = curve(np.interp(_place_stations(bounds, count), lengths, grid))
-        direction = np.asarray(self.axis) / np.linalg.norm(self.axis)
+        direction = np.array([0.0, 0.0, 1.0])
         rapid = np.zeros(len(position), dtype=bool)
         if self.approach_mm > 0.0:
             lift = direction * (self.approach_mm * 1e-3)
@@ -122,25 +111,18 @@ def _angles(turns: float) -> Array:
 
 
 class CircleTable(GeneratorTable):
-    """A circle in a plane of part axes; it turns from the first towards the second letter, for turns < 0 back."""
+    """A circle in the xy plane from the x axis on, counter-clockwise seen from +z, for turns < 0 clockwise."""
 
     generator: Literal["circle"] = "circle"
     radius_mm: float = Field(gt=0.0)
     turns: float = 1.0
-    centre_mm: Vector3 = (0.0, 0.0, 0.0)
-    plane: Literal["xy", "xz", "yz"] = "xy"
-    start_deg: float = 0.0
 
     def generate(self) -> Toolpath:
         """Generate the circle."""
-        first, second = PLANES[self.plane]
-        radius, sense, start = self.radius_mm * 1e-3, np.sign(self.turns), float(np.radians(self.start_deg))
+        radius, sense = self.radius_mm * 1e-3, np.sign(self.turns)
 
         def circle(u: Array) -> Array:
-            position = np.tile(np.array(self.centre_mm) * 1e-3, (len(u), 1))
-            position[:, first] += radius * np.cos(start + sense * u)
-            position[:, second] += radius * np.sin(start + sense * u)
-            return position
+            return np.column_stack([radius * np.cos(sense * u), radius * np.sin(sense * u), np.zeros(len(u))])
 
         return self._walk(circle, _angles(abs(self.turns)))
 
@@ -156,7 +138,6 @@ class SpiralTable(GeneratorTable):
     inner_radius_mm: float = Field(default=0.0, ge=0.0)
     turns: float | None = Field(default=None, gt=0.0)
     length_mm: float | None = Field(default=None, gt=0.0)
-    centre_mm: Vector3 = (0.0, 0.0, 0.0)
 
     def generate(self) -> Toolpath:
         """Generate the spiral."""
@@ -167,8 +148,7 @@ class SpiralTable(GeneratorTable):
         def spiral(turns: float) -> Curve:
             def point(u: Array) -> Array:
                 r = inner + (outer - inner) * u / (2.0 * np.pi * turns)
-                flat = np.column_stack([r * np.cos(u), r * np.sin(u), np.zeros(len(u))])
-                return flat + np.array(self.centre_mm) * 1e-3
+                return np.column_stack([r * np.cos(u), r * np.sin(u), np.zeros(len(u))])
 
             return point
 

@@ -265,18 +265,16 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     )  # fmt: skip
 
 
-def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
-    """Divide cutting moves so that no step is longer than `max_step` and no axis turns by more than `max_turn` in one.
+def resample_toolpath(toolpath: Toolpath, max_step: float) -> Toolpath:
+    """Divide cutting moves so that no step is longer than `max_step` [m].
 
     Rapid moves stay whole. Every waypoint stays, so corners stay sharp; waypoints in between lie on the straight move,
     the tool axis turns along the great circle, the wrench goes over linearly, feed and rapid are those of the move.
-    Lengths in m, turns in rad.
     """
-    if not (max_step > 0.0 and max_turn > 0.0):
-        limits = f"{max_step * 1e3:g} mm and {np.degrees(max_turn):g} deg"
-        raise InputError(f"step limits are {limits}, must be greater than 0")
+    if not max_step > 0.0:
+        raise InputError(f"the longest step is {max_step * 1e3:g} mm, must be greater than 0")
     turn = np.arccos(np.clip(np.sum(toolpath.axis[:-1] * toolpath.axis[1:], axis=1), -1.0, 1.0))
-    wanted = np.where(toolpath.rapid[1:], 1.0, np.ceil(np.maximum(toolpath.steps / max_step, turn / max_turn) - 1e-9))
+    wanted = np.where(toolpath.rapid[1:], 1.0, np.ceil(toolpath.steps / max_step - 1e-9))
     pieces = np.maximum(wanted, 1.0).astype(np.int64)
     if pieces.sum() > MOST_WAYPOINTS:
         message = f"a step of {max_step * 1e3:g} mm makes {pieces.sum()} waypoints, allowed are {MOST_WAYPOINTS}"

@@ -91,7 +91,7 @@ class TouchedPart:
 
 def read_touch(job: Job) -> TouchOff:
     """Return how the part of a job is touched: at the points of [part], or at three corners of the box of its cut."""
-    return TouchOff(job.T_base_part, job.part.touched_points, 1e-3 * job.part.touch_repeatability_mm)
+    return TouchOff(job.T_base_part, job.part.touched_points)
 
 
 def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: TouchOff) -> TouchedPart:

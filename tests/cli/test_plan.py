@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,7 @@ from commandline import run_command
 from golden_cell import write_job
 
 from compplan.io.notes import Stop
+from compplan.planning.checks import state_notes
 from compplan.reporting.plan_summary import WIDTH, format_plan
 from tests.reporting.test_report import make_plan
 
@@ -47,7 +47,7 @@ def test_each_note_that_must_be_settled_stands_whole_on_the_terminal(
 
 def test_long_notes_that_must_be_settled_are_not_cut_and_remarks_are_counted() -> None:
     stops = [Stop("check every axis against the display " * 9), Stop("is z of the part turned over?")]
-    plan = replace(make_plan(), notes=(stops[0], "a remark", stops[1], "another remark"))
+    plan = make_plan().add_checks(state_notes([stops[0], "a remark", stops[1], "another remark"]))
     lines = format_plan(plan, Path("out"), [Path("out/plan.json")])
     assert lines[-2:] == [f"{SETTLE}{stop}" for stop in stops]
     assert any(line.startswith("wrote plan.json") for line in lines)
@@ -67,3 +67,41 @@ def test_the_first_plan_of_the_readme_ends_with_keeps(
     assert plan["error_before_mm"]["max"] > 5.5 and plan["error_band_mm"]["whole_path_p95"] < 0.5
     assert f"up to {plan['error_before_mm']['max']:.2f} mm" in README
     assert f"within {plan['error_band_mm']['whole_path_p95']:.3f} mm" in README
+
+
+def test_keys_of_a_job_are_set_on_the_command_line_and_stand_among_the_inputs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        "--set",
+        "plan.tolerance_mm=3",
+        "--set",
+        "plan.strategy=mirror",
+        "--set",
+        "part.position_mm=[1650, 0, 900]",
+    ]
+    answer = run_command(["plan", PATHS / "circle_10mm.toml", *words, "--out", tmp_path / "out"], monkeypatch, capsys)
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    assert answer.status == 0 and " 3 mm" in answer.out.splitlines()[0] and plan["strategy"] == "mirror"
+    assert "--set plan.tolerance_mm=3" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    table = (tmp_path / "out" / "joints.csv").read_text(encoding="utf-8").splitlines()
+    x = [float(row.split(",")[7]) for row in table if row.endswith(",cut")]
+    assert max(x) == pytest.approx(1660.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("command", ["plan", "compare", "montecarlo", "forces", "place", "campaign", "learn"])
+def test_a_key_or_value_that_no_job_has_is_refused_by_every_command_in_a_line(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = {"campaign": ["--poses", "5"], "learn": ["part.csv", "--robot", "kuka_kr270"]}.get(command, [])
+    for change, fault in (
+        ("plan.speed=3", "--set plan.speed: unknown key, choose from ['strategy'"),
+        ("plan.tolerance_mm=[1", "--set plan.tolerance_mm: is '[1', expected a TOML value"),
+        ("part.position_mm=[1.0]", "--set part.position_mm[1]: missing key"),
+        ("robot.x=1", "--set robot.x: 'robot' is no table of the job"),
+        ("plan", "--set is 'plan', expected KEY=VALUE such as plan.tolerance_mm=0.05"),
+    ):
+        words = [command, PATHS / "circle_10mm.toml", *more, "--set", change, "--out", tmp_path / "out"]
+        answer = run_command(words, monkeypatch, capsys)
+        assert answer.status == 2 and answer.err.startswith(f"error: {fault}") and answer.err.count("\n") == 1
+        assert not (tmp_path / "out").exists()

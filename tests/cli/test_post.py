@@ -41,14 +41,12 @@ def test_a_part_that_is_no_frame_is_refused_in_one_line(tmp_path: Path, monkeypa
 
 def test_signals_of_the_cell_come_with_the_command(tmp_path: Path, monkeypatch, capsys) -> None:
     (tmp_path / "cut.nc").write_text("G21 G0 X0 Y0 Z20\nM3 S9000\nG1 Z0 F600\nX20\nM5\n")
-    cell = 'header = { urscript = "on.txt" }\nio = { spindle = 2, spindle_wait_s = 3.0 }\n'
-    (tmp_path / "cell.toml").write_text(cell)
-    (tmp_path / "on.txt").write_text("  textmsg(1)\n")
+    (tmp_path / "cell.toml").write_text("io = { spindle = 2 }\n")
     (tmp_path / "quick.toml").write_text('strategy = "none"\n')
     words = (str(tmp_path / "cut.nc"), "--robot", "ur10", "--program", "urscript", "--part", "-700,0,300")
     files = ("--output", str(tmp_path / "cell.toml"), "--plan", str(tmp_path / "quick.toml"))
     assert run(monkeypatch, *words, *files, "--out", str(tmp_path / "out")) in (0, 3)
     text = (tmp_path / "out" / "cut_L.script").read_text()
-    order = [text.index(word) for word in ("textmsg(1)", "movej", "set_standard_digital_out(2, True)", "sleep(3.000)",
-                                           "movel", "set_standard_digital_out(2, False)")]  # fmt: skip
+    order = [text.index(word) for word in ("movej", "set_standard_digital_out(2, True)", "sleep(5.000)", "movel",
+                                           "set_standard_digital_out(2, False)")]  # fmt: skip
     assert order == sorted(order)

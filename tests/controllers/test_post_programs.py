@@ -17,7 +17,7 @@ from script_readers import read_urscript
 
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.krl import turn_bits
-from compplan.controllers.writers.program import Post, split_parts
+from compplan.controllers.writers.program import Post
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import load_robot
 
@@ -146,8 +146,8 @@ def test_programs_that_do_not_fit_a_language_are_refused(tmp_path: Path) -> None
         write_program(make_program("kuka_kr240_rail"), "val3", tmp_path, any_brand=True)
     with pytest.raises(UnknownNameError, match="no program language named 'basic', choose from"):
         write_program(make_program("ur10"), "basic", tmp_path)
-    with pytest.raises(InputError, match="max_points_per_file is 0"):
-        split_parts(10, 0)
+    with pytest.raises(InputError, match="max_points_per_file is -1"):
+        write_program(make_program("ur10"), "urscript", tmp_path, most=-1)
     assert not list(tmp_path.iterdir())
 
 

@@ -81,9 +81,8 @@ def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> No
         "tool": {"position_mm": [10.0, 20.0, 300.0], "rotation_deg": [0.0, 0.0, 90.0]},
         "plan": {"start_deg": [500.0, 0.0, 90.0, -90.0, 0.0, 45.0, 180.0], "tolerance_mm": 0.2, "max_correction_mm": 5},
         "sampling": {"chord_mm": 0.03},
-        "posture": {"spin_step_deg": 9.0, "lead_deg": 6.0, "lean_deg": 3.0, "limit_margin_deg": 18.0,
-                    "joint_zero_uncertainty_deg": 0.9},
-    }  # fmt: skip
+        "posture": {"lead_deg": 6.0, "lean_deg": 3.0, "limit_margin_deg": 18.0},
+    }
     job = check_job(data, "job.toml")
     assert job.T_base_part == pytest.approx(np.array([[0, 0, 1, 1.5], [1, 0, 0, -0.02], [0, 1, 0, 0.3], [0, 0, 0, 1]]))
     assert job.tool is not None
@@ -97,15 +96,14 @@ def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> No
     assert (options.tolerance, options.max_correction, options.chord) == pytest.approx((2e-4, 5e-3, 3e-5))
     settings = read_settings(job, robot)
     assert settings.start == pytest.approx(start)
-    angles = (settings.spin_step, settings.lead, settings.lean, settings.limit_margin)
-    assert angles == pytest.approx((np.pi / 20, np.pi / 30, np.pi / 60, np.pi / 10))
-    assert settings.uncertainty.joint_zero == pytest.approx(np.pi / 200)
+    angles = (settings.lead, settings.lean, settings.limit_margin)
+    assert angles == pytest.approx((np.pi / 30, np.pi / 60, np.pi / 10))
 
 
 def test_auto_leaves_the_configuration_free_and_words_bind_it() -> None:
     assert changed(lambda data: data["plan"].update(configuration="auto")).plan.configuration.elbow is None
-    job = changed(lambda data: data["plan"].update(configuration={"elbow": "up", "start_deg": [1, 2.0]}))
-    assert (job.plan.configuration.elbow, job.plan.start) == ("up", (1.0, 2.0))
+    job = changed(lambda data: data["plan"].update(configuration={"elbow": "up"}, start_deg=[1, 2.0]))
+    assert (job.plan.configuration.elbow, job.plan.start_deg) == ("up", (1.0, 2.0))
 
 
 @pytest.mark.parametrize(
@@ -118,7 +116,7 @@ def test_auto_leaves_the_configuration_free_and_words_bind_it() -> None:
         (lambda data: data["process"].pop("model"), r"job.toml: process.model: missing key"),
         (lambda data: data["toolpath"].update(depth_mm=1.0), r"job.toml: toolpath.depth_mm: unknown key"),
         (lambda data: data["toolpath"].update(generator="star"), r"toolpath.generator: is 'star', choose from"),
-        (lambda data: data["toolpath"].update(duration_s=1.0), r"exactly one of feed_mm_s and duration_s"),
+        (lambda data: data["toolpath"].update(step_mm=1.0), r"exactly one of step_mm and waypoints"),
         (lambda data: data.pop("robot"), r"job.toml: robot: missing key"),
         (lambda data: data.update(robot=" "), r"robot: is empty"),
         (lambda data: data.update(schema=2), r"schema: is 2, choose from 1"),

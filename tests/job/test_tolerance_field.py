@@ -46,20 +46,21 @@ def test_a_job_without_the_table_has_one_tolerance_for_all() -> None:
 
 
 def test_a_deviation_along_the_travel_counts_against_its_own_tolerance() -> None:
-    allowed = find_allowed(lay({"normal_mm": 0.1, "tangential_mm": 2.0}, straight()))
+    allowed = find_allowed(lay({"tangential_mm": 2.0}, straight()))
     assert allowed is not None
     np.testing.assert_allclose(allowed.use(away(1.0, 0.05))[1:], 0.5)
     np.testing.assert_allclose(allowed.use(away(1.5, 0.05))[1:], 0.75)
-    one = find_allowed(lay({"normal_mm": 0.1}, straight()))
+    part = {"s_mm": [0.0, 10.0], "normal_mm": 0.1}
+    one = find_allowed(lay({"part": [part]}, straight(), whole=0.3))
     assert one is not None
     np.testing.assert_allclose(one.use(away(0.03, 0.04))[1:], 0.5)
 
 
-def test_parts_are_meant_by_rows_by_length_and_by_operation() -> None:
+def test_parts_are_meant_by_length_and_by_operation() -> None:
     events = (Event(-1, "tool", 1.0, "T1"), Event(4, "tool", 2.0, "MILL D6"), Event(7, "comment", text="FINISH wall"))
     path = straight(events=events)
     for place, moves in (
-        ({"waypoints": [3, 6]}, [4, 5, 6]), ({"s_mm": [3.0, 6.0]}, [4, 5, 6]), ({"operation": "t2"}, range(5, 11)),
+        ({"s_mm": [3.0, 6.0]}, [4, 5, 6]), ({"operation": "t2"}, range(5, 11)),
         ({"operation": "mill"}, range(5, 11)), ({"operation": "finish"}, [8, 9, 10]),
     ):  # fmt: skip
         found = lay({"part": [{**place, "normal_mm": 0.5}]}, path).tolerance
@@ -70,7 +71,7 @@ def test_parts_are_meant_by_rows_by_length_and_by_operation() -> None:
 
 
 def test_between_two_parts_the_stricter_one_counts_and_of_parts_that_overlap_the_last() -> None:
-    parts = [{"waypoints": [2, 8], "normal_mm": 0.5}, {"waypoints": [5, 8], "normal_mm": 0.2}]
+    parts = [{"s_mm": [2.0, 8.0], "normal_mm": 0.5}, {"s_mm": [5.0, 8.0], "normal_mm": 0.2}]
     allowed = find_allowed(lay({"part": parts}, straight()))
     assert allowed is not None
     np.testing.assert_allclose(1e3 * allowed.normal[2:], [0.1 if k in (2, 8, 9, 10) else 0.5 if k < 5 else 0.2
@@ -81,13 +82,13 @@ def test_at_a_corner_the_whole_distance_counts() -> None:
     path = straight()
     position = path.position.copy()
     position[6:, 0], position[6:, 1] = position[5, 0], 1e-3 * np.arange(1, 6)
-    allowed = find_allowed(lay({"normal_mm": 0.1, "tangential_mm": 2.0}, replace(path, position=position)))
+    allowed = find_allowed(lay({"tangential_mm": 2.0}, replace(path, position=position)))
     assert allowed is not None
     assert allowed.apart[2:].tolist() == [True, True, True, False, *[True] * 5]
 
 
 def test_a_band_is_held_against_each_direction_by_itself() -> None:
-    allowed = find_allowed(lay({"normal_mm": 0.1, "tangential_mm": 2.0}, straight()))
+    allowed = find_allowed(lay({"tangential_mm": 2.0}, straight()))
     assert allowed is not None
     along = np.tile(np.diag([1.0, 0.0, 0.0]), (11, 1, 1)) * 1e-8
     across = np.tile(np.diag([0.0, 1.0, 0.0]), (11, 1, 1)) * 1e-8
@@ -98,7 +99,7 @@ def test_a_band_is_held_against_each_direction_by_itself() -> None:
 
 @pytest.mark.parametrize(
     ("part", "said"),
-    [({"waypoints": [0, 1], "normal_mm": 1.0}, "holds no cutting move"), ({"waypoints": [2, 5]}, "states no tolerance"),
+    [({"s_mm": [0.0, 1.0], "normal_mm": 1.0}, "holds no cutting move"), ({"s_mm": [2.0, 5.0]}, "states no tolerance"),
      ({"normal_mm": 1.0}, "has no place"), ({"s_mm": [5.0, 3.0], "normal_mm": 1.0}, "end at 3")],
 )  # fmt: skip
 def test_a_part_that_says_too_little_is_refused(part: dict[str, Any], said: str) -> None:
@@ -132,7 +133,8 @@ def test_a_plan_is_held_against_each_part_by_itself() -> None:
     assert strict.status == "not_confirmed"
     assert off.min() > 0.05
     wide = {"normal_mm": float(2.0 * off.max())}
-    assert plan_job(check_job(job(tolerance=wide), "job.toml")).status == "solved"
+    easy = {**job()["plan"], "tolerance_mm": wide["normal_mm"]}
+    assert plan_job(check_job(job(plan=easy), "job.toml")).status == "solved"
     part = {"part": [{"s_mm": [0.0, 60.0], **wide}]}
     plan = plan_job(check_job(job(tolerance=part), "job.toml"))
     assert plan.status == "not_confirmed"

@@ -104,7 +104,7 @@ def _local(
     if model == "isf":
         begin = process.get("start_share", 0.3)
         side = -1.0 if process.get("wall_side", "right") == "left" else 1.0
-        push = [-process.get("drag_N", 0.0), side * process.get("lateral_N", 0.0), process["axial_N"], 0.0, 0.0, 0.0]
+        push = [0.0, side * process.get("lateral_N", 0.0), process["axial_N"], 0.0, 0.0, 0.0]
         return np.outer(begin + (1.0 - begin) * cut_arc / cut_arc[-1], push)
     way = np.diff(rows.position, axis=0)
     off = np.einsum("ni,ni->n", way, rows.axis[1:]) > 0.71 * np.linalg.norm(way, axis=1)  # lifted off the part
@@ -112,7 +112,7 @@ def _local(
     if model == "friction_stir":
         return np.outer(down, _weld(process))
     if model == "grinding":
-        return np.outer(down if "normal_N" in process else down * _speeds(rows), _grind(process))
+        return np.outer(down, _grind(process))
     if model == "milling":
         travel = np.diff(rows.position, axis=0)
         along = np.einsum("ni,ni->n", travel, rows.axis[1:])
@@ -149,25 +149,18 @@ def _speeds(rows: DrivenRows) -> Array:
 
 def _weld(process: Mapping[str, Any]) -> Array:
     """Return the wrench of a friction stir weld, path axes: shear stress on shoulder, probe side and probe tip."""
-    big, small = process["shoulder_diameter_mm"] / 2.0, process["probe_diameter_mm"] / 2.0
-    down = process.get("axial_N") or process["pressure_N_mm2"] * np.pi * big**2
-    slant = 1.0 + np.tan(np.radians(process.get("shoulder_cone_deg", 0.0)))
-    faces = 2.0 * np.pi / 3.0 * (big**3 - small**3) * slant
+    big, small, down = process["shoulder_diameter_mm"] / 2.0, process["probe_diameter_mm"] / 2.0, process["axial_N"]
+    faces = 2.0 * np.pi / 3.0 * (big**3 - small**3)
     faces += 2.0 * np.pi / 3.0 * small**3 + 2.0 * np.pi * small**2 * process["probe_length_mm"]
     sense = 1.0 if process.get("clockwise", True) else -1.0
-    push = [-process.get("traverse_ratio", 0.12), sense * process.get("side_ratio", 0.05), 1.0]
-    return np.array([*(down * np.array(push)), 0.0, 0.0, sense * process["shear_N_mm2"] * faces / 1000.0])
+    push = [-0.12 * down, sense * 0.05 * down, down]
+    return np.array([*push, 0.0, 0.0, sense * process["shear_N_mm2"] * faces / 1000.0])
 
 
 def _grind(process: Mapping[str, Any]) -> Array:
-    """Return the wrench of grinding, path axes: whole, or per unit of feed where it follows from the removal."""
-    ratio, sense = process.get("force_ratio", 0.45), 1.0 if process.get("direction") == "along" else -1.0
-    if "normal_N" in process:
-        normal = process["normal_N"]
-    else:
-        power = process["specific_energy_J_mm3"] * process["depth_mm"] * process["width_mm"] * 1000.0
-        normal = power / process["wheel_speed_m_s"] / ratio
-    return np.array([sense * ratio * normal, 0.0, normal, 0.0, 0.0, 0.0])
+    """Return the wrench of grinding, path axes."""
+    sense = 1.0 if process.get("direction") == "along" else -1.0
+    return np.array([sense * 0.45 * process["normal_N"], 0.0, process["normal_N"], 0.0, 0.0, 0.0])
 
 
 def _mean_of_a_turn(process: Mapping[str, Any]) -> Array:
@@ -177,7 +170,7 @@ def _mean_of_a_turn(process: Mapping[str, Any]) -> Array:
     clockwise spindle turns it towards smaller u.
     """
     radius, kt = process["diameter_mm"] / 2.0, process["kc_N_mm2"]
-    kr, ka = process.get("radial_ratio", 0.4) * kt, process.get("axial_ratio", 0.0) * kt
+    kr = process.get("radial_ratio", 0.4) * kt
     edge = np.arcsin(np.clip(process["width_mm"] / radius - 1.0, -1.0, 1.0))
     right = process.get("material_side", "right") == "right"
     node, weight = np.polynomial.legendre.leggauss(48)
@@ -186,7 +179,7 @@ def _mean_of_a_turn(process: Mapping[str, Any]) -> Array:
     chip = np.cos(u) * du
     x, y = chip @ (-kt * np.sin(u) - kr * np.cos(u)), chip @ (kt * np.cos(u) - kr * np.sin(u))
     scale = process["depth_mm"] * 60e3 / process["spindle_rpm"] / (2.0 * np.pi)
-    return np.asarray(scale * np.array([x, y, ka * chip.sum(), 0.0, 0.0, kt * chip.sum() * radius * 1e-3]))
+    return np.asarray(scale * np.array([x, y, 0.0, 0.0, 0.0, kt * chip.sum() * radius * 1e-3]))
 
 
 def _frames(frame: str, turn: Array, tool_x: Array, rows: DrivenRows) -> Array:
@@ -216,16 +209,14 @@ def _travel(rows: DrivenRows) -> Array:
 
 
 def _acting(process: Mapping[str, Any], rows: DrivenRows) -> Array:
-    """Return the share of the wrench that acts at every row: growing after contact, falling before the tool leaves."""
+    """Return the share of the wrench that acts at every row: growing after contact."""
     arc, share = rows.arc, (~rows.rapid).astype(float)
-    grow, fall = process.get("ramp_mm", 0.0) / 1000.0, process.get("ramp_out_mm", 0.0) / 1000.0
+    grow = process.get("ramp_mm", 0.0) / 1000.0
     rapid = np.flatnonzero(rows.rapid)
     for first, last in zip(np.r_[0, rapid], np.r_[rapid, len(arc)], strict=True):
         cut = slice(first, last)
         if grow > 0 and last > first:
             share[cut] *= np.minimum((arc[cut] - arc[first]) / grow, 1.0)
-        if fall > 0 and last > first:
-            share[cut] *= np.minimum((arc[last - 1] - arc[cut]) / fall, 1.0)
     return share
 
 

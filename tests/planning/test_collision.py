@@ -13,8 +13,14 @@ from compplan.io.meshes import load_mesh
 from compplan.job.job import check_job
 from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.clearance import measure_clearance, measure_margin, sweep_margin
-from compplan.planning.posture.collision_scene import CollisionScene, build_scene
-from compplan.planning.posture.contacts import describe_contact, find_contacts, find_near, locate_all_links
+from compplan.planning.posture.collision_scene import (
+    CollisionScene,
+    build_scene,
+    describe_contact,
+    find_contacts,
+    find_near,
+    locate_all_links,
+)
 from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
 from compplan.reporting.scenes import locate_links
 from compplan.robot import load_robot
@@ -188,7 +194,10 @@ def test_every_arm_keeps_clear_of_itself_in_an_ordinary_posture(name: str) -> No
 
 
 def test_a_capsule_from_flange_to_tip_stands_for_a_tool_without_a_mesh():
-    from compplan.planning.posture.collision_scene import STAND_IN_RADIUS, stand_in_tool
+    from compplan.planning.posture.collision_scene import (
+        STAND_IN_RADIUS,
+        stand_in_tool,
+    )
 
     pose = np.array([[0, 0, 1.0, 0.3], [0, 1, 0, 0], [-1, 0, 0, -0.4], [0, 0, 0, 1.0]])
     capsule = stand_in_tool(ROBOT.with_tool(pose))

@@ -17,7 +17,7 @@ from compplan.planning.posture.costs import (
 )
 from compplan.robot import load_robot
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
-from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.chain import build_chain
 
 ROBOT = load_robot("kuka_kr270")
 CHAIN = build_chain(ROBOT)
@@ -83,27 +83,6 @@ def test_turning_base_part_and_wrench_together_changes_nothing() -> None:
     two = measure_nodes(CHAIN, turned, load, limits=LIMITS, axes=R)
     assert two.sensitivity == pytest.approx(one.sensitivity)
     assert two.deviation == pytest.approx(one.deviation)
-
-
-def test_errors_of_joint_zeros_count_without_any_load() -> None:
-    q = postures()
-    nothing = np.zeros((len(q), 6))
-    known = ModelScatter(0.1, 0.1, joint_zero=1e-4)
-    assert (measure_nodes(CHAIN, q, nothing, limits=LIMITS, uncertainty=known).sensitivity > 1e-5).all()
-    assert measure_nodes(CHAIN, q, nothing, limits=LIMITS).sensitivity == pytest.approx(0.0)
-
-
-def test_degrees_of_a_joint_zero_move_no_rail() -> None:
-    """The first joint is the rail; the arm behind it errs as one without a rail does, by its own Jacobian."""
-    robot = load_robot("kuka_kr240_rail")
-    chain, q = build_chain(robot), np.array([[1.0, 0.2, -1.2, 1.5, 0.3, 0.8, 0.1]])
-    known = ModelScatter(0.0, 0.0, joint_zero=1e-2)
-    columns = error_columns(chain, q, np.zeros((1, 6)), known)[0, :, -7:]
-    assert robot.prismatic.tolist() == [True] + 6 * [False]
-    assert np.abs(columns[:, 0]).max() == 0.0
-    turned = np.array([locate_frames(chain, q + 1e-6 * np.eye(7)[k]).tcp_position[0] for k in range(1, 7)])
-    by_hand = 1e-2 * (turned - locate_frames(chain, q).tcp_position[0]).T / 1e-6
-    assert columns[:, 1:] == pytest.approx(by_hand, abs=1e-7)
 
 
 def test_dexterity_vanishes_where_the_wrist_is_straight() -> None:

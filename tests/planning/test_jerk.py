@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ import pytest
 
 from benchmarks.limits import sample_use
 from compplan.controllers.readback.joint_table import read_joints
-from compplan.job.job import LimitsTable
 from compplan.planning.checks import _check_jerk
 from compplan.planning.feed import FeedRequest, time_run
-from compplan.planning.motion_limits import TorqueRules, describe_jerk, limit_jerk, measure_smooth_use
+from compplan.planning.motion_limits import TorqueRules, describe_jerk, measure_smooth_use
 from compplan.planning.task import cutting_runs
 from compplan.planning.timing import ease, ease_times, find_slowdown, time_command, time_cut
 from compplan.robot import Array
@@ -45,7 +43,7 @@ def test_an_acceleration_that_is_there_at_once_is_a_jerk() -> None:
 @pytest.mark.parametrize("after", [0.05, 0.4])
 def test_a_run_with_corners_holds_its_limits_at_every_millisecond(after: float) -> None:
     task = make_task(square_path(feed=0.4))
-    task = replace(task, rests=np.zeros(len(task), bool), jerk_limits=limit_jerk(ROBOT, 1.0, after))
+    task = replace(task, rests=np.zeros(len(task), bool), jerk_limits=ROBOT.acceleration_limits / after)
     free = time_command(replace(task, jerk_limits=None), task.q_start)
     held = time_command(task, task.q_start)
     use = sample_use(task.q_start, held.time, cutting_runs(task.nominal.rapid), *_limits(task))
@@ -62,7 +60,7 @@ def test_a_run_that_has_to_stand_still_on_its_way_is_timed_within_its_jerk(monke
         return found
 
     task = make_task(arc_path(0.3, 1.2, 120))
-    task = replace(task, jerk_limits=limit_jerk(ROBOT, 1.0, 0.1))
+    task = replace(task, jerk_limits=ROBOT.acceleration_limits / 0.1)
     monkeypatch.setattr("compplan.planning.timing.time_cut", stop_halfway)
     held = time_command(task, task.q_start)
     assert np.isfinite(held.time).all() and (np.diff(held.time) >= 0.0).all()
@@ -92,14 +90,6 @@ def test_torques_are_held_by_the_timed_run_in_an_engine_of_another() -> None:
     assert uses[0] > 1.01 and uses[1] <= 1.001
 
 
-def test_the_limit_of_the_jerk_says_where_it_comes_from() -> None:
-    stated = replace(ROBOT, jerk_limits=np.full(6, 30.0))
-    assert limit_jerk(stated, 0.5, 0.1) is stated.jerk_limits and limit_jerk(ROBOT) is None
-    assert limit_jerk(ROBOT, 0.5, 0.1) == pytest.approx(5.0 * ROBOT.acceleration_limits)
-    assert "robot folder" in describe_jerk(stated, 0.1) and "assumed" in describe_jerk(ROBOT, 0.1)
-    assert describe_jerk(ROBOT, None) == ""
-
-
 def _limits(task) -> tuple[Array, Array, Array | None]:
     return task.velocity_limits, task.acceleration_limits, task.jerk_limits
 
@@ -107,10 +97,11 @@ def _limits(task) -> tuple[Array, Array, Array | None]:
 @pytest.mark.parametrize("wrong", [False, True])
 def test_the_check_of_a_plan_finds_a_jerk_beyond_the_limit(wrong: bool) -> None:
     task = make_task(square_path(feed=0.4))
+    limits = ROBOT.acceleration_limits / 0.4
     task = replace(task, rests=np.zeros(len(task), bool))
-    held = time_command(replace(task, jerk_limits=None if wrong else limit_jerk(ROBOT, 1.0, 0.4)), task.q_start)
-    job = SimpleNamespace(limits=LimitsTable(full_acceleration_after_s=0.4))
-    found = [
-        check for check in _check_jerk(task, task.q_start, held.time, read_joints(ROBOT.folder), job) if check.fails
-    ]
+    held = time_command(replace(task, jerk_limits=None if wrong else limits), task.q_start)
+    joints = replace(read_joints(ROBOT.folder), jerk=limits)
+    found = [check for check in _check_jerk(task, task.q_start, held.time, joints) if check.fails]
     assert bool(found) == wrong and all("jerks" in check.sentence for check in found)
+    assert "jerk_limits of the robot folder" in describe_jerk(replace(ROBOT, jerk_limits=limits))
+    assert not describe_jerk(ROBOT)

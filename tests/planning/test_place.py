@@ -71,12 +71,6 @@ def test_a_turn_of_the_part_is_about_the_vertical_however_the_part_lies(placed) 
     assert turned == pytest.approx(quarter @ lying, abs=1e-9) and told["turn_deg"] == pytest.approx(90.0)
 
 
-def test_a_base_that_may_be_raised_lowers_the_part_of_the_grid() -> None:
-    span = {"x_mm": [1800.0, 1800.0], "y_mm": [0.0, 0.0], "z_mm": [700.0, 700.0], "step_mm": 400.0}
-    job = check_job({**TABLE, "place": {**span, "base_height_mm": [100.0, 300.0]}}, "job.toml")
-    assert 1e3 * place_part(job, job_robot(job)).ratings[0].axes[2] == pytest.approx([400.0, 600.0])
-
-
 def test_a_range_without_any_place_in_reach_is_infeasible() -> None:
     table = {**TABLE, "place": {"x_mm": [8000.0, 8100.0], "y_mm": [0.0, 0.0], "z_mm": [0.0, 0.0]}}
     job = check_job(table, "job.toml")

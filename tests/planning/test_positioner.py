@@ -254,7 +254,7 @@ def circle(robot: str, place: Array, **tables: Any) -> Job:
     return check_job({
         "schema": 1, "robot": robot,
         "part": {"position_mm": (1e3 * place[:3, 3]).tolist(),
-                 "rotation_rad": Rotation.from_matrix(place[:3, :3]).as_rotvec().tolist()},
+                 "rotation_deg": Rotation.from_matrix(place[:3, :3]).as_rotvec(degrees=True).tolist()},
         "toolpath": {"generator": "circle", "radius_mm": 30.0, "feed_mm_s": 10.0, "waypoints": 24},
         "process": {"model": "constant", "force_N": [100.0, 0.0, 300.0]},
         "plan": {"rotate_about_tool_axis": False, "strategy": "iterated_mirror", "tolerance_mm": 0.3}, **tables,
@@ -279,7 +279,7 @@ def test_a_table_that_is_held_plans_as_the_arm_alone_with_the_part_tilted_and_tu
 @pytest.mark.parametrize(
     ("hold", "said"),
     [({"hold_deg": {"joint_1": 0.0}}, "carries no part"), ({"hold_deg": {"table_tilt": 100.0}}, "its range is"),
-     ({"hold_mm": {"table_tilt": 1.0}}, "carries no part")],
+     ({"hold_deg": {"drum": 1.0}}, "carries no part")],
 )  # fmt: skip
 def test_what_cannot_be_held_is_refused(hold: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):

@@ -44,7 +44,7 @@ def test_it_writes_table_page_and_summary(tmp_path, monkeypatch, capsys) -> None
     text = POCKET.read_text(encoding="utf-8")
     (tmp_path / "pocket.csv").write_text((POCKET.parent / "pocket.csv").read_text(encoding="utf-8"), encoding="utf-8")
     # corners as programmed: one that is rounded leaves a sliver, which the end of the last pass takes in full depth
-    more = "[posture]\nspin_step_deg = 90.0\n[feed]\ncorner_tolerance_mm = 0.0\n"
+    more = "[feed]\ncorner_tolerance_mm = 0.0\n"
     (tmp_path / "job.toml").write_text(f"{text}\n{more}", encoding="utf-8")
     answer = run_command(["forces", tmp_path / "job.toml", "--out", tmp_path / "out", "--json"], monkeypatch, capsys)
     assert answer.status == 0, answer.err
@@ -119,13 +119,12 @@ def test_offset_drift_and_lag_of_a_log_are_told_from_the_force(lag_mm, log, tmp_
         half = 0.5 * (found[name]["high"] - found[name]["low"])
         assert abs(found[name]["value"] - value) < max(1.5 * half, 0.02), found[name]
     assert found["tangential cutting coefficient"]["value"] == pytest.approx(900.0, rel=0.05)
-    table = tomllib.loads((tmp_path / "fitted.toml").read_text(encoding="utf-8"))["measured"]
+    table = tomllib.loads((tmp_path / "fitted.toml").read_text(encoding="utf-8"))["process"]["coefficients"]
     assert table["cutting_N_mm2"][0] == pytest.approx(900.0, rel=0.05) and min(table["edge_N_mm"]) >= 0.0
     (tmp_path / "later").mkdir()
-    later = load_job(write_job(tmp_path / "later", 'materials = "../fitted.toml"\nmaterial = "measured"'))
+    words = ", ".join(f"{key} = {value}" for key, value in table.items())
+    later = load_job(write_job(tmp_path / "later", f"coefficients = {{ {words} }}"))
     assert later.process.coefficients.cutting_N_mm2 == tuple(table["cutting_N_mm2"])
-    with pytest.raises(InputError, match=r"job.toml: process.material: is 'granite', fitted.toml has \['measured'\]"):
-        load_job(write_job(tmp_path / "later", 'materials = "../fitted.toml"\nmaterial = "granite"'))
 
 
 def test_time_moments_and_power_are_channels_of_a_log_too(tmp_path) -> None:

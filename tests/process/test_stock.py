@@ -9,13 +9,12 @@ import pytest
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.job.job import check_job, load_job
+from compplan.job.job import load_job
 from compplan.job.loading import load_path
 from compplan.job.operations import split_job
 from compplan.job.tool_tables import read_tool_library
 from compplan.process.engagement import Cutter
 from compplan.process.engagement_search import find_engagement
-from compplan.process.materials import MATERIALS
 from compplan.process.stock import StockColumns, build_block, read_mesh
 from compplan.process.stock_table import Cut, take_away, triangulate_stock
 
@@ -118,7 +117,7 @@ def test_the_holder_of_a_tool_table_stands_on_the_tool_from_its_nose_up(tmp_path
     assert read_tool_library(tmp_path / "tools.csv")[0].holder_mm == ((35.0, 32.0), (90.0, 32.0))
 
 
-def test_tools_and_materials_of_ones_own_stand_beside_those_that_ship(tmp_path: Path) -> None:
+def test_a_tool_table_in_toml_is_read(tmp_path: Path) -> None:
     table = '[[tool]]\nnumber = 3\nname = "long"\nkind = "end mill"\nlength_mm = 90.0\ndiameter_mm = 8.0\nteeth = 2\n'
     (tmp_path / "tools.toml").write_text(table, encoding="utf-8")
     (tool,) = read_tool_library(tmp_path / "tools.toml")
@@ -126,10 +125,3 @@ def test_tools_and_materials_of_ones_own_stand_beside_those_that_ship(tmp_path: 
     (tmp_path / "tools.toml").write_text(table + "radius_mm = 1\n", encoding="utf-8")
     with pytest.raises(InputError, match="choose from"):
         read_tool_library(tmp_path / "tools.toml")
-    (tmp_path / "mine.toml").write_text("[mine]\ncutting_N_mm2 = [500.0, 200.0, 100.0]\n", encoding="utf-8")
-    process = {"model": "end_mill", "diameter_mm": 8.0, "spindle_rpm": 9000.0, "materials": "mine.toml"}
-    found = {}
-    for name in ("mine", "beech"):
-        data = {"schema": 1, "robot": "kuka_kr16_2", "toolpath": "x.csv", "process": {**process, "material": name}}
-        found[name] = check_job(data, tmp_path / "job.toml").process.resistance.cutting[0]
-    assert found == {"mine": 500.0, "beech": MATERIALS["beech"].cutting[0]}

@@ -72,14 +72,13 @@ def test_a_force_beside_the_travel_is_refused_where_all_cuts_plunge() -> None:
 
 def test_the_wrench_grows_from_zero_after_contact_and_vanishes_in_rapid_moves() -> None:
     nominal = circle(approach=0.02)
-    process = ConstantProcess(model="constant", force_N=(0.0, 0.0, 100.0), ramp_mm=50.0, ramp_out_mm=30.0)
+    process = ConstantProcess(model="constant", force_N=(0.0, 0.0, 100.0), ramp_mm=50.0)
     force = predict_wrench(process, nominal)[:, 2]
     length = nominal.arc_length - nominal.arc_length[1]
     assert force[[0, 1, -1]] == pytest.approx(0)
     middle = np.argmin(np.abs(length - 0.025))
     assert force[middle] == pytest.approx(100 * length[middle] / 0.05)
     assert force.max() == pytest.approx(100)
-    assert force[-2] == pytest.approx(0)
 
 
 def test_a_dead_weight_also_hangs_on_the_tool_in_rapid_moves() -> None:
@@ -104,15 +103,14 @@ def test_the_formed_sheet_pushes_the_tool_up_and_towards_the_axis_of_the_cone() 
 
 
 def test_milling_forces_agree_with_a_sum_over_teeth_positions() -> None:
-    process = milling(width_mm=3.0, radial_ratio=0.5, axial_ratio=0.2, material_side="left")
+    process = milling(width_mm=3.0, radial_ratio=0.5, material_side="left")
     angles = np.linspace(-np.pi / 2, np.pi / 2, 200_001)
     engaged = np.sin(angles) >= 1 - 3.0 / 5.0
     thickness = np.where(engaged, 0.02e3 * 60 / 6000 * np.cos(angles), 0)
     tangential, radial = 800 * 2.0 * thickness, 0.5 * 800 * 2.0 * thickness
     x = np.trapezoid(-tangential * np.sin(angles) - radial * np.cos(angles), angles) / (2 * np.pi)
     y = np.trapezoid(tangential * np.cos(angles) - radial * np.sin(angles), angles) / (2 * np.pi)
-    z = np.trapezoid(0.2 * tangential, angles) / (2 * np.pi)
-    assert milling_wrench(process, np.array([0.02]))[0, :3] == pytest.approx([x, y, z], rel=1e-4)
+    assert milling_wrench(process, np.array([0.02]))[0, :3] == pytest.approx([x, y, 0.0], rel=1e-4)
 
 
 def test_wrench_columns_are_used_as_they_are_or_missed(tmp_path: Path) -> None:
@@ -165,7 +163,7 @@ def test_a_wrench_file_is_read_in_its_units_and_turned_from_each_frame_into_the_
 @pytest.mark.parametrize(
     "process",
     [
-        IsfProcess(model="isf", axial_N=1200.0, lateral_N=400.0, drag_N=50.0, ramp_mm=3.0),
+        IsfProcess(model="isf", axial_N=1200.0, lateral_N=400.0, ramp_mm=3.0),
         milling(width_mm=4.0),
         ConstantProcess(model="constant", force_N=(1.0, 2.0, 3.0), frame="path"),
     ],

@@ -71,7 +71,7 @@ def test_every_default_says_where_it_comes_from() -> None:
     sentences = describe_noise(cone_job(wrench_level=0.3).noise)
     assert len(sentences) == len(NoiseTable.model_fields)
     assert any(s == "noise.wrench_level = 0.3: set in the job" for s in sentences)
-    assert sum("assumed" in s for s in sentences) > 10
+    assert sum("assumed" in s for s in sentences) >= len(sentences) - 1
 
 
 def test_the_interval_of_a_mean_narrows_with_the_samples() -> None:

@@ -74,19 +74,17 @@ def test_a_chunk_of_another_study_that_slips_in_is_not_taken(tmp_path: Path) -> 
         run_study(study, Settings(samples=64, seed=3), folder=tmp_path / "a", workforce=HERE)
 
 
-def test_total_indices_find_what_matters() -> None:
+def test_total_indices_find_what_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("compplan.studies.sampling.ENCODERS", (0.0, 0.0))
     quiet = dict.fromkeys(NoiseTable.model_fields, 0.0)
-    kept = ("correlation_mm", "expansion_per_K", "effects")
-    for key in kept:
-        del quiet[key]
     noise = NoiseTable(**{**quiet, "wrench_level": 0.2, "part_frame_mm": 0.02})
     task = small_study().task
     unknown = Unknown("joint_offset", "joint_1", None, ("offset_rad",), np.array([1e-6]))
     known = Uncertainty("measured", "test", (unknown,), np.eye(1), repeatability=0.0)
     task = replace(task, robot=replace(task.robot, uncertainty=known))
     study = prepare_study(task, noise, ["none"], most_waypoints=6)
-    found = measure_sensitivity(study, 1, base=64, workforce=HERE)
-    assert found is not None and set(found.groups) == {"wrench_level", "part", "robot"}
+    found = measure_sensitivity(study, 1, base=256, workforce=HERE)
+    assert found is not None and set(found.groups) == {"wrench_level", "part", "encoders", "force_sensor", "robot"}
     total = dict(zip(found.groups, found.total["none"], strict=True))
     assert total["wrench_level"] > 0.9 and 0 <= total["part"] < 0.2
 

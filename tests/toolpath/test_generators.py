@@ -12,11 +12,9 @@ PACE = {"feed_mm_s": 20, "step_mm": 0.5}
 
 
 def test_a_circle_lies_on_its_circle_and_has_its_length() -> None:
-    keys = {"feed_mm_s": 100, "waypoints": 2000, "centre_mm": (1000, 2000, 3000)}
-    circle = CircleTable(radius_mm=500, plane="xz", **keys).generate()
-    away = circle.position - [1, 2, 3]
-    assert np.hypot(away[:, 0], away[:, 2]) == pytest.approx(0.5)
-    assert away[:, 1] == pytest.approx(0)
+    circle = CircleTable(radius_mm=500, feed_mm_s=100, waypoints=2000).generate()
+    assert np.hypot(circle.position[:, 0], circle.position[:, 1]) == pytest.approx(0.5)
+    assert circle.position[:, 2] == pytest.approx(0)
     assert circle.cutting_length == pytest.approx(np.pi, rel=1e-5)
     assert len(circle) == 2000
 
@@ -46,39 +44,32 @@ def test_the_z_level_cone_runs_full_circles_at_constant_depth() -> None:
     assert set(levels[counts > 50]) == {0.005, 0.01, 0.015}
 
 
-def test_rate_and_duration_give_the_number_of_waypoints() -> None:
-    cone = ConeTable(**CONE, duration_s=500, rate_hz=100).generate()
-    assert len(cone) == 50_000
-    assert cone.feed[1] * 500 == pytest.approx(cone.cutting_length, rel=1e-4)
-
-
 def test_tables_of_a_job_are_in_millimetres_degrees_and_millimetres_a_second() -> None:
     def generate(**keys: object):
         return GENERATORS[str(keys["generator"])].model_validate(keys).generate()
 
-    # three quarters of a turn from where y is greatest, 1 mm approach: it ends where x is greatest
-    keys = {"centre_mm": (100.0, 200.0, 300.0), "radius_mm": 50.0, "start_deg": 90.0, "turns": 0.75}
+    # three quarters of a turn from where x is greatest, 1 mm approach: it ends where y is least
+    keys = {"radius_mm": 50.0, "turns": 0.75}
     circle = generate(generator="circle", feed_mm_s=20.0, step_mm=0.5, approach_mm=1.0, **keys)
     assert circle.position[[0, 1, -2]] == pytest.approx(
-        np.array([[0.1, 0.25, 0.301], [0.1, 0.25, 0.3], [0.15, 0.2, 0.3]])
+        np.array([[0.05, 0.0, 0.001], [0.05, 0.0, 0.0], [0.0, -0.05, 0.0]]), abs=1e-12
     )
     assert circle.feed[5] == pytest.approx(0.02) and circle.steps[5] == pytest.approx(5e-4, rel=1e-2)
     # a wall of 60 deg against the horizontal comes in by 10 / tan 60 = 5.7735 mm over 10 mm of depth
     keys = {"diameter_mm": 40.0, "depth_mm": 10.0, "wall_angle_deg": 60.0, "pitch_mm": 2.0}
-    cone = generate(generator="isf_cone", duration_s=10.0, waypoints=500, **keys).position
+    cone = generate(generator="isf_cone", feed_mm_s=20.0, waypoints=500, **keys).position
     assert cone[[0, -1]] == pytest.approx(np.array([[0.02, 0, 0], [0.0142265, 0, -0.01]]), abs=1e-7)
     assert np.ptp(np.unwrap(np.arctan2(cone[:, 1], cone[:, 0]))) == pytest.approx(10 * np.pi, rel=1e-6)
-    keys = {"outer_radius_mm": 30.0, "inner_radius_mm": 10.0, "turns": 2.0, "centre_mm": (1.0, 2.0, 3.0)}
-    spiral = generate(generator="spiral", duration_s=10.0, waypoints=100, **keys).position
-    radius = np.hypot(*(spiral[:, :2] - [1e-3, 2e-3]).T)
-    assert (radius[0], radius[-1]) == pytest.approx((0.01, 0.03)) and spiral[:, 2] == pytest.approx(3e-3)
+    keys = {"outer_radius_mm": 30.0, "inner_radius_mm": 10.0, "turns": 2.0}
+    spiral = generate(generator="spiral", feed_mm_s=20.0, waypoints=100, **keys).position
+    radius = np.hypot(*spiral[:, :2].T)
+    assert (radius[0], radius[-1]) == pytest.approx((0.01, 0.03)) and spiral[:, 2] == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda: CircleTable(radius_mm=1, duration_s=1.0, **PACE), "exactly one of feed_mm_s and duration_s"),
-        (lambda: CircleTable(radius_mm=1, feed_mm_s=1.0), "exactly one of step_mm, waypoints and rate_hz"),
+        (lambda: CircleTable(radius_mm=1, waypoints=9, **PACE), "exactly one of step_mm and waypoints"),
         (lambda: CircleTable(radius_mm=1, feed_mm_s=-1.0, step_mm=1.0), "greater than 0"),
         (lambda: SpiralTable(outer_radius_mm=250, **PACE).generate(), "both or none of turns and length"),
         (lambda: SpiralTable(outer_radius_mm=250, length_mm=200, **PACE).generate(), "difference of its radii"),

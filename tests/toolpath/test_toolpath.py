@@ -81,11 +81,9 @@ def test_dividing_keeps_corners_length_and_the_step_limit(seed: int, step: float
     assert fine.rapid.sum() == toolpath.rapid.sum()
 
 
-def test_dividing_limits_the_turn_of_the_tool_axis() -> None:
+def test_between_two_waypoints_the_tool_axis_turns_evenly() -> None:
     axis = np.array([[0, 0, 1.0], [1.0, 0, 0]])
-    fine = resample_toolpath(
-        Toolpath(np.array([[0, 0, 0], [1.0, 0, 0]]), axis, np.ones(2), np.zeros(2, bool)), 10.0, max_turn=np.radians(9)
-    )
+    fine = resample_toolpath(Toolpath(np.array([[0, 0, 0], [1.0, 0, 0]]), axis, np.ones(2), np.zeros(2, bool)), 0.1)
     turns = np.degrees(np.arccos(np.sum(fine.axis[:-1] * fine.axis[1:], axis=1)))
     assert len(fine) == 11 and turns == pytest.approx(np.full(10, 9.0))
 

@@ -139,7 +139,7 @@ OPTIONS = {"toolpath": "CAMFILE"} | {
     click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read."),
     take_cam_options,
     click.option("--plan", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture."),
-    click.option("--output", metavar="FILE", help="TOML file as [output] of a job: signals (io), header, footer, .."),
+    click.option("--output", metavar="FILE", help="TOML file as [output] of a job: signals (io), templates, .."),
     out_folder,
 )  # fmt: skip
 def run_post(
@@ -214,11 +214,10 @@ def run_place(job: Job, folder: Path) -> CommandResult:
     summary = write_placement(result, job, folder)
     there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
     beside = "not to be followed" if here is None else f"{here['p95']:.4g} mm"
-    raised = f"# counted from the robot base, which is raised by {summary['base_height_mm']:g} mm"
     return CommandResult(summary, [
         f"remaining deviation (95 %) there {there:.4g} mm, at the job's place {beside}",
         "[part]", f"position_mm = {summary['part']['position_mm']}",
-        f"rotation_deg = {summary['part']['rotation_deg']}", *([raised] if summary["base_height_mm"] else []),
+        f"rotation_deg = {summary['part']['rotation_deg']}",
         f"wrote place.json, report.html to {folder}", "next: put [part] into the job, and plan",
     ])  # fmt: skip
 
@@ -265,8 +264,8 @@ def _describe_strategies(comparison: Comparison) -> list[str]:
     out_folder,
     click.option("--log", type=INPUT, help="Measured forces: CSV with s_mm or t_s, the length or the time cut so far, "
                  "and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too."),
-    click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, which a "
-                 "job then names as its materials; process.toml of a robot folder takes the level instead, which later "
+    click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, for "
+                 "[process] of a later job; process.toml of a robot folder takes the level instead, which later "
                  "plans read."),
     epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.",
 )  # fmt: skip
@@ -292,7 +291,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
         summary = write_forces(found, folder)
     lines = [*_describe(summary), *summary["notes"]]
     if table is not None:
-        hint = f'in a job: [process] materials = "{table.name}", material = "measured"'
+        hint = "in a job: its [process.coefficients] in place of material"
         lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
     left = ", stock.stl" if "engagement" in summary else ""
     return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])

@@ -187,7 +187,7 @@ def run_calibration(direction: str, source: Path, robot_name: str, out: Path) ->
 
     Example: compplan calibration write out/robot --robot ur10e --out calibration.conf
     """
-    from compplan.reporting.writers.calibration import write_calibrated, write_controller_file
+    from compplan.reporting.writers.robot_folder import write_calibrated, write_controller_file
 
     nominal = load_robot(robot_name)
     if direction == "read":

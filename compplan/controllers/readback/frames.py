@@ -16,7 +16,7 @@ from compplan.io.tomlfile import read_toml
 from compplan.robot import Array
 
 #: Axes about which each form of angles turns, one after the other, and whether they turn along.
-FORMS = {"abc_deg": ("zyx", True), "wpr_deg": ("xyz", False), "zyz_deg": ("zyz", True), "val3_deg": ("xyz", True)}
+FORMS = {"abc_deg": ("zyx", True), "wpr_deg": ("xyz", False)}
 
 
 def read_rotation(table: Mapping[str, Any]) -> Array:
@@ -30,8 +30,6 @@ def read_rotation(table: Mapping[str, Any]) -> Array:
             turns = [_turn(axis, angle) for axis, angle in zip(axes, table[key], strict=True)]
             first, second, third = turns if along else turns[::-1]
             return np.asarray(first @ second @ third)
-    if table.get("rotation_rad") is not None:
-        return np.asarray(pin.exp3(np.array(table["rotation_rad"], float)))
     return np.asarray(pin.exp3(np.radians(table.get("rotation_deg") or (0.0, 0.0, 0.0))))
 
 
@@ -50,22 +48,9 @@ def read_frame(table: Mapping[str, Any]) -> pin.SE3:
 
 def read_part(table: Mapping[str, Any]) -> pin.SE3:
     """Return the part frame seen from the base, stated or from points. [m]"""
-    if table.get("datum_mm") is not None:
-        return _meet(table["datum_mm"])
     if table.get("points_mm") is not None:
         return _match(np.array(table["points_mm"]["nominal"], float), np.array(table["points_mm"]["measured"], float))
     return read_frame(table)
-
-
-def _meet(datum: Mapping[str, Any]) -> pin.SE3:
-    """Return the frame of 3-2-1: its origin is where the three faces meet, solved as three planes."""
-    (a, b, c), (first, second) = np.array(datum["plane"], float), np.array(datum["line"], float)
-    z = np.cross(b - a, c - a)
-    y = np.cross(z, second - first)
-    rows = np.array([np.cross(y, z), y, z])
-    rows /= np.linalg.norm(rows, axis=1)[:, None]
-    heights = [rows[0] @ np.array(datum["point"], float), rows[1] @ first, rows[2] @ a]
-    return pin.SE3(rows.T, np.linalg.solve(rows, heights) / 1000.0)
 
 
 def _match(nominal: Array, measured: Array) -> pin.SE3:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -29,21 +28,7 @@ from compplan.controllers.readback.poses import (
 
 ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
 _KRL_FIELD = re.compile(rf"(\w+) ({NUMBER})")
-
-
-@lru_cache(maxsize=4096)
-def _krl_name(name: str) -> tuple[str, str | None]:
-    """Return a variable's name, and what numbers its element."""
-    match = re.fullmatch(r"([$\w.]+)(?:\[(\w+)\])?", name.strip())
-    assert match, f"no variable: {name}"
-    return match[1].upper(), match[2]
-
-
-@lru_cache(maxsize=4096)
-def _krl_move(line: str) -> tuple[str, str, str | None] | None:
-    """Return motion, target and blend of a line that moves."""
-    match = re.fullmatch(r"(PTP|LIN|CIRC) (\S+|\{.*?\}|\{.*?\},\{.*?\})(?: (C_\w+))?", line)
-    return None if match is None else (match[1], match[2], match[3])
+_KRL_MOVE = re.compile(r"(PTP|LIN|CIRC) (?:(\{.*?\}),)?(\{.*?\})(?: (C_\w+))?")
 
 
 @dataclass
@@ -65,16 +50,11 @@ class _Krl:
             return {key: float(value) for key, value in _KRL_FIELD.findall(text)}
         if text[0] in "-.0123456789":
             return float(text)
-        name = self.resolve(text)
+        name = text.upper()
         return self.values.get(name) if name.startswith(("BASE_DATA", "TOOL_DATA", "LOAD_DATA")) else self.values[name]
 
-    def resolve(self, name: str) -> str:
-        """Return a variable's name with the number of its element."""
-        whole, index = _krl_name(name)
-        return whole if index is None else f"{whole}[{int(self.evaluate(index))}]"
-
     def assign(self, name: str, text: str) -> None:
-        self.values[self.resolve(name)] = self.evaluate(text)
+        self.values[name.strip().upper()] = self.evaluate(text)
 
     def call(self, name: str) -> None:
         file = self.folder / f"{name}.src"
@@ -84,10 +64,9 @@ class _Krl:
             self.step(line)
 
     def step(self, line: str) -> None:
-        if moved := _krl_move(line):
-            via, _, target = moved[1].rpartition(",{") if moved[0].endswith("CIRC") else ("", "", moved[1])
-            point = self.evaluate(f"{{{target}" if via else target)
-            self.move(moved[0], point, moved[2], self.evaluate(via) if via else None)
+        if moved := _KRL_MOVE.fullmatch(line):
+            assert (moved[1] == "CIRC") == (moved[2] is not None)
+            self.move(moved[1], self.evaluate(moved[3]), moved[4], self.evaluate(moved[2]) if moved[2] else None)
         elif act := read_action(line):
             self.moves.append(act)
         elif match := re.fullmatch(r"BAS\(#VEL_PTP,(\d+)\)", line):
@@ -188,8 +167,8 @@ class _Val3:
         return self.turns[name][index]
 
     def step(self, line: str) -> None:
-        if match := _val3_move(line):
-            self.move(*match)
+        if match := _VAL3_MOVE.fullmatch(line):
+            self.move(*(text or "" for text in match.groups()))
         elif feed := re.fullmatch(rf"(\w+)\.tvel=({NUMBER})", line):
             self.data[feed[1]][0]["tmax"] = feed[2]
         elif zone := re.fullmatch(rf"(\w+)\.(leave|reach)=({NUMBER})", line):
@@ -225,14 +204,6 @@ class _Val3:
         feed, percent = (float(how["tmax"]), None) if slow else (None, float(how["vel"]))
         name, via = {"j": "joint", "l": "line", "c": "arc"}[kind], self.place(vias, int(middle)) if vias else None
         self.moves.append(Move(name, stops, joints, (), pose, feed, percent, words, self.place(mounted), base, via=via))
-
-
-@lru_cache(maxsize=4096)
-def _val3_move(line: str) -> tuple[str, ...] | None:
-    """Return kind, array and index of the point between, of the end, tool and descriptor of a line that moves."""
-    match = _VAL3_MOVE.fullmatch(line)
-    assert match or not line.startswith("move"), f"unknown line: {line}"
-    return None if match is None else tuple(text or "" for text in match.groups())
 
 
 def read_val3(project: Path) -> list[Move]:

@@ -27,7 +27,7 @@ FASTEST, SLOW, SLOWEST = 2000.0, 1.0, 1.0
 #: Share of the axis rates that rapid moves take (assumed). [%]
 RAPID = 20
 #: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
-CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 2}, int), 99
+CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 2}), 99
 MOVES_PART = True
 
 
@@ -52,13 +52,10 @@ FORM = ProgramForm(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.LS with joint positions and NAME_L.LS with Cartesian ones; long ones call NAME_1.LS and so on.
 
-    Cutting moves are lines (L) and arcs (C) with their feed, rapid moves and swings joint moves (J). Cartesian
-    positions count from a user frame of the cell, with a tool frame of the cell; the program fills both, through
-    PR[99], where the job asks for that, else remarks say what they have to be. Cartesian positions are written where
-    poses and configuration words (native N F, U D, T B) are known. Sliding joints are extended axes (E1 ..), in mm.
-
-    Joints that carry the part are a motion group of their own (GP2); all positions are joint positions then, and lines
-    are driven seen from the part (COORD).
+    Cutting moves are L and C with their feed, rapid moves and swings J. Cartesian positions count from a user frame of
+    the cell, with a tool frame of the cell, and are written where the configuration words (native N F, U D, T B) are
+    known. Sliding joints are extended axes (E1 ..), in mm. Joints that carry the part are a motion group of their own
+    (GP2); all positions are joint positions then, and lines are driven seen from the part (COORD).
     """
     turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 3 or (program.moves_part and program.prismatic.any()):

@@ -28,7 +28,7 @@ BRAND = "Yaskawa"
 #: A remark has 32 letters.
 LONGEST_REMARK = 32
 #: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
-CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1}, int)
+CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1})
 TOOL_VARIABLE, FRAME_VARIABLE, MOVES_PART = 98, 99, True
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1
@@ -55,11 +55,10 @@ FORM = ProgramForm(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.JBI with joint angles and, where poses and configuration words are known, NAME_L.JBI with positions.
 
-    Cutting moves of the linear job are MOVL with their feed (mm/s), rapid moves and swings MOVJ at 20 %; the joint job
-    has MOVJ with percents of the joint rates, to two digits. Positions count from a user frame of the cell, with a tool
-    of the cell; the job fills them (MFRAME, SETTOOL) where that is asked for. Joint angles need a controller that takes
-    POSTYPE ANGLE. Joints that carry the part are a station (ST1, angles EC); positions are joint angles then, and lines
-    are driven seen from the part (SMOVL .. +MOVJ EC).
+    Cutting moves of the linear job are MOVL with their feed, rapid moves and swings MOVJ; the joint job has MOVJ with
+    percents of the joint rates. Positions count from a user frame of the cell, with a tool of the cell. Joint angles
+    need a controller that takes POSTYPE ANGLE. Joints that carry the part are a station (ST1, angles EC); positions are
+    joint angles then, and lines are driven seen from the part (SMOVL .. +MOVJ EC).
     """
     if not program.moves_part or program.prismatic.any() or len(program.joint_names) - program.outer.sum() != 6:
         need_six_axes(program, "INFORM", sliding=0)

@@ -26,7 +26,7 @@ UNTRUE = 0.1
 #: How far before a corner lines and arcs leave the path where the job does not ask for less. [mm]
 WIDE = "$APO.CDIS=0.1"
 #: $BASE of a part that a positioner carries is EK of MACHINE_DEF[n], here its number (assumed).
-CELL = CellWords(int, int, {"positioner": 2}, int)
+CELL = CellWords(int, int, {"positioner": 2})
 MOVES_PART = True
 #: How modules begin that the controller itself writes: seen and edited by all, all lines editable.
 HEAD = ("&ACCESS RVP", "&REL 1", "&PARAM EDITMASK = *")
@@ -58,10 +58,10 @@ FORM = ProgramForm(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME_J.src, which moves the joints, and NAME_L.src, which moves the tool; each calls its parts.
 
-    The joint program repeats the plan waypoint by waypoint, each at a percent of the axis rates. The linear one has
-    plain motion lines (LIN, CIRC) through the geometry that the controller believes; its positions count from the part
-    frame ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. A rail counts as
-    coupled: $BASE stands still while it moves; where joints carry the part, $BASE moves with it (EK).
+    The joint program repeats the plan waypoint by waypoint, each at a percent of the axis rates. The linear one goes
+    through the geometry that the controller believes; its positions count from the part frame ($BASE), its rapid moves
+    and swings are joint moves. A rail counts as coupled: $BASE stands still while it moves; where joints carry the
+    part, $BASE moves with it (EK).
     """
     order_joints(program, ARM, "KRL")
     can = program.tcp is not None and program.status is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,8 +12,8 @@ import numpy as np
 
 from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.machine import Phrases, phrase_events
-from compplan.controllers.writers.post import name_kind, name_main
-from compplan.controllers.writers.program import Program, count_digits, joint_percent, name_parts
+from compplan.controllers.writers.post import name_main
+from compplan.controllers.writers.program import Program, joint_percent
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import OTHER, ZONES, find_zones
 from compplan.errors import InputError
@@ -117,18 +118,27 @@ class ProgramForm:
 
     def name_program(self, program: Program, most: int) -> str:
         """Return the name of a program, its ending aside."""
-        room = count_digits(program, most) if self.numbered else 0
+        room = len(str(max(1, -(-len(program) // max(most, 1))))) if self.numbered else 0
         own = name_main(program) if self.by_main else program.name
         return self.letters(legal_name(own, self.longest - room, reserved=self.reserved))
+
+    def divide(self, name: str, count: int, most: int) -> dict[str, slice]:
+        """Return the names of parts with their rows, at most `most` of them, all about equally many."""
+        if most < 1:
+            raise InputError(f"max_points_per_file is {most}, expected at least 1")
+        edges = np.linspace(0, count, max(1, -(-count // most)) + 1).round().astype(int).tolist()
+        if self.single and len(edges) == 2:
+            return {name: slice(0, count)}
+        return {f"{name}{self.between}{k}": slice(*rows) for k, rows in enumerate(pairwise(edges), start=1)}
 
     def format_kind(
         self, program: Program, name: str, most: int, format_part: Callable[[ProgramPart], dict[str, str]],
         format_main: Callable[[ProgramPart], dict[str, str]] | None, *, linear: bool,
     ) -> dict[str, str]:  # fmt: skip
         """Return the files of a program of joint moves, or of lines, by their names."""
-        ending = self.endings[linear]
-        whole = f"{name}{name_kind(program, ending) if self.by_main else ending}"
-        parts = name_parts(whole, len(program), most, between=self.between, single=self.single)
+        # a job that names its one program needs no ending
+        whole = name if self.by_main and program.post.main else f"{name}{self.endings[linear]}"
+        parts = self.divide(whole, len(program), most)
         moves = list_moves(program, self, linear=linear)
         events = phrase_events(program.events, program.wiring, self.phrases, self.title)
         texts: dict[str, str] = {}

@@ -14,6 +14,8 @@ from compplan.errors import InputError
 from compplan.io.notes import Stop
 from compplan.toolpath.events import Event
 
+#: How long a program waits for a spindle that has no `spindle_ready` (assumed). [s]
+SPINDLE_WAIT = 5.0
 #: A signal: its number, or its name where the language has names.
 Signal = int | str
 
@@ -23,11 +25,8 @@ class Wiring:
     """Hold the signals of a cell and what they do; what is None is not wired."""
 
     spindle: Signal | None = None  #: Output that turns the spindle.
-    spindle_reverse: Signal | None = None  #: Output that turns it counter-clockwise while `spindle` is on.
     spindle_ready: Signal | None = None  #: Input that is on when the spindle has its speed.
-    spindle_wait_s: float = 5.0  #: How long to wait for the spindle where there is no such input. [s]
-    coolant: Signal | None = None  #: Output of flood coolant.
-    mist: Signal | None = None  #: Output of mist coolant.
+    coolant: Signal | None = None  #: Output of coolant, flood or mist.
     tool_change: str | None = None  #: Program that changes the tool; it gets the tool's number.
     optional_stop: Signal | None = None  #: Input that is on while optional stops are wanted; left out: every one stops.
     #: Outputs for signals of a robot program that was read, by their name there.
@@ -65,12 +64,12 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
     for place, written in lines.items():
         asked: list[str] = []
         for event in (event for event in events if event.place == place):
-            found = plan_event(event, wiring, phrases)
-            if asked and found.code:
+            remark, code, task = plan_event(event, wiring, phrases)
+            if asked and code:
                 written += phrases.pause(", then ".join(asked))
                 asked = []
-            written += [*found.remark, *found.code]
-            asked += [found.task] if found.task else []
+            written += [*remark, *code]
+            asked += [task] if task else []
         written += phrases.pause(", then ".join(asked)) if asked else []
     return {
         place: [line.replace("@", str(label)) for line in written]
@@ -78,64 +77,45 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
     }
 
 
-@dataclass(frozen=True)
-class EventLines:
-    """Hold what has to be done for an event: its comment, its lines, or what the operator is asked to do."""
-
-    remark: list[str]
-    code: list[str] = field(default_factory=list)
-    task: str = ""
-
-
-def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> EventLines:
-    """Return what has to be done for an event."""
+def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> tuple[list[str], list[str], str]:
+    """Return the comment of an event, the lines that do it, or else what the operator is asked to do."""
     text = clean_text(event.describe())
     if not text:
-        return EventLines([])
-    said, native, kind = phrases.say(text), phrases.native(event), event.kind
-    if kind == "comment":
-        return EventLines(said)
-    if native is not None:
-        return EventLines(said, native)
-    if kind in ("spindle_cw", "spindle_ccw") and _turns(kind, wiring):
-        return EventLines(said, _start_spindle(kind, wiring, phrases))
+        return [], [], ""
+    code = [] if event.kind == "comment" else phrases.native(event)
+    code = _phrase_event(event, text, wiring, phrases) if code is None else code
+    return phrases.say(text), code or [], text if code is None else ""
+
+
+def _phrase_event(event: Event, text: str, wiring: Wiring, phrases: Phrases) -> list[str] | None:
+    """Return the lines that do an event by the signals of the cell; None where nothing is wired for it."""
+    kind = event.kind
+    if kind == "spindle_cw" and wiring.spindle is not None:
+        return _start_spindle(wiring.spindle, wiring, phrases)
     if kind == "spindle_off" and wiring.spindle is not None:
-        return EventLines(said, _switch_all([wiring.spindle, wiring.spindle_reverse], phrases, on=False))
+        return phrases.switch(wiring.spindle, False)
     if kind in ("coolant", "mist", "coolant_off"):
-        wired = {"coolant": [wiring.coolant], "mist": [wiring.mist]}.get(kind, [wiring.coolant, wiring.mist])
-        return EventLines(said, _switch_all(wired, phrases, on=kind != "coolant_off"))
+        return [] if wiring.coolant is None else phrases.switch(wiring.coolant, kind != "coolant_off")
     if kind == "tool" and wiring.tool_change:
-        return EventLines(said, phrases.call(wiring.tool_change, event.value))
+        return phrases.call(wiring.tool_change, event.value)
     if kind == "dwell":
-        return EventLines(said, phrases.wait(event.value))
+        return phrases.wait(event.value)
     if kind == "optional_stop" and wiring.optional_stop is not None:
-        return EventLines(said, phrases.pause_if(wiring.optional_stop, text))
+        return phrases.pause_if(wiring.optional_stop, text)
     if kind == "output" and event.text in wiring.signals:
-        return EventLines(said, phrases.switch(wiring.signals[event.text], event.value != 0.0))
-    return EventLines(said, task=text)
+        return phrases.switch(wiring.signals[event.text], event.value != 0.0)
+    return None
 
 
-def _turns(kind: str, wiring: Wiring) -> bool:
-    return wiring.spindle is not None and (kind == "spindle_cw" or wiring.spindle_reverse is not None)
-
-
-def _start_spindle(kind: str, wiring: Wiring, phrases: Phrases) -> list[str]:
-    lines: list[str] = []
-    if wiring.spindle_reverse is not None:
-        lines += phrases.switch(wiring.spindle_reverse, kind == "spindle_ccw")
-    lines += _switch_all([wiring.spindle], phrases, on=True)
+def _start_spindle(spindle: Signal, wiring: Wiring, phrases: Phrases) -> list[str]:
     ready = wiring.spindle_ready
-    return lines + (phrases.wait(wiring.spindle_wait_s) if ready is None else phrases.expect(ready))
-
-
-def _switch_all(outputs: Sequence[Signal | None], phrases: Phrases, *, on: bool) -> list[str]:
-    return [line for output in outputs if output is not None for line in phrases.switch(output, on)]
+    return phrases.switch(spindle, True) + (phrases.wait(SPINDLE_WAIT) if ready is None else phrases.expect(ready))
 
 
 def check_signals(wiring: Wiring, phrases: Phrases, language: str) -> None:
     """Refuse names of signals in a language that numbers them."""
     single = {name: getattr(wiring, name) for name in
-              ("spindle", "spindle_reverse", "spindle_ready", "coolant", "mist", "optional_stop")}  # fmt: skip
+              ("spindle", "spindle_ready", "coolant", "optional_stop")}  # fmt: skip
     for key, signal in {**single, **wiring.signals}.items():
         if isinstance(signal, str) and not phrases.named:
             raise InputError(f"output.io {key} is {signal!r}, {language} numbers its signals; give a number")
@@ -149,18 +129,17 @@ def name_signal(signal: Signal, prefix: str) -> str:
 def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -> list[str]:
     """Return what has to be said of events that nothing is wired for, one sentence each."""
     left = [event for event in events if event.kind != "comment" and phrases.native(event) is None]
-    asked = [event for event in left if plan_event(event, wiring, phrases).task]
+    asked = [event for event in left if plan_event(event, wiring, phrases)[2]]
     notes = []
     if asked:
         kinds = ", ".join(dict.fromkeys(event.kind.replace("_", " ") for event in asked))
         notes.append(f"the program stops for {len(asked)} events and asks the operator ({kinds}): see [output.io]")
-    cooled = [event for event in left if event.kind in ("coolant", "mist") and getattr(wiring, event.kind) is None]
-    if cooled:
+    if wiring.coolant is None and any(event.kind in ("coolant", "mist") for event in left):
         notes.append("coolant is a comment only: no output is named in [output.io]")
     if wiring.spindle is not None and any(event.kind.startswith("spindle_c") for event in left):
         notes.append(Stop("spindle speeds are comments: the output of [output.io] turns it, its drive sets the speed"))
         if wiring.spindle_ready is None:
-            notes.append(f"the program waits {wiring.spindle_wait_s:g} s for the spindle (assumed): spindle_ready")
+            notes.append(f"the program waits {SPINDLE_WAIT:g} s for the spindle (assumed): spindle_ready")
     tools = {(event.value, event.text) for event in events if event.kind == "tool"}
     if len(tools) > 1:
         notes.append(Stop(f"{len(tools)} tools are called: the program is planned for one: write [[tool]] for each"))

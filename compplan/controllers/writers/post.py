@@ -36,8 +36,6 @@ class CellWords:
     base: type | None
     #: Numbers of tool and frame where a job names none: languages whose programs always count from numbered ones.
     numbers: Mapping[str, int | str] = field(default_factory=dict)
-    #: Kind of the word for a positioner, None where programs move none.
-    positioner: type | None = None
 
 
 def check_cell(post: Post, cell: CellWords, language: str) -> Post:
@@ -46,13 +44,12 @@ def check_cell(post: Post, cell: CellWords, language: str) -> Post:
     Raises:
         InputError: If the job names tool or frame in a way that the language does not know.
     """
-    for key, kind in (("tool", cell.tool), ("base", cell.base), ("positioner", cell.positioner)):
+    for key, kind in (("tool", cell.tool), ("base", cell.base)):
         value = getattr(post, key)
         if value is None:
             continue
         if kind is None:
-            what = "move none" if key == "positioner" else "hold their own"
-            raise InputError(f"output.cell {key} is {value!r}, {language} programs {what}")
+            raise InputError(f"output.cell {key} is {value!r}, {language} programs hold their own")
         if not isinstance(value, kind) or (isinstance(value, str) and not value.isidentifier()):
             word = "a number" if kind is int else "a name of the cell's"
             raise InputError(f"output.cell {key} is {value!r}, {language} takes {word}")
@@ -74,11 +71,6 @@ def describe_cell(post: Post, cell: CellWords | None) -> list[Stop]:
 def name_main(program: Program) -> str:
     """Return the name that a job gives its main program, else that of the program."""
     return program.post.main or program.name
-
-
-def name_kind(program: Program, ending: str) -> str:
-    """Return what tells joint and linear programs apart; nothing where the job names its one program."""
-    return "" if program.post.main else ending
 
 
 def render_post(program: Program, language: str, words: Mapping[str, Any]) -> str:

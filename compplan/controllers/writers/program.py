@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -289,28 +288,6 @@ def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
         "words": words, "native": native_words(controller, words), "status": krl_status(controller, robot, q),
         "bent": find_bend(believed, q), "unchecked": controller.unchecked, "controller": controller.name,
     }  # fmt: skip
-
-
-def split_parts(count: int, most: int) -> list[slice]:
-    """Return the rows of each file, none longer than `most`, which is at least 1, all about equally long."""
-    if most < 1:
-        raise InputError(f"max_points_per_file is {most}, expected at least 1")
-    parts = max(1, -(-count // most))
-    edges = np.linspace(0, count, parts + 1).round().astype(int)
-    return [slice(int(low), int(high)) for low, high in pairwise(edges)]
-
-
-def name_parts(name: str, count: int, most: int, *, between: str = "_", single: bool = False) -> dict[str, slice]:
-    """Return the names of the files of a program with their rows: numbered, a `single` one as the program itself."""
-    parts = split_parts(count, most)
-    return {
-        name if single and len(parts) == 1 else f"{name}{between}{k}": rows for k, rows in enumerate(parts, start=1)
-    }
-
-
-def count_digits(program: Program, most: int) -> int:
-    """Return how many digits the number of a program's last part has."""
-    return len(str(max(1, -(-len(program) // max(most, 1)))))
 
 
 def head_lines(program: Program) -> list[str]:

@@ -19,7 +19,7 @@ BRAND = "ABB"
 RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
 #: Mechanical unit that carries the part, where a job names none (assumed).
-CELL = CellWords(str, str, {"positioner": "STN1"}, str)
+CELL = CellWords(str, str, {"positioner": "STN1"})
 MOVES_PART = True
 #: Letters of a message on the teach pendant.
 LONGEST_MESSAGE = 80
@@ -61,10 +61,9 @@ FORM = ProgramForm(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.mod with joint moves and, where poses are known, NAME_L.mod with linear ones; each calls its parts.
 
-    Waypoints are joint targets, or robot targets in a work object that is the part frame. The tool centre point runs no
-    faster than the feed; rapid moves (500 mm/s) and swings (at the feed) are joint moves and stop. Sliding joints are
-    external axes (mm); positions count from the standing base. Joints that carry the part are external axes too (deg),
-    of a mechanical unit that moves the user frame of the work object.
+    Robot targets count from a work object that is the part frame. Rapid moves (500 mm/s) and swings (at the feed) are
+    joint moves and stop. Sliding joints are external axes (mm), and so are joints that carry the part (deg): a
+    mechanical unit that moves the user frame of the work object.
     """
     turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 6:

@@ -69,11 +69,10 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """Write NAME.MPF, or NAME_1.SPF and so on with a NAME.MPF that calls them.
 
     Positions count from the part frame, set by TRANS and AROT on top of G500; X Y Z are the tool tip, A2 B2 C2 (ORIRPY)
-    turn the flange about x, the fixed y and the fixed z. The tool's offset is correction D1 of a tool of the cell
-    (lengths in Z, Y and X for G17), which the program fills where the job asks for that; its turn is part of the
-    programmed orientation. Cutting moves are G1 in CP travel with their feed (G94, mm/min), arcs are CIP, rapid moves
-    and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below 0). A sliding joint is the axis
-    E1. Names of axes and the transformation are the machine's: check them.
+    turn the flange about x, the fixed y and the fixed z: the turn of the tool is part of the programmed orientation,
+    its offset is correction D1 (lengths in Z, Y and X for G17). Cutting moves are G1 and CIP in CP travel with their
+    feed (G94, mm/min), rapid moves and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below
+    0). A sliding joint is the axis E1. Names of axes and the transformation are the machine's: check them.
     """
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.tcp is None or program.status is None:

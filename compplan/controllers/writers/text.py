@@ -6,10 +6,6 @@ import re
 import textwrap
 import unicodedata
 from collections.abc import Collection
-from pathlib import Path
-
-from compplan.errors import InputError
-from compplan.io.tables import read_text
 
 #: Letters of a comment; controllers cut longer lines or refuse them.
 LONGEST_COMMENT = 100
@@ -37,26 +33,6 @@ def clean_text(text: str, longest: int = LONGEST_COMMENT) -> str:
 def wrap_text(text: str, longest: int) -> list[str]:
     """Return text that is already clean in lines of at most so many letters."""
     return textwrap.wrap(text, longest) or [""]
-
-
-def read_code(path: Path) -> tuple[str, ...]:
-    """Read lines that go into a program as they are.
-
-    Raises:
-        InputError: If the file cannot be read, or holds what would break a program: control letters, letters beyond
-            ASCII, or the end of a block of XML.
-    """
-    lines = []
-    for number, line in enumerate(read_text(path).split("\n"), start=1):
-        line = line.removesuffix("\r")
-        if not all(letter == "\t" or " " <= letter <= "~" for letter in line) or "]]>" in line:
-            raise InputError(
-                "has characters that programs cannot hold; expected printable ASCII without ]]>",
-                file=path,
-                where=number,
-            )
-        lines.append(line)
-    return tuple(lines[:-1] if lines[-1:] == [""] else lines)
 
 
 def legal_name(text: str, longest: int, *, reserved: Collection[str] = ()) -> str:

@@ -57,11 +57,9 @@ FORM = ProgramForm(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.script with joint moves and, where poses are known, NAME_L.script with linear ones.
 
-    A program calls itself behind its end, so that a script that is sent to the controller runs.
-    Long ones are cut into NAME_1.script and so on, each a program of its own, to be run in order. Positions count from
-    the part frame through pose_trans; they are in m and rotation vectors, joints in rad. Rapid moves and swings are
-    joint moves at 20 % of the joint rates. The controller has no configuration words: linear moves keep the branch of
-    the joint move before them.
+    Long ones are cut into NAME_1.script and so on, each a program of its own, to be run in order; each calls itself
+    behind its end, so that a script that is sent to the controller runs. Positions count from the part frame
+    (pose_trans). The controller has no configuration words: linear moves keep the branch of the joint move before them.
     """
     need_six_axes(program, "URScript", sliding=0)
     return FORM.write(program, folder, most, _format_part, None, can=program.tcp is not None)

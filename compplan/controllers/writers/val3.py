@@ -137,7 +137,7 @@ def _wait_for(lines: list[str]) -> list[str]:
 def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
     """Return the digital inputs and outputs that the programs use, as data of the project."""
     wiring = program.wiring
-    outputs = [wiring.spindle, wiring.spindle_reverse, wiring.coolant, wiring.mist, *wiring.signals.values()]
+    outputs = [wiring.spindle, wiring.coolant, *wiring.signals.values()]
     inputs = [wiring.spindle_ready, wiring.optional_stop]
     names = [name_signal(signal, "doOut") for signal in outputs if signal is not None]
     names += [name_signal(signal, "diIn") for signal in inputs if signal is not None]

@@ -63,6 +63,12 @@ class MoveSettings:
     column: float = 0.3
     #: The light one of two payloads, over the heavy one (assumed).
     light: float = 0.3
+    #: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most,
+    #: too (assumed).
+    fewest_moves: int = 3
+    most_moves: int = 8
+    #: A proposal has to add this much expected probability (assumed).
+    worth_it: float = 0.05
 
 
 MOVES = MoveSettings()
@@ -85,15 +91,13 @@ class Pool:
     moves: list[MeasuringMove] = field(default_factory=list)
     clock: float = 0.0
 
-    def add(self, q: Array, run: str, time: float, warmth: float = 1.0) -> int:
-        """Append a row without load and return its number."""
-        self.rows.append((q, np.zeros(6), run, time, warmth))
-        return len(self.rows) - 1
-
-    def stay(self, q: Array, wrench: Array | None = None) -> int:
-        """Append a row at rest, in its turn after the clock, and return its number."""
-        load = np.zeros(6) if wrench is None else wrench
-        self.rows.append((q, load, "static_next", self.clock + MOVES.pace * len(self.rows), 1.0))
+    def add(
+        self, q: Array, wrench: Array | None = None, run: str = "static_next", time: float | None = None,
+        warmth: float = 1.0,
+    ) -> int:  # fmt: skip
+        """Append a row, at rest in its turn after the clock where no time is given, and return its number."""
+        moment = self.clock + MOVES.pace * len(self.rows) if time is None else time
+        self.rows.append((q, np.zeros(6) if wrench is None else wrench, run, moment, warmth))
         return len(self.rows) - 1
 
     def last(self) -> float:
@@ -176,13 +180,13 @@ def given_loads(campaign: Campaign) -> list[Array]:
 def _add_static(pool: Pool, campaign: Campaign, poses: Array) -> None:
     loads = given_loads(campaign)
     pool.clock = 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + MOVES.pace
-    pool.moves += [MeasuringMove("new_poses", (pool.stay(q),)) for q in poses]
+    pool.moves += [MeasuringMove("new_poses", (pool.add(q),)) for q in poses]
     weight = np.array([0.0, 0.0, -max(float(np.linalg.norm(load[:3])) for load in loads), 0.0, 0.0, 0.0])
     for number, q in enumerate(poses[:ENOUGH_ROWS]):
         load = loads[number % len(loads)]
-        pool.moves.append(MeasuringMove("loaded_unloaded", (pool.stay(q), pool.stay(q, load))))
-        pool.moves.append(MeasuringMove("sign_flip", (pool.stay(q, load), pool.stay(q, -load))))
-        pool.moves.append(MeasuringMove("two_payloads", (pool.stay(q, MOVES.light * weight), pool.stay(q, weight))))
+        pool.moves.append(MeasuringMove("loaded_unloaded", (pool.add(q), pool.add(q, load))))
+        pool.moves.append(MeasuringMove("sign_flip", (pool.add(q, load), pool.add(q, -load))))
+        pool.moves.append(MeasuringMove("two_payloads", (pool.add(q, MOVES.light * weight), pool.add(q, weight))))
 
 
 def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
@@ -191,7 +195,7 @@ def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
         step = BACK_OFF[joint.kind] * unit
         for q in poses[:FEW_ROWS]:
             centre = np.clip(q, robot.lower + step, robot.upper - step)
-            rows = [(pool.stay(centre + side * step), pool.stay(centre))[1] for side in (-1.0, 1.0)]
+            rows = [(pool.add(centre + side * step), pool.add(centre))[1] for side in (-1.0, 1.0)]
             pool.moves.append(MeasuringMove("reversal", tuple(rows), joint.name))
 
 
@@ -204,13 +208,13 @@ def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> N
             sweep[:, index] = np.linspace(lower[index], upper[index], ENOUGH_ROWS)
             sweep = sweep[keeps_clear(robot, campaign, sweep)]
             if len(sweep) >= FEW_ROWS:
-                pool.moves.append(MeasuringMove("joint_sweep", tuple(pool.stay(s) for s in sweep), joint.name))
+                pool.moves.append(MeasuringMove("joint_sweep", tuple(pool.add(s) for s in sweep), joint.name))
 
 
 def _add_warm_up(pool: Pool, poses: Array) -> None:
     rows = [
         [
-            pool.add(q, "static_warming", seconds + MOVES.pace * number, warmth)
+            pool.add(q, None, "static_warming", seconds + MOVES.pace * number, warmth)
             for number, q in enumerate(poses[:ENOUGH_ROWS])
         ]
         for seconds, warmth in zip(MOVES.course, (0.0, 0.5, 1.0), strict=True)
@@ -230,7 +234,7 @@ def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
             for angle in np.linspace(0.0, 2.0 * np.pi, ENOUGH_ROWS):
                 q = centre + MOVES.swing * np.sin(angle) * np.eye(robot.nq)[index]
                 moment = clock + MOVES.swing * angle / speed
-                rows.append(pool.add(q, f"path_next_{index + 1}_{number + 1}", moment))
+                rows.append(pool.add(q, None, f"path_next_{index + 1}_{number + 1}", moment))
             clock = pool.last()
         pool.moves.append(MeasuringMove("two_speeds", tuple(rows), joint.name))
 

@@ -21,7 +21,7 @@ from scipy.special import expit, logit, ndtri
 
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
 from compplan.diagnosis.evidence.candidates import offered_signatures
-from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves, probe_signature
+from compplan.diagnosis.results.measurement_moves import KINDS, MOVES, MeasuringMove, list_moves, probe_signature
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import NAMING, Verdict
 from compplan.diagnosis.search.search import SEARCH, SHIFTS, Claim, Model
@@ -34,11 +34,6 @@ from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, weight_rows
 from compplan.robot import Array
 
-#: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most, too
-#: (assumed).
-FEWEST_MOVES, MOST_MOVES = 3, 8
-#: A proposal has to add this much expected probability (assumed).
-WORTH_IT = 0.05
 #: Effects that show in motion only; a path at two speeds is laid out for them.
 OF_MOTION = ("tracking_lag", "time_skew", "backlash")
 NOTHING = "none"
@@ -110,7 +105,7 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -rank_number(p.gain))
     tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
     tables += [_inseparable(pair) for pair, found in tried if found is None]
-    return tables[:MOST_MOVES]
+    return tables[: MOVES.most_moves]
 
 
 def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
@@ -197,7 +192,7 @@ def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> 
             chosen = tuple(own[k] for k in picked)
             found.append(Proposal((pair.first, pair.second), kind, chosen, probability, gain, information))
     best = max((proposal.gain for proposal in found), default=0.0)
-    if best < WORTH_IT:
+    if best < MOVES.worth_it:
         return None
     good = [proposal for proposal in found if proposal.gain >= best - NEGLIGIBLE]
     return min(good, key=lambda p: sum(len(move.rows) for move in p.moves))
@@ -230,10 +225,10 @@ def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], floa
 
     picked: list[int] = []
     information = 0.0
-    for best, added in grow_choice(worth, min(MOST_MOVES, len(shown.rows))):
+    for best, added in grow_choice(worth, min(MOVES.most_moves, len(shown.rows))):
         # a single move may be too little to show although all that are allowed would
-        most = information + (MOST_MOVES - len(picked)) * added
-        enough = len(picked) >= FEWEST_MOVES or not picked
+        most = information + (MOVES.most_moves - len(picked)) * added
+        enough = len(picked) >= MOVES.fewest_moves or not picked
         if enough and gain_of(most) < gain_of(information) + NEGLIGIBLE:
             break
         picked, information = [*picked, best], information + added

@@ -31,7 +31,6 @@ from compplan.diagnosis.evidence.normal_equations import (
 from compplan.diagnosis.evidence.proposals import propose_shifts, propose_waves
 from compplan.diagnosis.search.search import SEARCH, SOFT, Claim, Search, search_from_forward_selection, search_models
 from compplan.diagnosis.search.state import (
-    SETTLED,
     Fit,
     FitState,
     Problem,
@@ -49,12 +48,6 @@ from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import Registration
 from compplan.robot import Array
 
-#: Rounds of linearization and search at most (assumed: most campaigns settle in five).
-ROUNDS = 8
-#: The round whose residual tells the noise; scores are compared from the next one on (assumed: the first
-#: model has taken play and drift out of poses met again).
-NOISE_ROUND = 1
-
 
 def fit_effects(
     problem: Problem, registration: Registration | None,
@@ -66,20 +59,20 @@ def fit_effects(
     proposals: list[Signature] = []
     best: Fit | None = None
     restarted = settled = False
-    for number in range(ROUNDS):
+    for number in range(SEARCH.rounds):
         progress(f"round {number + 1}")
         # what is small has to wait until the large ones are exact: twice as many effects each round
         state = replace(state, most=min(2 ** (number + 1), SEARCH.most_effects))
         # poses met again tell the noise once the first model has taken play and drift out of them
-        fit, proposals = _round(problem, state, noises if number > NOISE_ROUND else None, proposals, progress)
+        fit, proposals = _round(problem, state, noises if number > SEARCH.noise_round else None, proposals, progress)
         noises = fit.noises
         step = descend(fit, advance_state(fit))
         if step is None:
             break
         following, score = step
-        if best is None or number <= NOISE_ROUND or score > best.score:
+        if best is None or number <= SEARCH.noise_round or score > best.score:
             best = replace(fit, state=following, score=score)
-        settled = number > NOISE_ROUND and len(fit.model.claims) < state.most and _settled(fit, state, following)
+        settled = number > SEARCH.noise_round and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
         if settled and not restarted:
             progress("second start")
@@ -101,7 +94,7 @@ def fit_effects(
 
 def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
     """Fit all that is kept once more together, noise and small errors too, as long as the exact model gains by it."""
-    for _ in range(ROUNDS):
+    for _ in range(SEARCH.rounds):
         progress("all together")
         old = proposed_signatures(fit.search.equations.signatures)
         again, _ = _round(fit.problem, fit.state, fit.noises, old, progress, hold=True)
@@ -214,7 +207,7 @@ def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
     change = change / fit.search.equations.scale
     used = np.flatnonzero(change)
     steps = [np.sqrt(np.mean((d[..., used] @ change[used]) ** 2)) for d in fit.search.equations.designs]
-    return max(steps, default=0.0) < SETTLED
+    return max(steps, default=0.0) < SEARCH.settled
 
 
 def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
@@ -256,7 +249,7 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     promised += float(np.sum(weight * target[posterior.columns] ** 2))
     tried: list[tuple[float, FitState]] = []
     share = 1.0
-    while share > SETTLED and not (tried and tried[-1][0] < start):
+    while share > SEARCH.settled and not (tried and tried[-1][0] < start):
         state = full if share == 1.0 else advance_state(fit, share)
         if stands(fit.problem, state):
             channels = build_channels(*attain_state(fit.problem, state), fit.state.use, fit.noises)

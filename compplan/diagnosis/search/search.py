@@ -62,6 +62,17 @@ class SearchSettings:
     most_effects: int = 24
     #: An exchange or an addition has to gain this much log posterior (assumed: less is no reason to change a model).
     worthwhile: float = 0.5
+    #: Rounds of linearization and search at most (assumed: most campaigns settle in five).
+    rounds: int = 8
+    #: The round whose residual tells the noise; scores are compared from the next one on (assumed: the first
+    #: model has taken play and drift out of poses met again).
+    noise_round: int = 1
+    #: What moves no observation by more than this share of its noise has settled; classes of the background that move
+    #: none are left out of the model (assumed: a hundredth of its variance).
+    settled: float = 0.1
+    #: Single background errors that move the target by less than this share of the noise are left out as well
+    #: (assumed).
+    idle: float = 0.03
 
 
 SEARCH = SearchSettings()

@@ -25,13 +25,6 @@ from compplan.measurement.registration import CONTACTS, Registration
 from compplan.robot import Array, Robot
 from compplan.robot.pose import apply_twist
 
-#: What moves no observation by more than this share of its noise has settled; classes of the background that move none
-#: are left out of the model (assumed: a hundredth of its variance).
-SETTLED = 0.1
-#: Single background errors that move the target by less than this share of the noise are left out as well
-#: (assumed).
-IDLE = 0.03
-
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -168,7 +161,7 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
     loud = np.zeros(len(CLASSES) + 1, bool)
     for label in range(len(CLASSES)):
         columns = np.flatnonzero((prior.background == label) & (vector != 0))
-        loud[label] = bool(len(columns)) and not idle(equations, columns, vector, SETTLED)
+        loud[label] = bool(len(columns)) and not idle(equations, columns, vector, SEARCH.settled)
     rest = [
         n for n, s in enumerate(equations.signatures)
         if s.name == REGISTRATION or (in_background(s) and loud[prior.background[equations.columns(n)]].all())
@@ -201,7 +194,7 @@ def build_state(fit: Fit, values: Array, claimed: Sequence[int], rest: Sequence[
     return replace(fit.state, effects=tuple(effects), values=kept, registration=registration)
 
 
-def idle(equations: NormalEquations, columns: NDArray[np.int_], vector: Array, least: float = IDLE) -> bool:
+def idle(equations: NormalEquations, columns: NDArray[np.int_], vector: Array, least: float = SEARCH.idle) -> bool:
     """Tell whether errors move nothing by a share of the noise: they stay out of the model, as elsewhere they might."""
     part = vector[columns]
     return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < least for design in equations.designs)

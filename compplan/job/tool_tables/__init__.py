@@ -103,23 +103,6 @@ def take_tool(tools: Sequence[LibraryTool], number: int, name: str, path: str | 
     return tool
 
 
-def take_cutter(tools: Sequence[LibraryTool], name: str | None, path: str | Path) -> LibraryTool:
-    """Return the tool of a job's cutter: by name, by T number ("T3" or "3"), or the only one.
-
-    Raises:
-        InputError: If there is none or several, or its sizes are invalid.
-
-    """
-    found = list(tools)
-    if name is not None:
-        found = [tool for tool in tools if name.lower() in (tool.name.lower(), f"t{tool.number}", str(tool.number))]
-    if not found or (name is None and len(found) > 1):
-        listed = ", ".join(tool.call for tool in tools[:8]) + (", .." if len(tools) > 8 else "")
-        fault = f"has no tool {name!r}" if name is not None else f"holds {len(tools)} tools"
-        raise InputError(f"{fault}; write cutter_name, one of {listed}", file=path)
-    return _take_one(found, found[0].call, path)
-
-
 def _take_one(found: Sequence[LibraryTool], call: str, path: str | Path) -> LibraryTool:
     """Return the only tool, with valid sizes.
 

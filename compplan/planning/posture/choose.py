@@ -90,7 +90,7 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
 def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[PostureSummary, NDArray[np.int_]]:
     """Choose at the given stations; return the posture and the waypoints between where it fails."""
     settings, robot = problem.settings, problem.robot
-    rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step, reconfigure=settings.reconfigure)
+    rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step, reconfigure=True)
     coarse = fill_lattice(problem, stations, build_options(problem, stations))
     travel = settings.motion.stated and settings.preset == "accurate"
     weights = choose_weights(settings.preset, least_level(coarse, rungs), travel=travel)
@@ -118,8 +118,6 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
     bad = trace.missed.copy()
-    if not settings.reconfigure:  # a change of the configuration in a rapid move counts as torn
-        bad[1:] |= (np.abs(np.diff(trace.q, axis=0)).max(axis=1) > 1.05) & problem.nominal.rapid[1:]
     missed = bad.copy()
     if problem.margin is not None:
         rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)

@@ -12,8 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.collision_scene import TOUCH, CollisionScene
-from compplan.planning.posture.contacts import FAR, Contact, Near, find_contacts, find_near
+from compplan.planning.posture.collision_scene import (
+    FAR,
+    TOUCH,
+    CollisionScene,
+    Contact,
+    Near,
+    find_contacts,
+    find_near,
+)
 from compplan.robot import Array
 from compplan.toolpath.toolpath import interpolate, pick_even
 

@@ -35,7 +35,6 @@ class ModelScatter:
 
     wrench: float = 0.1  #: Relative error of each component of the wrench, part axes.
     compliance: float = 0.1  #: Relative error of each elastic coordinate.
-    joint_zero: float = 0.0  #: Error of each revolute joint's zero (geometry); the place of a rail is the part's. [rad]
 
 
 class ErrorModel(Protocol):
@@ -168,10 +167,6 @@ def _error_columns(
     by_force = (compliance[:, :, :3] @ turn) * (wrench[:, None, :3] @ turn)
     by_moment = (compliance[:, :, 3:] @ turn) * (wrench[:, None, 3:] @ turn)
     parts = [known.compliance * by_spring, known.wrench * by_force, known.wrench * by_moment]
-    if known.joint_zero > 0.0:
-        motion = joint_jacobian(chain, frames)
-        turning = np.linalg.norm(motion[:, 3:], axis=1, keepdims=True)  # 1, and 0 for a slide
-        parts.append(known.joint_zero * motion[:, :3] * turning)
     return np.concatenate(parts, axis=2), by_spring.sum(axis=2)
 
 

@@ -57,7 +57,6 @@ class PlaceResult:
 
     position: Array  #: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
     turn: float  #: Turn about the vertical through it, on top of the job's rotation. [rad]
-    base_height: float  #: How far the base has to be raised for that. [m]
     posture_choice: PostureSummary  #: Posture along the path there.
     before: PostureSummary | None  #: Posture at the job's own place, or None where none leads along the path.
     ratings: tuple[Ratings, ...]  #: Grids, one a turn.
@@ -82,9 +81,6 @@ def place_part(
         InputError: If the table [place] asks for too many places.
         InfeasibleError: If the path can be followed at none of them.
     """
-    if robot.ground and any(job.place.base_height_mm):
-        message = "raises a base that a positioner turns with the part; leave it out, place moves the part on its plate"
-        raise InputError(message, file=job.file, where="place.base_height_mm")
     axes = _grid_axes(job)
     here = job.T_base_part[:3, 3]
     settings = read_settings(job, robot, errors)
@@ -109,10 +105,7 @@ def place_part(
     before = search(here, 0.0)
     if before is not None and before.costs[RANK] <= posture_choice.costs[RANK]:
         posture_choice, position, turn = before, here, 0.0
-    low, high = (v * 1e-3 for v in job.place.base_height_mm)
-    lowest = job.place.z_mm[0] * 1e-3 if job.place.z_mm else min(axes[2][0] + high, here[2])
-    height = float(np.clip(lowest - position[2], low, high))
-    return PlaceResult(position, turn, height, posture_choice, before, tuple(ratings), here)
+    return PlaceResult(position, turn, posture_choice, before, tuple(ratings), here)
 
 
 def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
@@ -127,7 +120,6 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
             "rotation_deg": list(_turned_rotation(job, result.turn)),
             "turn_deg": float(np.degrees(result.turn)),
         },
-        "base_height_mm": round(1e3 * result.base_height, 3),
         "sensitivity_mm": {
             "expected_rms": result.posture_choice.costs["sensitivity_rms_mm"],
             "p95": result.posture_choice.costs["sensitivity_p95_mm"],
@@ -171,18 +163,15 @@ def rate_places(job: Job, robot: Robot, settings: PostureSettings, nominal: Tool
 
 
 def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
-    """Build the grid; a raised base is the same as a lowered part."""
+    """Build the grid."""
     table, step = job.place, job.place.step_mm * 1e-3
     here = job.T_base_part[:3, 3]
-    low_height, high_height = (v * 1e-3 for v in table.base_height_mm)
     axes = []
     for k, span in enumerate((table.x_mm, table.y_mm, table.z_mm)):
         around = AROUND_HEIGHT if k == 2 else AROUND
         low, high = (here[k] - around, here[k] + around) if span is None else (span[0] * 1e-3, span[1] * 1e-3)
         if low > high:
             raise InputError("has its bounds in the wrong order", file=job.file, where=f"place.{'xyz'[k]}_mm")
-        if k == 2:
-            low, high = low - high_height, high - low_height
         if not (np.isfinite([low, high]).all() and (high - low) / step < MOST_PLACES):
             message = f"from {low * 1e3:g} to {high * 1e3:g} mm in steps of {table.step_mm:g} mm are too many places"
             raise InputError(f"{message}, at most {MOST_PLACES} are allowed", file=job.file, where="place.step_mm")

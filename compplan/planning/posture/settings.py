@@ -38,14 +38,13 @@ class PostureSettings:
     preset: str = "accurate"  #: "accurate", "error_band", "smooth" or "fast".
     #: Whether the preset was asked for by name: finished postures are then measured beside those of others.
     compares: bool = False
-    #: How well wrench, compliance and joint zeros are known.
+    #: How well wrench and compliance are known.
     uncertainty: ModelScatter = field(default_factory=ModelScatter)
     spin_step: float = float(np.radians(5.0))  #: Step of the grid of rotations about the tool axis. [rad]
     lead: float = 0.0  #: How far the tool axis may lean along the travel. [rad]
     lean: float = 0.0  #: How far it may lean across the travel. [rad]
     held_steps: int = 9  #: Grid positions of each extra axis (a rail); of several together at most thrice as many.
     stations: int = 240  #: Waypoints that the graph is built at, at most; those between follow.
-    reconfigure: bool = True  #: Whether the arm may change its configuration in rapid moves away from the part.
     #: Inverse condition number below which a posture counts as singular and costs steeply.
     singularity_margin: float = 0.03
     limit_margin: float = float(np.radians(10.0))  #: Distance to a joint limit below which a posture costs. [rad or m]
@@ -108,8 +107,7 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
         InputError: If a mesh that the job names is missing or cannot be read.
     """
     words = job.plan.configuration.model_dump(exclude_none=True)
-    words.pop("start_deg", None)
-    table, start = job.posture, None if job.plan.start is None else np.asarray(job.plan.start, float)
+    start = None if job.plan.start_deg is None else np.asarray(job.plan.start_deg, float)
     if start is not None and len(start) == robot.nq:
         start = np.where(robot.prismatic, start * 1e-3, np.radians(start))
     motion, widths = MotionFigures(), list_plays(robot)[~robot.prismatic]
@@ -118,19 +116,15 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
         motion = MotionFigures(lost=float(widths.max()), source=source, stated=True)
     if errors is not None:  # both are errors of the band: motion pays for inertia alone
         motion = motion._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the 95 % band")
-    zero = float(np.radians(table.joint_zero_uncertainty_deg))
+    table = job.posture
     return PostureSettings(
         free_spin=job.plan.rotate_about_tool_axis and getattr(job.process, "frame", "part") != "tool",
         configuration=words,
         start=start,
         preset=table.preset,
         compares="preset" in table.model_fields_set,
-        uncertainty=ModelScatter(table.wrench_uncertainty, table.compliance_uncertainty, zero),
-        spin_step=float(np.radians(table.spin_step_deg)),
         lead=float(np.radians(table.lead_deg)),
         lean=float(np.radians(table.lean_deg)),
-        reconfigure=table.reconfigure == "rapid",
-        singularity_margin=table.singularity_margin,
         limit_margin=float(np.radians(table.limit_margin_deg)),
         motion=motion,
         errors=errors,

@@ -76,9 +76,7 @@ class PostureSummary(PostureTrace):
         known, errors = self.settings.uncertainty, self.settings.errors
         if errors is not None:
             return {"error_band_from": errors.source}
-        zero = float(np.degrees(known.joint_zero))
-        shares = {"wrench": known.wrench, "compliance": known.compliance, "joint_zero_deg": zero}
-        return {"uncertainty_assumed": shares}
+        return {"uncertainty_assumed": {"wrench": known.wrench, "compliance": known.compliance}}
 
     def describe(self) -> dict[str, Any]:
         """Describe the posture for plan.json."""

@@ -62,7 +62,7 @@ def drill_coefficients(material: str) -> Coefficients:
     )  # fmt: skip
 
 
-def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingShape:
+def shape_drilling(found: Engagement, lips: int) -> MillingShape:
     """Work out what each coefficient of a drill contributes to the mean wrench at its tip, path axes.
 
     Moves across the axis carry nothing.
@@ -73,7 +73,7 @@ def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingSha
     share = found.depth.mean(axis=2, dtype=np.float64) * np.maximum(-found.travel[:, 1:], 0.0)  # (n, k)
     length, area = (outer - inner) / radius, (outer**2 - inner**2) / radius**2
     middle = inner < 0.5 * WEB * radius
-    chisel = CHISEL * (1.0 - THINNED * thinned)
+    chisel = CHISEL * (1.0 - THINNED)
     push = share @ (length * (1.0 - CHISEL)) + chisel * share[:, middle].mean(axis=1)
     turn = share @ area
     cutting, constant = np.zeros((len(found), 3, 6)), np.zeros((len(found), 3, 6))
@@ -87,7 +87,6 @@ class DrillProcess(CuttingTable):
 
     model: Literal["drill"]
     point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
-    web_thinned: bool = True
 
     @model_validator(mode="after")
     def _check_drilled(self) -> DrillProcess:
@@ -115,7 +114,7 @@ class DrillProcess(CuttingTable):
 
     def shape(self, found: Engagement) -> MillingShape:
         """Return what each coefficient contributes to thrust and torque, from the engagement."""
-        return shape_drilling(found, self.teeth, thinned=self.web_thinned)
+        return shape_drilling(found, self.teeth)
 
     def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
         """Say where the drill moves sideways in material."""

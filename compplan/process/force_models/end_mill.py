@@ -29,6 +29,7 @@ class EndMillProcess(CuttingTable):
     """An end mill whose engagement follows from stock and path, see `compplan.process.cutting`."""
 
     model: Literal["end_mill"]
+    flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     corner_radius_mm: float = Field(default=0.0, ge=0.0)
     tool_mode: ToolModeTable | None = None
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.io.columns import FileColumn
 from compplan.io.tables import Array, read_table
-from compplan.toolpath.contact import ContactTable, Frame, cutting_progress
+from compplan.toolpath.contact import ForceTable, Frame, cutting_progress
 from compplan.toolpath.toolpath import WRENCH, Toolpath, interpolate
 
 words = "wrench of a CSV file along the path"
@@ -20,7 +20,7 @@ FILE_COLUMNS = (
 )
 
 
-class FileProcess(ContactTable):
+class FileProcess(ForceTable):
     """A CSV file with fx_N .. mz_Nm: one row a waypoint, or any number of rows with s_mm, the length cut so far."""
 
     model: Literal["file"]

@@ -8,25 +8,24 @@ import numpy as np
 from pydantic import Field
 
 from compplan.io.tables import Array
-from compplan.toolpath.contact import PathForceTable, cutting_progress
+from compplan.toolpath.contact import ContactTable, PathForceTable, cutting_progress
 from compplan.toolpath.toolpath import Toolpath
 
 words = "incremental sheet forming with given forces"
 
 
-class IsfProcess(PathForceTable):
+class IsfProcess(PathForceTable, ContactTable):
     """Incremental sheet forming: the sheet pushes the tool up and away from the wall, more the further it goes.
 
     The axial force acts along the tool axis towards the spindle, the lateral force away from the wall that is formed
     (`wall_side`: on which side of the travel it stands, seen down the tool axis: "right" on a cone that is formed
-    counter-clockwise from its rim inwards, so that the force points to its axis), the drag against the travel.
-    All grow linearly along the cutting length, from `start_share` of the level given to the level itself.
+    counter-clockwise from its rim inwards, so that the force points to its axis).
+    Both grow linearly along the cutting length, from `start_share` of the level given to the level itself.
     """
 
     model: Literal["isf"]
     axial_N: float = Field(ge=0.0)
     lateral_N: float = Field(default=0.0, ge=0.0)
-    drag_N: float = Field(default=0.0, ge=0.0)
     start_share: float = Field(default=0.3, ge=0.0, le=1.0)
     wall_side: Literal["left", "right"] = "right"
 
@@ -35,7 +34,7 @@ class IsfProcess(PathForceTable):
         progress = cutting_progress(nominal)
         level = self.start_share + (1.0 - self.start_share) * progress / max(progress[-1], 1e-300)
         side = 1.0 if self.wall_side == "right" else -1.0
-        return level[:, None] * np.array([-self.drag_N, side * self.lateral_N, self.axial_N, 0.0, 0.0, 0.0])
+        return level[:, None] * np.array([0.0, side * self.lateral_N, self.axial_N, 0.0, 0.0, 0.0])
 
 
 table = IsfProcess

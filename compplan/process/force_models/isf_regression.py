@@ -15,7 +15,7 @@ into the wall, pushes by T sin(a) along the axis and T (1 - cos(a)) aside, a rat
 known, for t 0.8 to 2 mm, d 10 to 25 mm, step-down 0.25 to 2 mm, a 20 to 65 deg, steel and aluminium sheet. Radial and
 tangential parts are assumed: the mean normal of the contact stands halfway between wall and scallop, tan((a + b) / 2)
 with cos(b) = 1 - 2 h / d, and friction drags against the travel. The force builds up over the first contours, linearly
-over `build_up_mm` of depth (assumed: the tool's radius).
+over a depth of the tool's radius (assumed).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
@@ -33,8 +33,8 @@ from compplan.toolpath.toolpath import Toolpath
 
 words = "incremental sheet forming from sheet, tool and path"
 cites = "Aerens, Eyckens, Van Bael, Duflou: Int. J. Adv. Manuf. Technol. 46, 969, 2010"
-#: Tensile strength of sheets, sizes that handbooks give: assumed. [N/mm^2]
-STRENGTH = {"aa3003_o": 110.0, "aa5754_h22": 230.0, "dc01": 330.0, "aisi304": 620.0}
+#: Friction of the tool on the sheet, assumed.
+FRICTION = 0.1
 #: Range that the regression is taken to hold in.
 VALID = {
     "thickness": (0.8, 2.0), "tool_diameter": (10.0, 25.0), "step_down": (0.25, 2.0), "wall_angle": (20.0, 65.0)
@@ -54,47 +54,30 @@ class IsfRegressionProcess(PathForceTable):
     model: Literal["isf_regression"]
     thickness_mm: float = Field(gt=0.0, le=10.0)
     tool_diameter_mm: float = Field(gt=0.0, le=100.0)
-    tensile_N_mm2: float | None = Field(default=None, ge=20.0, le=3000.0)
-    material: Literal["aa3003_o", "aa5754_h22", "dc01", "aisi304"] | None = None
-    wall_angle_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
-    step_down_mm: float | None = Field(default=None, gt=0.0, le=20.0)
-    build_up_mm: float | None = Field(default=None, ge=0.0)
-    friction: float = Field(default=0.1, ge=0.0, le=1.0)
+    tensile_N_mm2: float = Field(ge=20.0, le=3000.0)
     wall_side: Literal["left", "right"] = "right"
-
-    @model_validator(mode="after")
-    def _check(self) -> IsfRegressionProcess:
-        if (self.tensile_N_mm2 is None) == (self.material is None):
-            raise ValueError("needs one of tensile_N_mm2 and material, not both")
-        return self
-
-    @property
-    def strength(self) -> float:
-        """Tensile strength. [N/mm^2]"""
-        return self.tensile_N_mm2 if self.tensile_N_mm2 is not None else STRENGTH[str(self.material)]
 
     def wrench_along(self, nominal: Toolpath) -> Array:
         """Return the wrench on the forming tool at every waypoint, path axes; none while it is lifted off. (n, 6)
 
         Raises:
-            InputError: If neither job nor path say step-down or wall angle.
+            InputError: If step-down or wall angle do not follow from the path.
         """
         depth = _sink(nominal)
-        step, angle = find_contours(self, nominal)
+        step, angle = find_contours(nominal)
         height = scallop_height(step, self.tool_diameter_mm, angle)
-        axial = steady_axial_force(self.strength, self.thickness_mm, self.tool_diameter_mm, height, angle)
+        axial = steady_axial_force(self.tensile_N_mm2, self.thickness_mm, self.tool_diameter_mm, height, angle)
         radial = axial * radial_ratio(height, self.tool_diameter_mm, angle)
-        build_up = self.build_up_mm if self.build_up_mm is not None else 0.5 * self.tool_diameter_mm
-        share = np.ones(len(nominal)) if build_up == 0.0 else np.clip((depth * 1e3 + step) / build_up, 0.0, 1.0)
+        share = np.clip((depth * 1e3 + step) / (0.5 * self.tool_diameter_mm), 0.0, 1.0)
         side = 1.0 if self.wall_side == "right" else -1.0
         wrench = np.zeros((len(nominal), 6))
-        wrench[:, 0] = -self.friction * np.hypot(axial, radial)
+        wrench[:, 0] = -FRICTION * np.hypot(axial, radial)
         wrench[:, 1], wrench[:, 2] = side * radial, axial
         return wrench * share[:, None] * ~lifts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
         """Say what was assumed, and what lies outside the range that the regression holds in."""
-        step, angle = find_contours(self, nominal)
+        step, angle = find_contours(nominal)
         typical = float(np.degrees(np.median(angle)))
         found = {"thickness": self.thickness_mm, "tool_diameter": self.tool_diameter_mm, "step_down": step,
                  "wall_angle": typical}  # fmt: skip
@@ -104,17 +87,16 @@ class IsfRegressionProcess(PathForceTable):
         ]  # fmt: skip
         wall = np.radians(typical)
         height = float(scallop_height(step, self.tool_diameter_mm, np.array(wall)))
-        sheet = (self.strength, self.thickness_mm, self.tool_diameter_mm)
+        sheet = (self.tensile_N_mm2, self.thickness_mm, self.tool_diameter_mm)
         read, other = (float(steady_axial_force(*sheet, np.array(size), np.array(wall))) for size in (height, step))
         aside, strip = read * radial_ratio(height, self.tool_diameter_mm, wall), read * np.tan(0.5 * wall)
         notes = [
             f"Forming force by the regression of Aerens and others (2010): scallop {height:.2g} mm (step-down "
-            f"{step:.3g} mm), wall angle {typical:.3g} deg, tensile strength {self.strength:.4g} N/mm2"
-            + (" (assumed, a handbook's size)" if self.material else "")
-            + f": {read:.0f} N along the tool. Were its height the step-down, {other:.0f} N; quotes of it do not "
+            f"{step:.3g} mm), wall angle {typical:.3g} deg, tensile strength {self.tensile_N_mm2:.4g} "
+            f"N/mm2: {read:.0f} N along the tool. Were its height the step-down, {other:.0f} N; quotes of it do not "
             f"settle which, the spread of the force (+- {100 * self.uncertainty:g} %, assumed) holds both. Radial "
             f"part, {aside:.0f} N (second opinion, a sheet of even tension: {strip:.0f} N; no published record was "
-            f"found), friction {self.friction:g} and build-up over the first contours are assumed."
+            f"found), friction {FRICTION:g} and build-up over the first contours are assumed."
         ]
         if other > read * (1.0 + 1.96 * self.uncertainty):
             notes.append("The step-down is so large against the scallop that this spread does not hold both readings.")
@@ -148,12 +130,10 @@ def radial_ratio(height: Array | float, diameter: float, angle: Array | float) -
     return np.asarray(np.tan(0.5 * (np.asarray(angle) + groove)))
 
 
-def find_contours(process: IsfRegressionProcess, nominal: Toolpath) -> tuple[float, Array]:
-    """Return step-down [mm] and wall angle [rad], shape (n,): as the job says them, otherwise from the path."""
-    step = process.step_down_mm if process.step_down_mm is not None else 1e3 * find_step_down(nominal)
-    if process.wall_angle_deg is None:
-        return step, find_wall_angle(nominal, step * 1e-3)
-    return step, np.full(len(nominal), np.radians(process.wall_angle_deg))
+def find_contours(nominal: Toolpath) -> tuple[float, Array]:
+    """Return step-down [mm] and wall angle [rad], shape (n,), of a path."""
+    step = find_step_down(nominal)
+    return 1e3 * step, find_wall_angle(nominal, step)
 
 
 def find_step_down(nominal: Toolpath) -> float:
@@ -176,8 +156,8 @@ def find_step_down(nominal: Toolpath) -> float:
     cross = np.cross(step[:-1], step[1:]) @ axis
     turns = abs(float(np.arctan2(cross, np.einsum("ni,ni->n", step[:-1], step[1:])).sum())) / (2.0 * np.pi)
     if turns < 1.0 or depth.max(initial=0.0) <= 0.0:
-        message = "the path does not go round and down, so its step-down is unknown; give step_down_mm"
-        raise InputError(message, where="process.step_down_mm")
+        message = 'needs a path that goes round and down; give the forces, model = "isf"'
+        raise InputError(message, where="process.model")
     return float(depth.max() / turns)
 
 
@@ -210,8 +190,8 @@ def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
         angle[here[beside]] = found[beside]
     known = np.isfinite(angle)
     if not known.any():
-        message = "the path has no contour above another, so its wall angle is unknown; give wall_angle_deg"
-        raise InputError(message, where="process.wall_angle_deg")
+        message = 'needs a path with a contour above another; give the forces, model = "isf"'
+        raise InputError(message, where="process.model")
     return np.asarray(angle[last_set(known)])
 
 

@@ -8,14 +8,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.io.tables import Array
-from compplan.toolpath.contact import PathForceTable, travel_across
+from compplan.toolpath.contact import ContactTable, PathForceTable, travel_across
 from compplan.toolpath.toolpath import Toolpath
 
 words = "mean force of an end mill of given depth and width"
 cites = "Y. Altintas: Manufacturing Automation, 2nd edition, Cambridge University Press, 2012"
 
 
-class MillingProcess(PathForceTable):
+class MillingProcess(PathForceTable, ContactTable):
     """Mean force of one revolution of an end mill with constant cutting coefficients, see `milling_wrench`.
 
     Above stock_top_mm (z of the part) there is no force, and less of it where the tool is in by less than depth_mm.
@@ -28,7 +28,6 @@ class MillingProcess(PathForceTable):
     spindle_rpm: float = Field(gt=0.0)
     kc_N_mm2: float = Field(gt=0.0)
     radial_ratio: float = Field(default=0.4, ge=0.0)
-    axial_ratio: float = 0.0
     material_side: Literal["left", "right"] = "right"
     stock_top_mm: float | None = None
 
@@ -53,8 +52,8 @@ def milling_wrench(process: MillingProcess, feed: Array) -> Array:
 
     Valid for a spindle that turns clockwise seen from the spindle (M3) and many revolutions a waypoint. With the tooth
     at angle psi from the travel towards the left, chip thickness h = f cos(psi) (f: feed a tooth) and constant
-    coefficients the force on the tool is F = N ap / (2 pi) * integral of h (kt z x r - kr r + ka z) over the
-    engagement [Altintas2012], kt = kc, kr = radial_ratio kc, ka = axial_ratio kc (positive: towards the spindle).
+    coefficients the force on the tool is F = N ap / (2 pi) * integral of h (kt z x r - kr r) over the
+    engagement [Altintas2012], kt = kc, kr = radial_ratio kc.
     `material_side` right with M3 is climb milling.
     """
     radius = 0.5 * process.diameter_mm
@@ -68,7 +67,7 @@ def milling_wrench(process: MillingProcess, feed: Array) -> Array:
         [
             -cos_sin - kr * cos_cos,
             cos_cos - kr * cos_sin,
-            process.axial_ratio * cosine,
+            0.0,
             0.0,
             0.0,
             radius * 1e-3 * cosine,

@@ -238,9 +238,8 @@ def write_programs(plan: Plan, folder: Path) -> list[Path]:
         return []
     program, output, files = make_program(plan), plan.job.output, []
     for language in output.programs:
-        header, footer = (_read_lines(plan.job, table.get(language)) for table in (output.header, output.footer))
-        own = replace(program, header=header, footer=footer, post=make_post(plan.job, language))
-        files += write_program(own, language, folder, most=output.max_points_per_file, any_brand=output.any_brand)
+        own = replace(program, post=make_post(plan.job, language))
+        files += write_program(own, language, folder, any_brand=output.any_brand)
     return files
 
 
@@ -250,13 +249,7 @@ def make_post(job: Job, language: str) -> Post:
     template = output.templates.get(language)
     main = None if output.main is None else "_".join(filter(None, [output.main, job.label]))
     own = None if template is None else job.folder / template
-    return Post(own, cell.tool, cell.base, cell.overwrite, main, cell.positioner)
-
-
-def _read_lines(job: Job, name: str | None) -> tuple[str, ...]:
-    from compplan.controllers.writers.text import read_code
-
-    return () if name is None else read_code(job.folder / name)
+    return Post(own, cell.tool, cell.base, cell.overwrite, main)
 
 
 def note_programs(plan: Plan) -> Plan:

@@ -72,7 +72,7 @@ def post(
         process: [process]; left out: no force is predicted.
         cam: [cam]: how the file is read.
         plan: [plan]: strategy, tolerance, posture.
-        output: [output]: signals (io), header, footer.
+        output: [output]: signals (io), templates.
         out: Folder to write to; left out: out.
 
     Raises:
@@ -172,10 +172,4 @@ def read_table_of_job(name: str, table: Table) -> dict[str, Any]:
     found = read_named_table(table, name)[0]
     if "file" in found:
         found = {**found, "file": str((Path(table).parent / str(found["file"])).absolute())}
-    for key in ("header", "footer"):
-        if name == "output" and isinstance(found.get(key), dict):
-            near = Path(table).parent
-            lines = {word: str((near / file).resolve()) if isinstance(file, str) else file
-                     for word, file in found[key].items()}  # fmt: skip
-            found = {**found, key: lines}
     return found

@@ -13,7 +13,7 @@ from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot
 from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
 from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
-from compplan.toolpath.readers.options import CamTable, find_start, refuse_unit
+from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start, refuse_unit
 
 name = "apt"
 suffixes = (".apt", ".cls", ".cl", ".ncl", ".clsf", ".aptsource", ".cldata")
@@ -64,7 +64,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             message = fault.message if isinstance(fault, InputError) else str(fault)
             raise InputError(message, file=file, where=reader.line) from None
         forwards, backwards = reader.votes
-        if flipped or options.circle_sense != "auto" or backwards < FEWEST_VOTES or backwards <= 4 * forwards:
+        if flipped or backwards < FEWEST_VOTES or backwards <= 4 * forwards:
             break
     if reader.flipped:
         note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
@@ -89,7 +89,7 @@ class _AptReader:
     def __init__(self, options: CamTable, *, flipped: bool) -> None:
         self.options, self.flipped = options, flipped
         self.line = self.first = 0  # the line that is read, and that of the first point
-        self.log, self.state = MoveLog(options.chord_tolerance_mm, self), State()
+        self.log, self.state = MoveLog(CHORD_MM, self), State()
         self.machine = Machine(self.state, self.log, frozenset(), frozenset())
         self.scale = INCH if options.unit == "inch" else 1.0
         self.unit = ""
@@ -350,8 +350,6 @@ class _AptReader:
             raise InputError(f"arc record with {len(numbers)} numbers, expected x, y, z, i, j, k, r")
         found = set(re.findall(r"[A-Z]+", plain))
         clockwise = bool(found & CLOCKWISE) or (not found & ANTICLOCKWISE and (self.nx or len(numbers) >= 11))
-        if self.options.circle_sense != "auto":
-            clockwise = self.options.circle_sense == "left_hand"
         count = abs(float(angle.group(1))) / 360.0 - 1e-6 if angle else float(times.group(1)) if times else 1.0
         if count > MOST_TURNS:
             raise InputError(f"arc of {count:g} turns, at most {MOST_TURNS} are read")

@@ -80,11 +80,10 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     I J K count from the start of an arc. Where that leaves arcs off their circles, another reading is taken if every
     arc of the file then lies on its circle and at least two different ones prove it: a full circle fits any reading.
     """
-    readings = CENTRE_READINGS if options.arc_centres is None else (options.arc_centres,)
     first_fault: OffCircleError | None = None
     lines = split_lines(text)
     changes_by_t, printer = CHANGE.search(text) is None, PRINTER.search(text) is not None
-    for reading in readings:
+    for reading in CENTRE_READINGS:
         scale = INCH if options.unit == "inch" else 1.0
         state = State(scale, feed_scale=scale, centres=reading, changes_by_t=changes_by_t, printer=printer)
         reader = Rs274(file, options, state)

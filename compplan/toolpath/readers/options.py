@@ -12,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from compplan.errors import InputError
 from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, read_toml, read_toml_model
@@ -25,6 +25,8 @@ Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 Axes = Annotated[list[Literal["A", "B", "C", "-A", "-B", "-C"]], Field(min_length=1, max_length=2)]
 #: Machines that ship.
 SHIPPED = Path(__file__).with_name("machines.toml")
+#: Greatest distance between an arc and its chords. [mm]
+CHORD_MM = 0.001
 WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
 
 
@@ -38,6 +40,27 @@ def ask_compensation(options: CamTable, word: str) -> str:
     return f"{word} compensates wear alone: the path is that of the tool's centre, as compensation = centre_line says"
 
 
+class MachineAxes(StrictTable):
+    """Rotary axes of a machine.
+
+    rotary_axes: the rotary axes, that which carries the other first (in a head_table the head's first); "-C" for a
+        table that turns against the right hand. Left out: tilt and then C on a table, C and then tilt on a head.
+    rotary_centre_mm: a point of the first table axis, as seen from the part zero, and rotary_offset_mm: from there to
+        the second table axis. Files without control of the tip (G43.4, TRAORI, M128) need it.
+    pivot_mm: from the tip of the tool to where the axes of the head meet; such files need it too.
+    tip_control: X Y Z are the tip in the part frame though the file has no G43.4, TRAORI or M128.
+    tilt_angles: what cycle 19 of Heidenhain programs states: spatial angles (left out: refused, since some machines
+        take angles of their rotary axes).
+    """
+
+    rotary_axes: Axes | None = None
+    rotary_centre_mm: Vector | None = None
+    rotary_offset_mm: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    pivot_mm: float | None = Field(default=None, ge=0.0, le=1e5)
+    tip_control: bool = False
+    tilt_angles: Literal["spatial"] | None = None
+
+
 class CamTable(StrictTable):
     """[cam]: how a CAM file is read.
 
@@ -45,28 +68,16 @@ class CamTable(StrictTable):
     from_mm: where cuts begin whose start the file leaves open (at its beginning, after the machine's home, after joint
         moves of a robot), in the part frame; only unknown coordinates are taken. Such a cut is refused without it.
     feed_mm_s: feed of cutting moves for which the file states none, or 0.
-    chord_tolerance_mm: greatest distance between an arc and its chords.
-    arc_centres: how G-code I J K count in files that do not say it (left out: incremental, unless only another reading
-        puts every arc of the file on a circle; then with a note).
-    circle_sense: how the axis of an APT CIRCLE tells the sense (auto: as the words of the record say).
-    machine: name of the machine that the file is made for: its rotary axes and distances stand under that name in the
-        table that ships (compplan doctor lists it) or in NAME.toml beside the file. Stated keys come before it.
+    machine: name of the machine that the file is made for: its rotary axes and distances (`MachineAxes`) stand under
+        that name in the table that ships (compplan doctor lists it) or in NAME.toml beside the file.
     rotary: what the A B C words of a file turn: the tool (head), the part (table), or both; or they are left out
         (ignore). A file whose A B C turn something is refused without it.
-    rotary_axes: the rotary axes, that which carries the other first (in a head_table the head's first); "-C" for a
-        table that turns against the right hand. Left out: tilt and then C on a table, C and then tilt on a head.
-    rotary_centre_mm: a point of the first table axis, as seen from the part zero, and rotary_offset_mm: from there to
-        the second table axis. Files without control of the tip (G43.4, TRAORI, M128) need it.
-    pivot_mm: from the tip of the tool to where the axes of the head meet; such files need it too.
-    tip_control: X Y Z are the tip in the part frame though the file has no G43.4, TRAORI or M128.
     compensation: what is written where the control compensates the radius of the cutter (G41, G42, RL, RR): the path of
         the tool's centre, the control adding wear alone (centre_line). A contour of the part is not read: whoever has
         one writes the centre's path. A file that compensates is refused without it.
     wcs: the work offset that is the part frame ("G54", "G54.1 P3") in a file that cuts in several; the cuts in others
         are left out.
     cycles: drilling cycles are expanded into cutting moves, or skipped: the tool moves rapidly above the holes.
-    tilt_angles: what cycle 19 of Heidenhain programs states: spatial angles (left out: refused, since some machines
-        take angles of their rotary axes).
     tool_direction: axis of the TCP frame that points out of the tool in robot programs (left out: z, with a note).
     operation: which operation of the file alone is read, counted from 1 (what is cut between two tool changes).
     strict: a file that is read with any note is refused.
@@ -75,23 +86,26 @@ class CamTable(StrictTable):
     unit: Literal["mm", "inch"] | None = None
     from_mm: Vector | None = None
     feed_mm_s: float | None = Field(default=None, gt=0.0, le=10_000.0)
-    chord_tolerance_mm: float = Field(default=0.001, ge=1e-6, le=10.0)
-    arc_centres: Literal["incremental", "absolute", "reversed"] | None = None
-    circle_sense: Literal["auto", "right_hand", "left_hand"] = "auto"
     machine: Annotated[str, Field(pattern=r"^[A-Za-z0-9][\w-]{0,63}$")] | None = None
     rotary: Literal["head", "table", "head_table", "ignore"] | None = None
-    rotary_axes: Axes | None = None
-    rotary_centre_mm: Vector | None = None
-    rotary_offset_mm: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
-    pivot_mm: float | None = Field(default=None, ge=0.0, le=1e5)
-    tip_control: bool = False
     compensation: Literal["centre_line"] | None = None
     wcs: Annotated[str, Field(pattern=WCS)] | None = None
     cycles: Literal["skip", "expand"] = "expand"
-    tilt_angles: Literal["spatial"] | None = None
     tool_direction: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     operation: int | None = Field(default=None, ge=1)
     strict: bool = False
+    _axes: MachineAxes = PrivateAttr(default=MachineAxes())
+
+    @property
+    def axes(self) -> MachineAxes:
+        """The rotary axes of the machine."""
+        return self._axes
+
+    def with_axes(self, rotary: Literal["head", "table", "head_table"], axes: MachineAxes) -> CamTable:
+        """Return the options for a machine; a stated `rotary` stays."""
+        options = self.model_copy(update={"rotary": self.rotary or rotary, "machine": None})
+        options._axes = axes
+        return options
 
 
 def find_start(place: Point, unknown: Iterable[int], stated: Sequence[float] | None, reason: str = "") -> Point:
@@ -119,16 +133,11 @@ def refuse_unit(words: str) -> InputError:
                       "([cam] unit)")  # fmt: skip
 
 
-class NamedMachine(StrictTable):
-    """[machine]: what a machine is, and its rotary axes by the keys of [cam]."""
+class NamedMachine(MachineAxes):
+    """[machine]: what turns (`rotary`, as in [cam]), and the rotary axes; `title` says what it is."""
 
     title: str = ""
     rotary: Literal["head", "table", "head_table"]
-    rotary_axes: Axes
-    rotary_centre_mm: Vector | None = None
-    rotary_offset_mm: Vector | None = None
-    pivot_mm: Annotated[float, Field(ge=0.0, le=1e5)] | None = None
-    tip_control: bool | None = None
 
 
 class MachineFile(StrictTable):
@@ -158,10 +167,8 @@ def find_machine(name: str, folder: Path) -> NamedMachine:
 
 
 def use_machine(options: CamTable, file: Path) -> CamTable:
-    """Return options in which the machine that they name has become its keys; keys that are stated come before it."""
+    """Return options with the machine that they name."""
     if options.machine is None:
         return options
-    said = find_machine(options.machine, file.parent).model_dump(exclude_none=True, exclude={"title"})
-    stated = {key: getattr(options, key) for key in options.model_fields_set & said.keys()}
-    kept = {key: value for key, value in said.items() if stated.get(key) is None}
-    return options.model_copy(update={**kept, "machine": None})
+    machine = find_machine(options.machine, file.parent)
+    return options.with_axes(machine.rotary, machine)

@@ -19,7 +19,7 @@ from compplan.toolpath.readers.arcs import Point, find_arc, sample_arcs
 from compplan.toolpath.readers.cnc.flow import Flow
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import FARTHEST, MoveLog
-from compplan.toolpath.readers.options import CamTable, find_start
+from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
 #: A number in a robot program, capitals.
 NUMBER = rf"{DECIMAL}(?:E[-+]?\d+)?"
@@ -41,7 +41,7 @@ class RobotProgram:
 
     def __init__(self, file: Path, options: CamTable) -> None:
         self.options, self.flow = options, Flow(file, deepest=DEEPEST)
-        self.log = MoveLog(options.chord_tolerance_mm, self.flow)
+        self.log = MoveLog(CHORD_MM, self.flow)
         self.blocks = 0
         self.frame = np.eye(4)
         self.pose: Array | None = None

@@ -72,11 +72,6 @@ def test_arcs_turn_in_the_sense_of_their_dialect(read, record: str, quarter_turn
     assert cam.facts.cutting_length_mm == pytest.approx(quarter_turns * 5 * np.pi)
 
 
-def test_the_sense_of_arcs_may_be_demanded(read) -> None:
-    cam = read(ARC.format("CIRCLE/10,0,0,0,0,1,10"), circle_sense="left_hand")
-    assert cam.facts.cutting_length_mm == pytest.approx(15 * np.pi)
-
-
 def test_arcs_that_would_all_turn_back_are_turned_round(read) -> None:
     lines, x = ["UNITS/MM", "FEDRAT/60", "FROM/0,0,0"], 0
     for _ in range(4):  # straight up, a half circle to the right, straight down, one to the left

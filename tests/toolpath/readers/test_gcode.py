@@ -126,11 +126,9 @@ def test_arc_centres_are_read_as_every_arc_of_the_file_demands(read, centre: str
             read(text)
 
 
-def test_reversed_arc_centres_are_told_and_may_be_demanded(read) -> None:
+def test_reversed_arc_centres_are_told(read) -> None:
     text = "G21 G0 X30 Y0 Z0\nG3 X20 Y10 I10 J0 F9\nG2 X30 Y20 I0 J-10\n"
     assert "from the centre to the start" in read(text).facts.notes[0]
-    with pytest.raises(InputError, match="option arc_centres"):
-        read(text, arc_centres="incremental")
 
 
 @pytest.mark.parametrize(

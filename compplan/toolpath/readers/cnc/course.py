@@ -13,7 +13,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle, normalise
 from compplan.toolpath.readers.frames import UNIT, Frame
 from compplan.toolpath.readers.moves import HasLine, MoveLog
-from compplan.toolpath.readers.options import CamTable, find_start
+from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
 #: Greatest turn of the tool between waypoints. [deg]
 TURN_STEP = 1.0
@@ -31,7 +31,7 @@ class Course:
 
     def __init__(self, reader: HasLine, options: CamTable, *, starts_at_zero: bool = False) -> None:
         self.reader, self.options, self.starts_at_zero = reader, options, starts_at_zero
-        self.log = MoveLog(options.chord_tolerance_mm, reader)
+        self.log = MoveLog(CHORD_MM, reader)
         self.frame = Frame()
         self.position: Point = (0.0, 0.0, 0.0)
         self.untold = {0, 1, 2}
@@ -246,7 +246,7 @@ class Course:
         arc = arc_about(start, end, frame.apply(centre), unit, right_hand=hand, turns=turns)
         if not fits_circle(arc.radius, arc.end_radius):
             message = f"arc starts {arc.radius:.4f} mm from its centre and ends {arc.end_radius:.4f} mm from it"
-            raise OffCircleError(f"{message}, expected the same radius; I J K may count otherwise (option arc_centres)")
+            raise OffCircleError(f"{message}, expected the same radius")
         self.log.arc(arc, end, feed)
         self.position, self.way = target, arc
 

@@ -112,10 +112,10 @@ class KlartextDatums:
     def _tilt_19(self, rest: str) -> None:
         """Carry out cycle 19: spatial angles, or angles of rotary axes: the machine says which."""
         angles = {letter: self.value(text) for letter, text in re.findall(rf"([ABC])\s*({VALUE})", rest)}
-        kind = self.it.options.tilt_angles
+        kind = self.it.options.axes.tilt_angles
         if any(angles.values()) and kind is None:
             raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
-                             'which with [cam] tilt_angles = "spatial", or use PLANE SPATIAL')  # fmt: skip
+                             'tilt_angles = "spatial" in NAME.toml of [cam] machine, or use PLANE SPATIAL')  # fmt: skip
         if any(angles.values()) and kind != "spatial":
             raise InputError("cycle 19 with angles of rotary axes is not read; use PLANE SPATIAL")
         self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))

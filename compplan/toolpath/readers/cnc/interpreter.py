@@ -166,7 +166,7 @@ class Interpreter:
 
         Moves while rotary axes stand turned of which nobody says what they turn are left out.
         """
-        frame, tip = self.find_frame(), self.state.tip_control or self.options.tip_control
+        frame, tip = self.find_frame(), self.state.tip_control or self.options.axes.tip_control
         if not (self.tilted or tip) and self.rotary.turned:
             frame = self.rotary.place().then(frame)
         if carried:

@@ -14,6 +14,7 @@ from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, Dialect, State
 from compplan.toolpath.readers.lines import DECIMAL
+from compplan.toolpath.readers.options import CHORD_MM
 
 NUMBER = rf"({DECIMAL})"
 #: The block of an ordinary cut, X Y Z F alone: G1 X1.5 Y-2. Z.3 F1000, block number and words of motion aside.
@@ -198,7 +199,7 @@ class MotionReader:
             return self.dialect.square(), False
         if rotary.unknown:
             return None, False
-        if not (rapid or state.tip_control or self.options.tip_control or not self.dialect.tip_word):
+        if not (rapid or state.tip_control or self.options.axes.tip_control or not self.dialect.tip_word):
             raise InputError(
                 f"a cut on which rotary axes turn without control of the tip ({self.dialect.tip_word}) is not read"
             )
@@ -207,7 +208,7 @@ class MotionReader:
     def _cut_turning(self, element: Element, before: dict[str, float], after: dict[str, float]) -> None:
         """Cut to a point while the rotary axes turn evenly: one move, in pieces."""
         course, rotary, log = self.course, self.rotary, self.course.log
-        tip = self.state.tip_control or self.options.tip_control
+        tip = self.state.tip_control or self.options.axes.tip_control
         start, target, feed = element.start, element.end, element.feed
         pieces = self._count_pieces(target, before, after, tip=tip)
         travel = math.dist(target, start)
@@ -240,8 +241,7 @@ class MotionReader:
                 return 1
         elif self.rotary.machine.table:
             radius = math.dist(target, self.rotary.machine.centre or (0.0, 0.0, 0.0))
-            chord = self.options.chord_tolerance_mm
-            step = min(step, math.degrees(2.0 * math.acos(max(1.0 - chord / max(radius, chord), 0.0))))
+            step = min(step, math.degrees(2.0 * math.acos(max(1.0 - CHORD_MM / max(radius, CHORD_MM), 0.0))))
         return max(1, math.ceil(turn / step - 1e-9))
 
     def find_direction(self, word: str = "") -> Point:

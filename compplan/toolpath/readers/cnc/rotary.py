@@ -87,11 +87,11 @@ def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
     Axes stand in order, the one that carries the other first; in a head_table the first is the head's.
     """
     used, kind, missing = sorted(set(letters)), options.rotary, ""
-    order = list(options.rotary_axes or (used[::-1] if kind == "head" else used))
+    order = list(options.axes.rotary_axes or (used[::-1] if kind == "head" else used))
     unnamed = [letter for letter in used if letter not in {axis[-1] for axis in order}]
     if unnamed:
         missing = f"rotary_axes with {unnamed[0]}, which the file turns"
-    elif options.rotary_axes is None and (
+    elif options.axes.rotary_axes is None and (
         set(used) >= TILTS or (kind == "head_table" and len(used) == 2 and "C" not in used)
     ):
         example = "C" if kind == "table" else "B"
@@ -102,10 +102,10 @@ def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
         raise RotaryError(f"of rotary axes {', '.join(used)}, which carries the other is not known; state {missing}")
     signed = [(axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in order]
     head = {"head": len(order), "head_table": 1}.get(kind or "", 0)
-    centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
+    centre, offset = options.axes.rotary_centre_mm, options.axes.rotary_offset_mm
     return RotaryMachine(
         tuple(signed[:head]), tuple(signed[head:]), None if centre is None else (centre[0], centre[1], centre[2]),
-        (offset[0], offset[1], offset[2]), options.pivot_mm,
+        (offset[0], offset[1], offset[2]), options.axes.pivot_mm,
     )  # fmt: skip
 
 
@@ -168,5 +168,6 @@ class Rotary:
             words = " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items())
             raise RotaryError(
                 f"{words} without control of the tip (G43.4, TRAORI, M128): X Y Z are positions of the machine; "
-                f"state {fault.message}, or tip_control = true if they are the tip in the part frame"
+                f"state {fault.message}, or tip_control = true if they are the tip in the part frame, in NAME.toml "
+                "of [cam] machine"
             ) from None

@@ -1,4 +1,4 @@
-"""What a verb takes for a job: a file, a job, its tables, or a path with a robot; made into one checked job."""
+"""What a verb takes for a job (a file, a job, its tables, or a path with a robot) and for a robot."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 from compplan.errors import InputError
 from compplan.io.in_memory import is_file_name
-from compplan.io.tomlfile import read_toml
-from compplan.job.job import Job, check_job
-from compplan.robot import Robot
+from compplan.io.tomlfile import check_table, read_toml
+from compplan.job.job import Job, ToolTable, check_job
+from compplan.robot import Robot, load_robot
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import Toolpath
@@ -116,3 +116,17 @@ def _spell(name: str, table: Any) -> Any:
 
 def _plain(table: Any) -> dict[str, Any]:
     return dict(table) if isinstance(table, Mapping) else {}
+
+
+def take_robot(robot: str | Path | Robot, tool: Mapping[str, Any] | None = None) -> Robot:
+    """Return a robot with the tool that is mounted.
+
+    Args:
+        robot: Name of a shipped robot, a robot folder, or the robot.
+        tool: The tool as [tool] of a job; left out: the robot's own.
+
+    Raises:
+        InputError: If there is no such robot, or the tool is not what it has to be.
+    """
+    known = robot if isinstance(robot, Robot) else load_robot(robot)
+    return known if tool is None else check_table(ToolTable, tool, key="tool").mount(known)
