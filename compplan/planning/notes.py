@@ -286,6 +286,8 @@ def _find_file(folder: Path, text: str) -> Path | None:
 
 #: Times of smoothing around a rest in which the tool gains its speed, and around a limit to which that reaches.
 FROM_REST, FROM_LIMIT = 3.0, 1.0
+#: The same around both ends of a cut, where starting up and coming to rest do not count.
+FROM_END = 4.0
 #: Stretches that a sentence lists.
 LISTED = 5
 
@@ -299,7 +301,9 @@ def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
 def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
     """Mark the waypoints where limits lower the feed; starting up and coming to rest do not count. Shape (n,)."""
     rest = task.nominal.rapid | task.lead | np.isin(np.arange(len(task)), (0, len(task) - 1))
-    away = _distance(timing.time, rest) > FROM_REST * task.smoothing
+    middle = np.r_[timing.time[0], 0.5 * (timing.time[1:] + timing.time[:-1])]  # of the move whose feed it is
+    near = timing.time[_find_nearest(timing.time, rest, middle)]
+    away = np.abs(middle - near) > FROM_END * task.smoothing
     slow = timing.lowered & ~task.nominal.rapid & away
     beside = np.r_[False, slow[:-1]] | np.r_[slow[1:], False]  # a single waypoint is rounding of the run
     return np.asarray(slow & beside)
@@ -320,7 +324,7 @@ def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.in
         near = left & (_distance(timing.time, marked) <= reach)
         causes, left = [*causes, (words, near)], left & ~near
     if (limited := timing.limiting >= 0).any():
-        own = _find_nearest(timing.time, limited)
+        own = _find_nearest(timing.time, limited, timing.time)
         near = left & (np.abs(timing.time - timing.time[own]) <= FROM_LIMIT * task.smoothing)
         joint, by_velocity = timing.limiting[own], timing.by_velocity[own]
         for number, fast in sorted({(int(joint[i]), bool(by_velocity[i])) for i in np.flatnonzero(near)}):
@@ -354,12 +358,12 @@ def describe_causes(task: PlanTask, timing: Timing) -> str:
 
 def _distance(time: Array, marked: NDArray[np.bool_]) -> Array:
     """Return the time from each waypoint to the nearest marked one, infinite without any. Shape (n,). [s]"""
-    return np.abs(time - time[_find_nearest(time, marked)]) if marked.any() else np.full(len(time), np.inf)
+    return np.abs(time - time[_find_nearest(time, marked, time)]) if marked.any() else np.full(len(time), np.inf)
 
 
-def _find_nearest(time: Array, marked: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Return for each waypoint the marked one that is the nearest in time. Shape (n,)."""
+def _find_nearest(time: Array, marked: NDArray[np.bool_], when: Array) -> NDArray[np.int_]:
+    """Return for each of some times the marked waypoint that is the nearest in time. Shape as of `when`."""
     at = np.flatnonzero(marked)
-    after = np.searchsorted(time[at], time)
+    after = np.searchsorted(time[at], when)
     left, right = at[np.clip(after - 1, 0, len(at) - 1)], at[np.clip(after, 0, len(at) - 1)]
-    return np.where(np.abs(time[left] - time) <= np.abs(time[right] - time), left, right)
+    return np.where(np.abs(time[left] - when) <= np.abs(time[right] - when), left, right)
