@@ -30,7 +30,7 @@ from typing import Any as _Any
 from compplan.version import VERSION
 
 if TYPE_CHECKING:
-    from compplan.api.verbs import compare, diagnose, learn, plan
+    from compplan.api.verbs import Posted, compare, diagnose, learn, plan, post
     from compplan.controllers.writers import Program, build_program, write_program
     from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
     from compplan.diagnosis.results.next_measurement import propose_measurements
@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from compplan.reporting.montecarlo import write_study
     from compplan.reporting.operations import write_operations
     from compplan.reporting.writers.plan import write_plan
-    from compplan.reporting.writers.post import Posted, post
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.simulation.predict import Prediction, predict_campaign
     from compplan.simulation.simulated_robot import SimulatedRobot, build_simulated_robot, run_simulated_robot

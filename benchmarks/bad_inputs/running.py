@@ -70,7 +70,15 @@ def load_commands() -> None:
 
     for name in COMMANDS:
         load_command(name)
-    heavy = ("cli.doctor", "diagnosis", "identification.campaign", "learning.part", "planning.plan", "reporting.page")
+    heavy = (
+        "cli.doctor.log",
+        "cli.doctor.robot_folder",
+        "diagnosis",
+        "identification.campaign",
+        "learning.part",
+        "planning.plan",
+        "reporting.page",
+    )
     for module in (*(f"compplan.{name}" for name in heavy), "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
         importlib.import_module(module)
     for encoding in ("utf-8-sig", "utf-16", "latin-1"):

@@ -16,6 +16,7 @@ from compplan.job.job import Job, check_job
 from compplan.planning.candidates import ease_run, measure_runs
 from compplan.planning.deflection import measure_bending
 from compplan.planning.feed import time_run
+from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.plan import PlanOptions, _state_task, build_task, prepare_job
 from compplan.planning.redundancy import Asked
@@ -148,6 +149,7 @@ def _ease(task: PlanTask, robot: Robot, nominal: Toolpath, options: PlanOptions)
 
 def measure_task(task: PlanTask, robot: Robot, job: Job, options: PlanOptions, spent: float) -> Row:
     """Time and judge a task before correction; `spent` is the CPU time [s] that its posture took."""
+    task = resolve_starts(task, options.feed)
     timing = time_run(task, task.q_start, options.feed)[1]
     motion, rows = measure_bending(task, task.q_start, timing).motion, pick_rows(task.cut, BAND_ROWS)
     away = np.zeros((2, len(rows), 3)) if motion is None else motion.error[:, rows]

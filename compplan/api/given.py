@@ -9,13 +9,16 @@ from typing import Any
 
 from compplan.errors import InputError
 from compplan.io.in_memory import is_file_name
-from compplan.io.tomlfile import check_table, read_toml
+from compplan.io.tomlfile import check_table, read_named_table, read_toml
 from compplan.job.job import Job, ToolTable, check_job
+from compplan.job.profile import read_profile
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import Toolpath
 
+#: A table of a job: its keys, or a TOML file that holds them (alone, or as a job).
+Table = Mapping[str, Any] | str | Path
 #: Tables of a job that a verb takes as keywords.
 NO_TABLES = ("schema_", "name", "robot", "toolpath")
 TABLES = tuple(field.alias or name for name, field in Job.model_fields.items() if name not in NO_TABLES)
@@ -105,8 +108,7 @@ def _spell(name: str, table: Any) -> Any:
     if isinstance(table, Mapping):
         return dict(table)
     if name == "part" and isinstance(table, Sequence) and len(table) in (3, 6) and not isinstance(table, str):
-        numbers = [float(value) for value in table]
-        return {"position_mm": numbers[:3], "rotation_deg": numbers[3:] or [0.0, 0.0, 0.0]}
+        return {"rotation_deg": [0.0, 0.0, 0.0], **read_part(table)}
     if name == "output" and isinstance(table, str):
         return {"programs": [table]}
     if isinstance(table, Sequence) and table and all(isinstance(row, Mapping) for row in table):
@@ -130,3 +132,87 @@ def take_robot(robot: str | Path | Robot, tool: Mapping[str, Any] | None = None)
     """
     known = robot if isinstance(robot, Robot) else load_robot(robot)
     return known if tool is None else check_table(ToolTable, tool, key="tool").mount(known)
+
+
+def make_post_job(
+    camfile: str | Path, *, robot: str | Path | None, part: Table | Sequence[float] | None,
+    program: str | Sequence[str], profile: str | Path | None, tools: Table | Sequence[Mapping[str, Any]] | None,
+    stands_in: Path, **tables: Table | None,
+) -> Job:  # fmt: skip
+    """Make the job that a call of `post` stands for; arguments as there, `tables` by their names in a job.
+
+    `stands_in` is the job file that nobody wrote; paths count from its folder.
+
+    Raises:
+        InputError: If a table is not what it has to be.
+    """
+    languages = [program] if isinstance(program, str) else list(program)
+    under = {} if profile is None else read_profile(Path(profile))
+    data: dict[str, Any] = {"schema": 1, "name": Path(camfile).stem, "toolpath": str(Path(camfile).absolute())}
+    data |= {} if "process" in under else {"process": dict(NO_FORCE)}
+    data |= {} if profile is None else {"profile": str(Path(profile).absolute())}
+    stated = {"robot": robot, "part": part, "program": program or under.get("output", {}).get("programs")}
+    for option, value in stated.items():
+        if not value and option not in under:
+            raise InputError(f"--{option} is missing, and no profile states it")
+    if robot is not None:
+        find_robot_folder(robot)
+        data["robot"] = str(Path(robot).absolute()) if Path(robot).is_dir() else str(robot)
+    if part is not None:
+        data["part"] = read_part(part)
+    data |= {name: read_table_of_job(name, table) for name, table in tables.items() if table is not None}
+    if languages:
+        data["output"] = {**data.get("output", {}), "programs": [language.lower() for language in languages]}
+    if tools is not None:
+        key, value = read_tools(tools)
+        data[key] = value
+    return check_job(data, stands_in)
+
+
+def read_part(part: Table | Sequence[float]) -> dict[str, Any]:
+    """Return [part] from three or six numbers, a table, or a file.
+
+    Raises:
+        InputError: If it is none of them.
+    """
+    if isinstance(part, Mapping | str | Path):
+        return read_table_of_job("part", part)
+    numbers = [float(value) for value in part]
+    if len(numbers) not in (3, 6):
+        raise InputError(f"part has {len(numbers)} numbers, expected X Y Z in mm, or six with a rotation vector in deg")
+    return {"position_mm": numbers[:3], **({"rotation_deg": numbers[3:]} if numbers[3:] else {})}
+
+
+def read_tools(tools: Table | Sequence[Mapping[str, Any]]) -> tuple[str, Any]:
+    """Return the key and the value in a job of several tools: [[tool]] from a list or a TOML file, else [tools].
+
+    Raises:
+        InputError: If a TOML file has neither.
+    """
+    if isinstance(tools, Mapping):
+        return "tools", dict(tools)
+    if not isinstance(tools, str | Path):
+        return "tool", [dict(entry) for entry in tools]
+    if Path(tools).suffix.lower() != ".toml":
+        return "tools", {"file": str(Path(tools).absolute())}
+    data = read_toml(tools)
+    if isinstance(data.get("tool"), list):
+        return "tool", data["tool"]
+    if isinstance(data.get("tools"), dict):
+        table = data["tools"]
+        return "tools", {**table, "file": str((Path(tools).parent / str(table.get("file", ""))).absolute())}
+    raise InputError("has neither [[tool]] nor [tools]", file=tools)
+
+
+def read_table_of_job(name: str, table: Table) -> dict[str, Any]:
+    """Return a table of a job: as it is given, or from a TOML file, alone or in the job that it stands in.
+
+    Raises:
+        InputError: If the file is not what it has to be.
+    """
+    if isinstance(table, Mapping):
+        return dict(table)
+    found = read_named_table(table, name)[0]
+    if "file" in found:
+        found = {**found, "file": str((Path(table).parent / str(found["file"])).absolute())}
+    return found

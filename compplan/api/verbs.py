@@ -1,13 +1,13 @@
-"""The verbs `compplan.plan`, `compare`, `diagnose` and `learn`: from files, arrays or DataFrames to a result."""
+"""The verbs `compplan.plan`, `post`, `compare`, `diagnose`, `learn`: from files, arrays or DataFrames to a result."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from compplan.api.given import make_job, take_robot
+from compplan.api.given import Table, make_job, make_post_job, take_robot
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
@@ -21,6 +21,33 @@ Progress = Callable[[str], None]
 
 def _say_nothing(text: str) -> None:
     return None
+
+
+@dataclass(frozen=True)
+class Posted:
+    """What came of a CAM file.
+
+    Attributes:
+        plans: One plan an operation (a tool); one in all where the file calls one tool.
+        folder: Where everything was written.
+        files: The files written.
+    """
+
+    plans: tuple[Plan, ...]
+    folder: Path
+    files: tuple[Path, ...]
+
+    @property
+    def status(self) -> str:
+        """Tell "solved", "infeasible" or "not_confirmed": the worst of the plans."""
+        from compplan.planning.operations import worst_status
+
+        return worst_status(self.plans)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What has to be known of the plans, one sentence each."""
+        return tuple(dict.fromkeys(note for plan in self.plans for note in plan.notes))
 
 
 def plan(
@@ -57,6 +84,52 @@ def plan(
     if out is not None:
         result, _ = deliver_plan(result, out)
     return result
+
+
+def post(
+    camfile: str | Path, *, robot: str | Path | None = None, part: Table | Sequence[float] | None = None,
+    program: str | Sequence[str] = (), profile: str | Path | None = None, tool: Table | None = None,
+    tools: Table | Sequence[Mapping[str, Any]] | None = None, process: Table | None = None,
+    cam: Table | None = None, plan: Table | None = None, output: Table | None = None, out: str | Path | None = None,
+) -> Posted:  # fmt: skip
+    """Read a CAM file, plan it and write its programs: one plan and program for each tool that it calls.
+
+        done = cp.post("part.nc", robot="kuka_kr240", part=[1800, 0, 700], program="krl",
+                       tool={"frame": "pendant", "position_mm": [0, 0, 250]})
+
+    Args:
+        camfile: The CAM file.
+        robot: A folder in robots/ or a path.
+        part: Part frame seen from the robot base: X Y Z [mm], with a rotation vector [deg] if six numbers; or [part].
+        program: Language, or languages.
+        profile: Shop profile that stands under all of these; robot, part and program may be left out where it has them.
+        tool: [tool]; left out: the robot folder's TCP.
+        tools: For a file that calls several tools: a list of [[tool]], or a tool table (its file, or [tools]).
+        process: [process]; left out: no force is predicted.
+        cam: [cam]: how the file is read.
+        plan: [plan]: strategy, tolerance, posture.
+        output: [output]: signals (io), templates.
+        out: Folder to write to; left out: out.
+
+    Raises:
+        InputError: If something is not what it has to be; nothing is written then.
+    """
+    from compplan.job.operations import split_job
+    from compplan.planning.plan import plan_job
+    from compplan.reporting.operations import deliver_operations
+    from compplan.reporting.writers.plan import deliver_plan, note_programs
+
+    folder = Path("out" if out is None else out)
+    job = make_post_job(
+        camfile, robot=robot, part=part, program=program, profile=profile, tools=tools, tool=tool, process=process,
+        cam=cam, plan=plan, output=output, stands_in=folder.absolute() / f"{Path(camfile).stem}.toml",
+    )  # fmt: skip
+    plans = tuple(note_programs(plan_job(one)) for one in split_job(job))
+    if len(plans) == 1:
+        done, files = deliver_plan(plans[0], folder)
+        return Posted((done,), folder, tuple(files))
+    read, files = deliver_operations(plans, folder, job.name)
+    return Posted(tuple(read), folder, tuple(files))
 
 
 def compare(

@@ -9,9 +9,9 @@ from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.conventions import find_conventions
 from compplan.diagnosis.data.shared import LISTED, rank_number, rms_length
 from compplan.diagnosis.results.delivery import deliver_robot
-from compplan.diagnosis.results.posterior import state_sizes
+from compplan.diagnosis.results.posterior import size_named
 from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
-from compplan.diagnosis.results.verdict import NAMING, Finding, Verdict, check_calibration, reach_verdict, unname
+from compplan.diagnosis.results.verdict import NAMING, Finding, Verdict, check_calibration, reach_verdict
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.search import SEARCH, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
@@ -19,7 +19,7 @@ from compplan.diagnosis.validation.held_out import Folds, make_folds
 from compplan.diagnosis.validation.probability import MAP
 from compplan.diagnosis.validation.sparse import add_gear_waves
 from compplan.diagnosis.validation.unmodelled import RevisedProbabilities, revise_probabilities
-from compplan.effects import Effect, robot_effects, solve_model_poses
+from compplan.effects import robot_effects, solve_model_poses
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import AXES
 from compplan.errors import InputError
@@ -111,9 +111,7 @@ def _conclude(
     state = FitState(problem.fixed, {}, registration, fit.state.use)
     first = deliver_robot(folds, verdict, plain, state, good)
     seen = good[plain.rows]
-    named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
-    sizes, told = state_sizes(fit, named, first.uncertainty.calibration)
-    verdict = unname(_with_sizes(verdict, first.state), told)
+    verdict, sizes = size_named(fit, verdict, first.uncertainty.calibration)
     if first.small is not None:
         verdict = check_calibration(verdict, plain.of(seen).rms, first.small.of(seen).rms)
     gap = Gap(
@@ -146,20 +144,6 @@ def refuse_open_frames(inside: float, left_out: float, campaign: Campaign) -> No
             " and more at each contact",
             file=campaign.file,
         )
-
-
-def _with_sizes(verdict: Verdict, state: FitState) -> Verdict:
-    """Give the findings the parameters that the delivered robot holds."""
-
-    def event(effect: Effect) -> tuple[object, ...]:
-        return *effect.place, effect.parameters.get("row")
-
-    held = {event(effect): effect for effect in reversed(state.effects)}
-
-    def sized(finding: Finding) -> Finding:
-        return replace(finding, effect=held.get(event(finding.effect), finding.effect))
-
-    return replace(verdict, findings=tuple(sized(f) for f in verdict.findings))
 
 
 def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate, ...]:

@@ -13,16 +13,18 @@ from compplan.errors import CompplanError, InputError
 from compplan.identification.estimate import Estimate, fit_rows
 from compplan.identification.parameters import FreeRobot
 from compplan.identification.problem import (
+    GAIN_LIMIT,
     IdentifyOptions,
     IdentifyProblem,
+    Refinement,
     check_options,
     choose_geometry,
     choose_reference,
     held_out_score,
     place_frames,
+    refine_structure,
     screen_outliers,
 )
-from compplan.identification.refine import GAIN_LIMIT, Refinement, refine_structure
 from compplan.identification.update import IdentifiedGap, identified_uncertainty, measure_gap, update_robot
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit.intervals import gain_score

@@ -42,29 +42,23 @@ class Gathered:
         return replace(self, **parts)
 
 
-def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath:
-    """Take some of the points."""
-    parts = {name: getattr(measured, name)[rows] for name in ("length", "deviation", "counts", "sigma")}
-    return replace(measured, **parts)
-
-
 def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
     """Gather measured points at the nearest rows of the path, of length (k,) [m]; far ones do not count."""
     middle = 0.5 * (length[1:] + length[:-1])
     row = np.searchsorted(middle, measured.length)
     window = max(NEAR, 3.0 * (length[-1] - length[0]) / len(measured))
     near = np.abs(measured.length - length[row]) <= window
-    measured, row = take_points(measured, near), row[near]
+    row = row[near]
     rows, index, count = np.unique(row, return_inverse=True, return_counts=True)
     index = index.reshape(-1)
     projector = np.zeros((len(rows), 3, 3))
-    np.add.at(projector, index, measured.counts)
+    np.add.at(projector, index, measured.counts[near])
     # points of one row look the same way, but for corners: the mean projector, its eigenvalues rounded
     value, vector = np.linalg.eigh(projector / count[:, None, None])
     counts = np.einsum("bik,bk,bjk->bij", vector, np.round(value), vector)
     total, inverse = np.zeros((len(rows), 3)), np.zeros(len(rows))
-    weight = 1.0 / measured.sigma**2
-    np.add.at(total, index, weight[:, None] * measured.seen)
+    weight = 1.0 / measured.sigma[near] ** 2
+    np.add.at(total, index, weight[:, None] * measured.seen[near])
     np.add.at(inverse, index, weight)
     deviation = np.einsum("bij,bj->bi", counts, total / inverse[:, None])
     variance = 1.0 / inverse * (np.maximum(count / ALONE, 1.0) if measured.scanned else 1.0)

@@ -4,7 +4,7 @@ A preset that was asked for by name gets, of the postures that several presets f
 program shapes it, and the programmed one, further. Runs are timed by TOPP-RA and measured by their widest 95 % band,
 vibration included, nothing corrected. The best ones are also run slower where the arm vibrates most, as long as they
 take no longer than the first. With f_i a factor by which waypoint i is slower, what vibration adds to the band falls
-about with f_i^2; f follows a target B of the band, B lower every other round:
+about with f_i^2; f follows a target B of the band, halved in between what takes too long and what does not:
 
     f_i <- max(1, f_i (v_i / sqrt(B^2 - s_i^2))^g),    v and s what vibration and all else have of the band.
 """
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.deflection import DAMPING, measure_motion
 from compplan.planning.feed import time_run
+from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
@@ -79,6 +80,7 @@ class TimedStart(NamedTuple):
     still: float  #: The same, vibration left out. [m]
     spare: float  #: Time that the shortest windows of smoothing spare. [s]
     quiet: Array  #: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
+    task: PlanTask  #: The task, with the usual windows.
     origin: str = "search"  #: Where it comes from: "search" or "programmed".
     shaped: Shaped | None = None  #: What the program did, None for nothing.
 
@@ -130,9 +132,10 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
             runs += _shape_runs(*where, asked, others, room * run.shaped.time)
     best = runs if preset == "fast" else [min(runs, key=rank)]
     eased = [ease_run(preset, run, base, asked) for run in best if run is not first]
-    taken = min([base, *eased], key=lambda run: judge_gain(preset, run, base))
+    taken = _choose_run(preset, [base, *eased], base)
     if judge_gain(preset, taken, first) >= 1.0 - LEAST_GAIN:
         return start
+    taken = taken._replace(time=asked.time(asked.state(taken.start)))
     return _take(start, first, taken, least_time(task))
 
 
@@ -192,8 +195,9 @@ def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
 
 
 def measure_runs(
-    start: Start, asked: Asked, *, window: float = 1.0, beside: TimedStart | None = None, quiet: Array | None = None
-) -> list[TimedStart]:
+    start: Start, asked: Asked, *, window: float = 1.0, beside: TimedStart | None = None,
+    known: TimedStart | None = None,
+) -> list[TimedStart]:  # fmt: skip
     """Measure the fastest run of a start; beside another run, slower ones too, each with a narrower band.
 
     Args:
@@ -201,15 +205,16 @@ def measure_runs(
         asked: What is asked of the path.
         window: Windows of smoothing, share of those that plans have.
         beside: A run whose time is not to be passed, or None.
-        quiet: Covariance of the tip without vibration, where it has been measured.
+        known: A run of the same posture, where one has been measured.
     """
-    plain = Easing(window, np.zeros(1), np.ones(1))
-    task, found = asked.state(start if window == 1.0 else replace(start, pace=plain)), list[TimedStart]()
-    slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
-    kept, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
-    dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
+    found = list[TimedStart]()
     try:
-        still = spread_tip(task, asked.force, rows) if quiet is None else quiet
+        whole = resolve_starts(asked.state(start), asked.feed_request) if known is None else known.task
+        task, spare = replace(whole, smoothing=window * whole.smoothing), (1.0 - SHORT) * smoothing_time(whole)
+        slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
+        kept, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
+        dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
+        still = spread_tip(task, asked.force, rows) if known is None else known.quiet
         calm = band_radius(still, mean=aside)
         for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
             eased = start if count == 0 and window == 1.0 else replace(
@@ -219,7 +224,7 @@ def measure_runs(
             rings = _spread_vibration(run, time, rows, dynamics)
             band = band_radius(still + rings, mean=aside)
             widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
-            found.append(TimedStart(eased, float(time[-1]), widest, least, (1.0 - SHORT) * smoothing_time(task), still))
+            found.append(TimedStart(eased, float(time[-1]), widest, least, spare, still, whole))
             if beside is None or not rings.any():
                 break
             if count % 2 == 0:  # two rounds bring the run near to a target, then the time says which way it goes on
@@ -299,12 +304,19 @@ def ease_run(preset: str, run: TimedStart, base: TimedStart, asked: Asked) -> Ti
     if beside is not None and late < 1.0:
         windows = [1.0 - (1.0 - SHORT) * late, SHORT]
     for window in windows:
-        eased = measure_runs(run.start, asked, window=window, beside=beside, quiet=run.quiet)
+        eased = measure_runs(run.start, asked, window=window, beside=beside, known=run)
         runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
     for each in runs:
         LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", run.origin, ", program" if run.shaped else "",
                   base.time, each.time, 1e3 * base.band, 1e3 * each.band)  # fmt: skip
-    return min(runs, key=lambda each: judge_gain(preset, each, base))
+    return _choose_run(preset, runs, base)
+
+
+def _choose_run(preset: str, runs: list[TimedStart], base: TimedStart) -> TimedStart:
+    """Choose the run that a preset is for, of those that differ from it by less than counts the shortest."""
+    gains = [judge_gain(preset, run, base) for run in runs]
+    alike = [run for run, gain in zip(runs, gains, strict=True) if gain <= min(gains) + LEAST_GAIN]
+    return min(alike, key=lambda run: run.time)
 
 
 def _band_beside(run: TimedStart, base: TimedStart) -> float:

@@ -60,14 +60,6 @@ class Bending:
         }
 
 
-def describe_bending(bending: Bending) -> str:
-    """Say in a line what bends the arm, cause by cause; causes that bend nothing are left out."""
-    word = "compensated" if bending.compensated else "not compensated"
-    causes = {"weight": bending.weight, "process force": bending.process, f"inertia, {word}": bending.inertia}
-    said = [f"{1e3 * size:.3g} mm ({name})" for name, size in causes.items() if np.isfinite(size) and size > 1e-8]
-    return f"the arm bends by up to {', '.join(said)}" if said else "nothing bends the arm in this model"
-
-
 def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = DAMPING) -> Bending:
     """Measure what bends the arm along a command (n, nq); `damping` of its modes is a share of the critical one."""
     rows = np.flatnonzero(task.compensated)

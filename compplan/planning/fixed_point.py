@@ -125,7 +125,7 @@ def _settle(
     """
     coupled = task.follows_feed or task.inertia
     masses = build_moving_chain(task.robot) if task.inertia else None
-    task = _divide_ahead(_resolve_starts(task, feed_request) if task.inertia else task, feed_request)
+    task = _divide_ahead(resolve_starts(task, feed_request), feed_request)
     mending, slow, run, command = Mending(), np.ones(len(task)), None, None
     first: Compensation | None = None
     turn, divisions, rounds = 0, 0, 0
@@ -271,14 +271,14 @@ def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
     return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
 
 
-def _resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
+def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     """Divide first and last moves of runs, in steps that grow away from the rest, until their rows tell the motion.
 
     A run starts as s = j t^3 / 6. Its first row at t1 says that it accelerates by 2 s(t1) / t1^2 = j t1 / 3 where it
     still rests; that falls with the cube root of the first step, and may bend the arm by half a chord.
     """
     dynamics, runs = build_dynamics(task.robot), task.runs
-    if not dynamics.known or not runs:
+    if not task.inertia or not dynamics.known or not runs:
         return task
     time = (
         time_run(task, task.q_start, feed_request)[1].time

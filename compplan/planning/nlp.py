@@ -295,12 +295,7 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     speed = {name: ca.SX.sym(name, size) for name, size in names}
     slack, excess = ca.SX.sym("slack", rows), ca.SX.sym("excess")
     band = ca.SX.sym("band", 1 if problem.counts_band else 0)
-    n = chain.n_springs
-    fields = [("position", 3), ("programmed", 3), ("rotation", 9), ("wrench", 6), ("bias", n), ("theta", n),
-              ("loaded", 1), ("q_start", nq), ("step", 1), ("pace", 1), ("shift", 3)]  # fmt: skip
-    fields += [("turn", 9)] if problem.turn is not None else []
-    fields += [(limit.name, limit.numbers.shape[1]) for limit in problem.limits if limit.numbers is not None]
-    data = {name: ca.SX.sym(name, size) for name, size in fields}
+    data = {name: ca.SX.sym(name, values.shape[1]) for name, values in _list_numbers(problem).items()}
     loaded = build_loaded_function(chain, TIMED_STEPS if problem.timed else STEPS)
     position, rotation, deflection = loaded(q, data["wrench"], data["bias"], data["theta"], data["loaded"])
     position = position + data["shift"]
@@ -323,17 +318,24 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess, band), ca.vertcat(*data.values())]
 
 
+def _list_numbers(problem: PlanningProblem) -> dict[str, Array]:
+    """List the numbers of every station by name. Shapes (k, c)."""
+    k, steps = len(problem), problem.steps
+    pace = np.divide(1.0, steps, where=steps > 0.0, out=np.zeros(k))
+    turn = {} if problem.turn is None else {"turn": _flat(problem.turn)}
+    own = {limit.name: limit.numbers for limit in problem.limits if limit.numbers is not None}
+    return {
+        "position": problem.position, "rotation": _flat(problem.rotation), "wrench": problem.wrench,
+        "programmed": problem.position if problem.programmed is None else problem.programmed,
+        "bias": problem.bias, "theta": problem.theta, "loaded": problem.loaded[:, None], "q_start": problem.q_start,
+        "step": steps[:, None], "pace": pace[:, None],
+        "shift": np.zeros((k, 3)) if problem.shift is None else problem.shift, **turn, **own,
+    }  # fmt: skip
+
+
 def _pack(problem: PlanningProblem) -> Array:
-    """Put the numbers of every station side by side, in the order of `_state_station`. Shape (k, c)."""
-    k = len(problem)
-    programmed = problem.position if problem.programmed is None else problem.programmed
-    parts = [problem.position, programmed, _flat(problem.rotation), problem.wrench, problem.bias, problem.theta,
-             problem.loaded[:, None], problem.q_start, problem.steps[:, None],
-             np.divide(1.0, problem.steps, where=problem.steps > 0.0, out=np.zeros(k))[:, None],
-             np.zeros((k, 3)) if problem.shift is None else problem.shift]  # fmt: skip
-    parts += [_flat(problem.turn)] if problem.turn is not None else []
-    parts += [limit.numbers for limit in problem.limits if limit.numbers is not None]
-    return np.hstack([np.asarray(part, float) for part in parts])
+    """Put the numbers of every station side by side. Shape (k, c)."""
+    return np.hstack([np.asarray(values, float) for values in _list_numbers(problem).values()])
 
 
 def _flat(rotation: Array) -> Array:

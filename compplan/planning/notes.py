@@ -319,9 +319,14 @@ def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.in
                           ("at rounded corners", curved)):  # fmt: skip
         near = left & (_distance(timing.time, marked) <= reach)
         causes, left = [*causes, (words, near)], left & ~near
-    near = left & (_distance(timing.time, timing.limiting >= 0) <= FROM_LIMIT * task.smoothing)
-    causes += [(f"by the {name}", near & rows) for name, rows in _name_limits(task, timing, near)]
-    left &= ~near
+    if (limited := timing.limiting >= 0).any():
+        own = _find_nearest(timing.time, limited)
+        near = left & (np.abs(timing.time - timing.time[own]) <= FROM_LIMIT * task.smoothing)
+        joint, by_velocity = timing.limiting[own], timing.by_velocity[own]
+        for number, fast in sorted({(int(joint[i]), bool(by_velocity[i])) for i in np.flatnonzero(near)}):
+            words = f"by the {'velocity' if fast else 'acceleration'} limit of {task.robot.joint_names[number]}"
+            causes.append((words, near & (joint == number) & (by_velocity == fast)))
+        left = left & ~near
     if left.any():
         use = {"velocity": np.abs(timing.velocity[left]) / task.velocity_limits,
                "acceleration": np.abs(timing.acceleration[left]) / task.acceleration_limits}  # fmt: skip
@@ -349,25 +354,12 @@ def describe_causes(task: PlanTask, timing: Timing) -> str:
 
 def _distance(time: Array, marked: NDArray[np.bool_]) -> Array:
     """Return the time from each waypoint to the nearest marked one, infinite without any. Shape (n,). [s]"""
-    marks = time[marked]
-    if not len(marks):
-        return np.full(len(time), np.inf)
-    after = np.clip(np.searchsorted(marks, time), 0, len(marks) - 1)
-    return np.asarray(np.minimum(np.abs(marks[after] - time), np.abs(time - marks[np.maximum(after - 1, 0)])))
+    return np.abs(time - time[_find_nearest(time, marked)]) if marked.any() else np.full(len(time), np.inf)
 
 
-def _name_limits(task: PlanTask, timing: Timing, rows: NDArray[np.bool_]) -> list[tuple[str, NDArray[np.bool_]]]:
-    """Say which limit is the nearest of each waypoint."""
-    at = np.flatnonzero(timing.limiting >= 0)
-    if not rows.any() or not len(at):
-        return []
-    place = np.searchsorted(timing.time[at], timing.time)
-    left, right = at[np.clip(place - 1, 0, len(at) - 1)], at[np.clip(place, 0, len(at) - 1)]
-    nearer = np.abs(timing.time[left] - timing.time) <= np.abs(timing.time[right] - timing.time)
-    own = np.where(nearer, left, right)
-    joint, by_velocity = timing.limiting[own], timing.by_velocity[own]
-    found = []
-    for number, kind in sorted({(int(joint[i]), bool(by_velocity[i])) for i in np.flatnonzero(rows)}):
-        word = "velocity" if kind else "acceleration"
-        found.append((f"{word} limit of {task.robot.joint_names[number]}", (joint == number) & (by_velocity == kind)))
-    return found
+def _find_nearest(time: Array, marked: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return for each waypoint the marked one that is the nearest in time. Shape (n,)."""
+    at = np.flatnonzero(marked)
+    after = np.searchsorted(time[at], time)
+    left, right = at[np.clip(after - 1, 0, len(at) - 1)], at[np.clip(after, 0, len(at) - 1)]
+    return np.where(np.abs(time[left] - time) <= np.abs(time[right] - time), left, right)

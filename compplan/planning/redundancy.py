@@ -20,6 +20,7 @@ from compplan.errors import ConvergenceError
 from compplan.planning.costs import Band, JointTravel, Smoothness, Time
 from compplan.planning.dense import place_pose
 from compplan.planning.feed import FeedRequest, time_run
+from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.limits import AccelerationLimit, BandLimit, JointRange, PoseEquation, VelocityLimit
 from compplan.planning.limits.band import read_band
 from compplan.planning.limits.clearance import linearise_clearance
@@ -94,8 +95,9 @@ class Asked:
     tube: float = 0.0  #: Share of the tolerance by which the program may leave the path.
 
     def time(self, task: PlanTask) -> float:
-        """Time the fastest run of a task; infinite where none keeps the limits. [s]"""
+        """Time the fastest run of a task, its starts resolved; infinite where none keeps the limits. [s]"""
         try:
+            task = resolve_starts(task, self.feed_request)
             return float(time_run(task, task.q_start, self.feed_request)[1].time[-1])
         except ConvergenceError:
             return np.inf

@@ -127,7 +127,7 @@ def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth:
     cos, sin = np.cos(angle), np.sin(angle)
     out, up = edge.normal[:, :1], edge.normal[:, 1:]
     normal = np.stack([out * cos, out * sin, up * np.ones_like(cos)], axis=-1)
-    speed = found.outward(angle)
+    speed = np.maximum(found.speed(angle), 0.0)
     chip = np.maximum(1e3 * feed_per_tooth[:, None, None] * speed, THINNEST)
     gains = np.zeros((len(found), 3, 3))
     for c in range(3):

@@ -51,9 +51,9 @@ STEEP, STEEP_BEHIND = 0.01, 0.002
 class MillingShape:
     """The geometry of the mean wrench: what each coefficient is multiplied with."""
 
-    cutting: Array  #: By 1 N/mm^2 (tangential, radial, axial) at a feed a tooth of 1 mm. Shape (n, 3, 6). [N, N m]
-    edge: Array  #: By 1 N/mm. Shape (n, 3, 6). [N, N m]
-    curved: Array  #: What both grow by a mm of feed a tooth, as the path of a tooth is curved. Shape (n, 6, 6).
+    #: By 1 N/mm^2 (tangential, radial, axial) at a feed a tooth of 1 mm, then by 1 N/mm of an edge. Shape (n, 6, 6).
+    straight: Array
+    curved: Array  #: What these grow by a mm of feed a tooth, as the path of a tooth is curved. Shape (n, 6, 6).
 
     def wrench(self, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
         """Return the mean wrench on the tool's tip at a feed a tooth [m], path axes. (n,) -> (n, 6) [N, N m]"""
@@ -65,8 +65,7 @@ class MillingShape:
         feed = np.maximum(feed_per_tooth * 1e3, 0.0)[:, None]
         ploughing = np.clip(feed_per_tooth / PLOUGHING_FEED, 0.0, 1.0)[:, None].repeat(3, axis=1)
         by_size = np.concatenate([feed ** (1.0 - np.array(exponent)), ploughing], axis=1)
-        straight = np.concatenate([self.cutting, self.edge], axis=1)
-        return np.asarray(by_size[:, :, None] * (straight + feed[:, :, None] * self.curved))
+        return np.asarray(by_size[:, :, None] * (self.straight + feed[:, :, None] * self.curved))
 
 
 def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
@@ -96,7 +95,7 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
                                     (curved, 3 + c, behind)):  # fmt: skip
                 low, rise = part.reshape(len(some), -1), (halves * part).reshape(len(some), -1)
                 target[here, k] = low @ at_low[c] + rise @ by_rise[c]
-    return MillingShape(straight[:, :3], straight[:, 3:], curved)
+    return MillingShape(straight, curved)
 
 
 def _find_behind(weight: Array, out: Array, bend: Array, step: Array) -> Array:
@@ -184,22 +183,13 @@ class CuttingTable(ForceTable):
 
 
 @dataclass(frozen=True)
-class CuttingBench:
-    """Cutter, stock and path as they are held against each other; r waypoints of the path."""
-
-    cutter: Cutter  #: The cutter.
-    stock: StockColumns  #: The stock, seen along the tool axis.
-    position: Array  #: Tips, seen along the tool axis. Shape (r, 3). [m]
-    R_view: Array  #: Axes of that view as columns, part frame. Shape (3, 3).
-    axis: Array  #: Tool axes in that view. Shape (r, 3).
-
-
-@dataclass(frozen=True)
 class CuttingForce:
     """The engagement of a job's path and the force that follows from it at any feed; r waypoints of the path."""
 
     process: CuttingTable  #: What the job says.
-    bench: CuttingBench  #: Cutter, stock and path.
+    cut: Cut  #: Cutter and path, seen along the mean tool axis.
+    stock: StockColumns  #: The stock, seen so.
+    R_view: Array  #: Axes of that view as columns, part frame. Shape (3, 3).
     arc: Array  #: Length along the path. Shape (r,). [m]
     rapid: NDArray[np.bool_]  #: Moves that do not cut. Shape (r,).
     engagement: Engagement  #: What the cutter touches.
@@ -209,17 +199,16 @@ class CuttingForce:
     def wrench(self, nominal: Toolpath) -> Array:
         """Return the mean wrench at any division of the path, at its feed, path axes. Shape (n, 6). [N, N m]"""
         where = nominal.arc_length
-        columns = np.concatenate([self.shape.cutting, self.shape.edge, self.shape.curved], axis=1)
+        columns = np.concatenate([self.shape.straight, self.shape.curved], axis=1)
         shape = interpolate(where, self.arc, columns.reshape(len(self.arc), -1)).reshape(-1, 12, 6)
         per_tooth = self.process.feed_per_tooth(nominal.feed)
-        wrench = MillingShape(shape[:, :3], shape[:, 3:6], shape[:, 6:]).wrench(self.process.resistance, per_tooth)
+        wrench = MillingShape(shape[:, :6], shape[:, 6:]).wrench(self.process.resistance, per_tooth)
         return np.asarray(wrench * ~nominal.rapid[:, None])
 
     def leave(self) -> Any:
         """Return what is left of the stock as a closed mesh, part frame [m], see `triangulate_stock`."""
-        bench = self.bench
-        mesh = triangulate_stock(take_away(bench.stock, [Cut(bench.cutter, bench.position, bench.axis, ~self.rapid)]))
-        mesh.vertices = mesh.vertices @ bench.R_view.T
+        mesh = triangulate_stock(take_away(self.stock, [self.cut]))
+        mesh.vertices = mesh.vertices @ self.R_view.T
         return mesh
 
 
@@ -263,8 +252,8 @@ def prepare_cutting(
         raise InputError(message, file=job, where="process.stock")
     notes += _describe_lean(axes[cutting]) + _describe_cut(process, toolpath, found, job)
     shape = process.shape(found)
-    bench = CuttingBench(cutter, stock, position, R_view, axes)
-    return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
+    cut = Cut(cutter, position, axes, cutting)
+    return CuttingForce(process, cut, stock, R_view, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
 
 
 def _describe_lean(axes: Array) -> list[str]:

@@ -150,7 +150,6 @@ class Engagement:
     cutter: Cutter  #: The cutter.
     depth: NDArray[np.float32]  #: Engaged share of the slice (k) in the bin at the angle (m), 0 to 1. Shape (n, k, m).
     travel: Array  #: Direction of the move that ends at the waypoint: across the axis, along it. Shape (n, 2).
-    level: Array  #: Height of the tip above the lowest point of the path, along the mean axis. Shape (n,). [m]
     #: How the axis turns a length of travel: along the travel, to its left; None for one that stands. Shape (n, 2).
     #: [rad/m]
     turning: Array | None = None
@@ -161,14 +160,7 @@ class Engagement:
     def take(self, rows: NDArray[np.int_]) -> Engagement:
         """Return that of some waypoints."""
         turning = None if self.turning is None else self.turning[rows]
-        return Engagement(self.cutter, self.depth[rows], self.travel[rows], self.level[rows], turning)
-
-    def outward(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
-        """Return how fast the edge moves outwards at angles, none where it moves inwards; a share of the feed.
-
-        Shape (n, k, m).
-        """
-        return np.maximum(self.speed(angle, rows), 0.0)
+        return Engagement(self.cutter, self.depth[rows], self.travel[rows], turning)
 
     def speed(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
         """Return how fast the edge moves outwards at angles, below 0 inwards; a share of the feed. Shape (n, k, m)."""

@@ -74,11 +74,10 @@ def find_engagement(
     turning = None if axis is None else _turn_axis(way, axis, frame, cutter)
     by_points = axis is not None or not cutter.even
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
-    level = position[:, 2] - position[:, 2].min()
     depth = np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32)
     surface = build_cut_surface(cutter, start, position, stock.bounds()[:, :2], axis)
     if surface is None:
-        return Engagement(cutter, depth, travel, level, turning)
+        return Engagement(cutter, depth, travel, turning)
     run_from = _find_runs(step, axis) if by_points else _straight_from(step, np.linalg.norm(step, axis=1))
     kind = _PointEdge if by_points else _FlatEdge
     solver = kind(cutter, surface, stock, position, start, frame, travel, turning, run_from)
@@ -92,7 +91,7 @@ def find_engagement(
         if len(near):
             solver.fill(near[cutting[near]], moves, depth)
         surface.cut(moves)
-    return Engagement(cutter, depth, travel, level, turning)
+    return Engagement(cutter, depth, travel, turning)
 
 
 def _list_steps(position: Array) -> tuple[Array, NDArray[np.bool_]]:

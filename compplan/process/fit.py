@@ -125,18 +125,11 @@ class ForceFit:
 
 @dataclass(frozen=True)
 class _Prediction:
-    """What each number contributes along the path, at its unit; n waypoints.
+    """What each of c numbers contributes along the path, at its unit; n waypoints."""
 
-    Attributes:
-        progress: Length cut so far. Shape (n,). [m]
-        columns: Path axes; forces, moments, and the spindle's power last. Shape (c, n, 7).
-        axes: Path axes as columns, part frame. Shape (n, 3, 3).
-        names, units, in_job: Of the c numbers.
-    """
-
-    progress: Array
-    columns: Array
-    axes: Array
+    progress: Array  #: Length cut so far. Shape (n,). [m]
+    columns: Array  #: Path axes; forces, moments, and the spindle's power last. Shape (c, n, 7).
+    axes: Array  #: Path axes as columns, part frame. Shape (n, 3, 3).
     names: list[str]
     units: list[str]
     in_job: Array

@@ -10,7 +10,7 @@ import numpy as np
 
 from compplan.identification.campaign import Identification
 from compplan.identification.estimate import Estimate
-from compplan.identification.refine import RefinementRound
+from compplan.identification.problem import RefinementRound
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_mm_change, format_number

@@ -44,14 +44,9 @@ class Cell:
 
 @dataclass(frozen=True)
 class DataTable:
-    """Show rows of values under columns with units.
+    """Show rows of values or cells, None as a dash; at most `scroll` rows at once, the rest by scrolling (0: all).
 
-    Args:
-        columns: Heads, each with the unit and the significant digits of its numbers where there are any: "band [mm]",
-            "length [mm, 4]".
-        rows: Values, or cells, row by row; None shows as a dash.
-        caption: What the table says, in a sentence.
-        scroll: Show at most so many rows at once, the rest by scrolling; 0 shows all.
+    A head may state unit and significant digits of its numbers: "band [mm]", "length [mm, 4]".
     """
 
     columns: Sequence[str]
@@ -62,15 +57,10 @@ class DataTable:
 
 @dataclass(frozen=True)
 class Chart:
-    """Show a figure.
+    """Show a figure with what to see in it; height: [px].
 
-    Args:
-        figure: The figure.
-        caption: What to see in it, in a sentence.
-        height: Height on the page. [px]
-        linked_scenes: Whether turning one 3D scene turns the others.
-        along: Whether the custom data of its traces begin with waypoints: what is hovered there is shown in every such
-            chart of the page.
+    `linked_scenes`: turning one 3D scene turns the others; `along`: the custom data of its traces begin with waypoints,
+    and what is hovered there is shown in every such chart of the page.
     """
 
     figure: Figure

@@ -24,6 +24,7 @@ from compplan.io.quantities import (
 from compplan.io.tables import write_text
 from compplan.planning.lost_motion import describe_reversals
 from compplan.planning.notes import describe_causes, mark_slow
+from compplan.planning.posture.costs import ASSUMED
 from compplan.planning.tolerance_verdict import describe_tolerance
 from compplan.process.force_models import name_force_model
 from compplan.reporting.along_path import (
@@ -491,8 +492,7 @@ def _list_uncertainties(choice: PostureSummary) -> str:
     """Say which errors the choice of the posture assumes."""
     if choice.settings.errors is not None:
         return f"posture: chosen for the smallest 95 % band; {choice.settings.errors.source}"
-    uncertainty = choice.settings.uncertainty
     return (
-        f"posture: errors of {100 * uncertainty.wrench:g} % of the wrench and {100 * uncertainty.compliance:g} % of "
+        f"posture: errors of {100 * ASSUMED.wrench:g} % of the wrench and {100 * ASSUMED.compliance:g} % of "
         "the compliances are assumed"
     )

@@ -204,15 +204,20 @@ class CalibrationTable(StrictTable):
     groups: Annotated[int, Field(ge=0, le=1_000_000)]
 
 
-class UnknownTable(StrictTable):
-    """[[unknown]]: parameters of one effect."""
+class EffectPlaceTable(StrictTable):
+    """An effect at a place."""
 
     effect: str = Field(min_length=1)
     joint: str | None = None
     axis: str | None = None
+    fixed: dict[str, Any] = Field(default_factory=dict)
+
+
+class UnknownTable(EffectPlaceTable):
+    """[[unknown]]: parameters of one effect."""
+
     keys: Annotated[Words, Field(min_length=1, max_length=MOST_UNKNOWN)]
     deviation: Annotated[tuple[Annotated[float, Field(ge=0.0)], ...], Field(strict=False)]
-    fixed: dict[str, Any] = Field(default_factory=dict)
     factor: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
 
 
@@ -285,11 +290,11 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
     """Return the text of uncertainty.toml with six digits; trailing zeros of a row are left out."""
     head: dict[str, Any] = {"schema": 1, "grade": uncertainty.grade, "source": uncertainty.source}
     if uncertainty.repeatability is not None:
-        head["repeatability_mm"] = _short(uncertainty.repeatability * 1e3)
+        head["repeatability_mm"] = short(uncertainty.repeatability * 1e3)
     head["unexplained"] = {
-        "rms_mm": _short(uncertainty.unexplained * 1e3), "scale_mm": _short(uncertainty.scale * 1e3)
+        "rms_mm": short(uncertainty.unexplained * 1e3), "scale_mm": short(uncertainty.scale * 1e3)
     }  # fmt: skip
-    head["calibration"] = {"factor": _short(uncertainty.calibration), "groups": int(uncertainty.groups)}
+    head["calibration"] = {"factor": short(uncertainty.calibration), "groups": int(uncertainty.groups)}
     lines, first = [tomli_w.dumps(head)], 0
     shape = uncertainty.factor.shape
     plain = shape[0] == shape[1] and not np.any(uncertainty.factor - np.diag(np.diag(uncertainty.factor)))
@@ -310,7 +315,7 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
     for rival in uncertainty.rivals:
         moved = np.flatnonzero(rival.shift)
         lines += ["[[rival]]", f"explanation = {_quote(rival.explanation)}", f"instead = {_quote(rival.instead)}"]
-        lines += [f"weight = {_short(rival.weight)}", f"parameter = {(moved + 1).tolist()}"]
+        lines += [f"weight = {short(rival.weight)}", f"parameter = {(moved + 1).tolist()}"]
         lines += [f"shift = {_format_row(rival.shift[moved])}", ""]
     return "\n".join(lines)
 
@@ -360,12 +365,13 @@ def _length(row: Array) -> int:
 
 
 def _format_row(values: Array) -> str:
-    return f"[{', '.join(repr(_short(value)) for value in values)}]"
+    return f"[{', '.join(repr(short(value)) for value in values)}]"
 
 
 def _quote(text: str) -> str:
     return tomli_w.dumps({"k": text}).partition(" = ")[2].strip()
 
 
-def _short(value: float) -> float:
+def short(value: float) -> float:
+    """Round a number to the six digits that are written."""
     return float(f"{float(value):.6g}")

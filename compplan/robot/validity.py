@@ -28,13 +28,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 from pydantic import Field
 
 from compplan.errors import InputError
 from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Words, read_toml_model
-
-Array = NDArray[np.float64]
+from compplan.robot.uncertainty import Array, EffectPlaceTable, short
 
 FILE = "visited.toml"
 #: Effects that belong to the tool.
@@ -70,15 +68,11 @@ class ValidityRegion:
         return replace(self, parts=tuple(kept))
 
 
-class ValidityPartTable(StrictTable):
+class ValidityPartTable(EffectPlaceTable):
     """[[part]]: an uncertain part."""
 
-    effect: str = Field(min_length=1)
-    joint: str | None = None
-    axis: str | None = None
     keys: Annotated[Words, Field(min_length=1)]
     value: Numbers
-    fixed: dict[str, Any] = Field(default_factory=dict)
 
 
 class PosesTable(StrictTable):
@@ -140,13 +134,9 @@ def format_visited(visited: ValidityRegion) -> str:
         parts.append({**table, "keys": list(part.keys), "value": part.value.tolist(), **fixed})
     lines = [tomli_w.dumps({"schema": 1, "part": parts}), "[stays]"]
     for name, values in (("joints", visited.q), ("wrench", visited.wrench)):
-        rows = (f"    [{', '.join(_short(v) for v in row)}]," for row in values.tolist())
+        rows = (f"    [{', '.join(repr(short(v)) for v in row)}]," for row in values.tolist())
         lines += [f"{name} = [", *rows, "]"]
     for name, values in (("share", visited.share), ("deviation", visited.deviation)):
-        lines.append(f"{name} = [{', '.join(_short(v) for v in values.tolist())}]")
-    lines.append(f"spread = {_short(visited.spread)}")
+        lines.append(f"{name} = [{', '.join(repr(short(v)) for v in values.tolist())}]")
+    lines.append(f"spread = {short(visited.spread)}")
     return "\n".join(lines) + "\n"
-
-
-def _short(value: float) -> str:
-    return repr(float(f"{value:.6g}"))

@@ -58,10 +58,8 @@ class Surroundings:
     noise: NoiseTable  #: The standard deviations.
     factors: Factors  #: The coordinates of a sample's point.
     wrench: Array  #: Predicted wrench. Shape (6, n). [N, N m]
-    q: Array  #: Commanded joints, for what depends on angle and direction of travel. Shape (nq, n). [rad or m]
-    travel: Array  #: Direction of travel of each joint, -1, 0 or 1. Shape (nq, n).
+    nq: int  #: Number of joints.
     link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s,).
-    n_springs: int  #: Number of elastic coordinates.
     #: Motion of the tip per growth, place of the part, effect and coordinate of the robot. Shape (k, 3, n). [m per m,
     #: rad, 1]
     shift: Array
@@ -92,7 +90,6 @@ def survey_surroundings(
     task: PlanTask, noise: NoiseTable, factors: Factors, force: ForceSpread | None = None
 ) -> Surroundings:
     """Work out what all samples of a task share; `force`: what measured parts said of it."""
-    chain, q = task.chain, task.q_start
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(task.position, axis=0), axis=1))])
     knots = min(int(np.ceil(length[-1] / CORRELATION * KNOTS)) + 2, MOST_KNOTS)
     spacing = max(length[-1], 1e-9) / (knots - 1)
@@ -101,16 +98,14 @@ def survey_surroundings(
         noise=noise,
         factors=factors,
         wrench=np.ascontiguousarray(task.wrench.T),
-        q=np.ascontiguousarray(q.T),
-        travel=find_travel(q).T,
-        link_share=chain.link_share,
-        n_springs=chain.n_springs,
+        nq=task.robot.nq,
+        link_share=task.chain.link_share,
         shift=shift,
         scale=scale,
         knot=np.minimum(length / spacing, knots - 1.000001),
         forget=float(np.exp(-spacing / CORRELATION)),
         repeatability=robot_uncertainty(task.robot).repeatability or 0.0,
-        posterior=take_posterior(task, find_travel(q).T, force),
+        posterior=take_posterior(task, find_travel(task.q_start).T, force),
     )
 
 
@@ -151,7 +146,7 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
     def take(name: str) -> Array:
         return np.ascontiguousarray(normal[:, columns[name]].T)
 
-    factor = np.ones((at.n_springs, len(points)))
+    factor = np.ones((len(at.link_share), len(points)))
     share = np.repeat(at.link_share[:, None], len(points), axis=1)
     unsure = (at.link_share > 0.0) & (at.link_share < 1.0)
     share[unsure] = np.clip(share[unsure] + noise.link_share * take("link_share"), 0.0, 1.0)
@@ -167,8 +162,7 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
     force *= _six(noise.force_noise_N, NOISE_ARM * noise.force_noise_N)
     force += (bias[:6, :, None] * _six(drift, BIAS_ARM * drift)
               + GAIN * bias[6, :, None] * wrench)  # fmt: skip
-    nq, n = at.q.shape
-    zero, drive = np.zeros((nq, len(points))), np.zeros((nq, len(points), n))
+    zero, drive = np.zeros((at.nq, len(points))), np.zeros((at.nq, len(points), at.wrench.shape[1]))
     at.posterior.draw(robot, factor, zero, drive)
     return Cells(
         factor=factor,
@@ -240,7 +234,7 @@ class _Noises:
 
     def encoder(self, side: int) -> Array:
         """Draw the errors of motor-side (0) or link-side (1) encoders. Shape (nq, b, n). [rad]"""
-        return np.radians(ENCODERS[side]) * self.white(_ENCODERS, "encoders", side, len(self.at.q))
+        return np.radians(ENCODERS[side]) * self.white(_ENCODERS, "encoders", side, self.at.nq)
 
 
 @dataclass(frozen=True)

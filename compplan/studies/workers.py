@@ -55,8 +55,6 @@ class Workers:
         if self.workers is not None and self.workers > MOST_WORKERS:
             raise InputError(f"--workers is {self.workers}, at most {MOST_WORKERS}")
         if self.scheduler is not None:
-            from compplan.studies.workers import ask_scheduler
-
             ask_scheduler(self.scheduler)
 
 
@@ -71,13 +69,8 @@ def compute_chunks(study: Study, numbers: list[int], points: Callable[[int], Arr
         return compute_on_cluster(study, numbers, points, workforce.scheduler)
     count = min(workforce.workers or os.cpu_count() or 1, len(numbers))
     if count <= 1:
-        return _compute_here(study, numbers, points)
+        return ((number, evaluate_points(study, points(number))) for number in numbers)
     return _compute_in_processes(study, numbers, points, count)
-
-
-def _compute_here(study: Study, numbers: list[int], points: Callable[[int], Array]) -> Chunks:
-    for number in numbers:
-        yield number, evaluate_points(study, points(number))
 
 
 def _compute_in_processes(study: Study, numbers: list[int], points: Callable[[int], Array], count: int) -> Chunks:

@@ -58,7 +58,8 @@ def robot_uncertainty(robot: Robot) -> Uncertainty:
         check_uncertainty(robot, known)
         if not any(unknown.effect == "tool_frame" for unknown in known.unknowns):
             known = _add(known, _tool())
-        known = replace(known, repeatability=_repeatability(robot, known))
+        stated = (known.repeatability, robot.repeatability, REPEATABILITY)
+        known = replace(known, repeatability=next(value for value in stated if value is not None))
     return known
 
 
@@ -240,13 +241,6 @@ def _drives(robot: Robot) -> list[Unknown]:
 
 def _tool(width: float = TOOL) -> Unknown:
     return Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.full(3, width))
-
-
-def _repeatability(robot: Robot, known: Uncertainty) -> float:
-    for told in (known.repeatability, robot.repeatability):
-        if told is not None:
-            return told
-    return REPEATABILITY
 
 
 def _add(known: Uncertainty, unknown: Unknown) -> Uncertainty:

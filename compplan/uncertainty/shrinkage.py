@@ -105,9 +105,9 @@ def weigh_alternatives(robot: Robot, visited: ValidityRegion, q: Array, wrench: 
     known = robot.uncertainty
     if known is None or not known.rivals:
         return 1.0
-    doubted = {" ".join(part for part in (p.effect, p.joint, p.axis) if part) for p in visited.parts}
+    doubted = {_place(part) for part in visited.parts}
     shifts = np.array([rival.shift for rival in known.rivals])
-    places = [" ".join(part for part in (u.effect, u.joint, u.axis) if part) for u in known.unknowns]
+    places = [_place(unknown) for unknown in known.unknowns]
     of = np.repeat(np.arange(len(places)), [len(u.keys) for u in known.unknowns])
     used = [n for n in range(len(places)) if shifts[:, of == n].any()]
     scene, columns = build_path_model(robot, q, wrench), np.isin(of, used)
@@ -124,7 +124,7 @@ def weigh_alternatives(robot: Robot, visited: ValidityRegion, q: Array, wrench: 
         order = np.argsort(there)
         least = there[order[np.searchsorted(np.cumsum(weights[order]), WORSE)]]
         # what was taken out before is not taken out once more
-        now = [p.value for p in visited.parts if " ".join(w for w in (p.effect, p.joint, p.axis) if w) == cause]
+        now = [part.value for part in visited.parts if _place(part) == cause]
         left = float(np.abs(np.concatenate(now)).max() / np.abs(held).max())
         shares.append(min(float(there @ weights), 2.0 * float(least)) / max(left, ROUNDING))
     return min(max(min(shares), 0.0), 1.0)
@@ -153,8 +153,7 @@ def has_faded(robot: Robot) -> bool:
         return False
     if robot.visited is None:
         return True
-    stated = {repr((p.effect, p.joint, p.axis, p.keys, p.fixed)): p.value for p in own.parts}
-    now = {repr((p.effect, p.joint, p.axis, p.keys, p.fixed)): p.value for p in robot.visited.parts}
+    stated, now = ({_name(part): part.value for part in region.parts} for region in (own, robot.visited))
     return any(not np.allclose(value, stated[key], rtol=1e-9, atol=0.0) for key, value in now.items() if key in stated)
 
 
@@ -165,13 +164,11 @@ def shrink_alike(robot: Robot, faded: Robot) -> Robot:
     """
     if robot.visited is None or not robot.visited.parts:
         return robot
-    parts = faded.visited.parts if faded.visited else ()
-    now = {_name(p.effect, p.joint, p.axis, p.keys, p.fixed): p.value for p in parts}
+    now = {_name(part): part.value for part in (faded.visited.parts if faded.visited else ())}
     for part in robot.visited.parts:
-        key = _name(part.effect, part.joint, part.axis, part.keys, part.fixed)
         size = float(np.abs(part.value).max(initial=0.0))
-        if key in now and size > 0.0:
-            share = float(np.abs(now[key]).max()) / size
+        if _name(part) in now and size > 0.0:
+            share = float(np.abs(now[_name(part)]).max()) / size
             return robot if share >= 1.0 - ROUNDING else keep_share(robot, robot.visited, share)
     return keep_share(robot, robot.visited, 0.0) if faded.visited is None else robot
 
@@ -203,12 +200,11 @@ def _scale_part(robot: Robot, part: ValidityPart, share: float) -> Robot:
 
 def _take_out(known: Uncertainty, parts: tuple[ValidityPart, ...], share: float) -> Uncertainty:
     """Let the second moment of what is unknown grow by the square of a share of some parts."""
-    names = [_name(u.effect, u.joint, u.axis, u.keys, u.fixed) for u in known.unknowns]
+    names = [_name(unknown) for unknown in known.unknowns]
     unknowns, moved = list(known.unknowns), [np.zeros(len(u.keys)) for u in known.unknowns]
     for part in parts:
-        name = _name(part.effect, part.joint, part.axis, part.keys, part.fixed)
-        if name in names:
-            moved[names.index(name)] = share * part.value
+        if _name(part) in names:
+            moved[names.index(_name(part))] = share * part.value
         else:
             zero = np.zeros(len(part.keys))
             unknowns.append(Unknown(part.effect, part.joint, part.axis, part.keys, zero, part.fixed))
@@ -222,5 +218,9 @@ def _take_out(known: Uncertainty, parts: tuple[ValidityPart, ...], share: float)
     return replace(known, unknowns=named, factor=factor, rivals=rivals)
 
 
-def _name(effect: str, joint: str | None, axis: str | None, keys: tuple[str, ...], fixed: object) -> str:
-    return repr((effect, joint, axis, keys, fixed))
+def _name(part: ValidityPart | Unknown) -> str:
+    return repr((part.effect, part.joint, part.axis, part.keys, part.fixed))
+
+
+def _place(part: ValidityPart | Unknown) -> str:
+    return " ".join(word for word in (part.effect, part.joint, part.axis) if word)

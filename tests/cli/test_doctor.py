@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.cli.doctor import examine_installation, examine_log, examine_robot
 from compplan.cli.doctor import installation as installation_module
+from compplan.cli.doctor.installation import examine_installation
+from compplan.cli.doctor.log import examine_log
+from compplan.cli.doctor.robot_folder import examine_robot
 from compplan.errors import InputError
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder

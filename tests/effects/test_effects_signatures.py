@@ -10,13 +10,25 @@ import pytest
 from drawn_campaigns import draw_robot_files, rail_arm
 from scipy.spatial.transform import Rotation
 
-from compplan.effects import EFFECTS, apply_effects, build_model, solve_model_poses
+from compplan.effects import (
+    EFFECTS,
+    Effect,
+    apply_effects,
+    build_model,
+    command_campaign,
+    fold_effects,
+    solve_model_poses,
+)
 from compplan.effects.frame_shift import shift_at
+from compplan.effects.joint_stiffness import signatures
 from compplan.effects.linearization import Linearization, linearize_model
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import spline_at
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot, load_robot
+from compplan.robot.folder import read_robot_folder
+
+FOLLOWS, ZERO, COMPLIANCE = -2.0, 0.3, 1e-6
 
 
 def make_campaign(robot: Robot, seed: int = 3) -> Campaign:
@@ -73,8 +85,14 @@ def worst_disagreement(at: Linearization, signature: Signature) -> float:
 
 
 ROBOT = replace(load_robot("kuka_kr270"), link_elasticities=())
+
+
 AT = make_linearization(ROBOT)
+
+
 EVERY = all_signatures(AT)
+
+
 #: Effects whose signatures depend on slides that have travelled, and on a tool that stands askew.
 OF_SLIDES_AND_TOOLS = ("joint_offset", "link_geometry", "payload", "thermal_drift", "tool_frame")
 
@@ -107,3 +125,105 @@ def test_every_effect_of_the_vocabulary_is_offered_somewhere() -> None:
     without_gravity = make_linearization(replace(ROBOT, gravity=None))
     offered = {s.name for s in [*EVERY, *all_signatures(without_gravity)]}
     assert offered == set(EFFECTS)
+
+
+@pytest.fixture(scope="module")
+def arm() -> Linearization:
+    return make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
+
+
+@pytest.fixture(scope="module")
+def rail(tmp_path_factory: pytest.TempPathFactory) -> Linearization:
+    return make_linearization(draw_robot_files(rail_arm(), tmp_path_factory.mktemp("rail")).robot)
+
+
+def test_behind_link_side_feedback_a_softer_drive_shows_nothing(arm: Linearization) -> None:
+    mode = np.where(np.arange(120) % 2 == 0, "U2", "U1")
+    scene = build_model(arm.robot, replace(make_campaign(arm.robot), mode=mode))
+    at = linearize_model(scene, solve_model_poses(scene))
+    held = at.campaign.link_controlled
+    assert held.sum() == 60
+    for signature in EFFECTS["joint_stiffness"].signatures(at):
+        assert np.isfinite(signature.twist).all() and not signature.twist[held].any()
+        assert signature.twist[~held].any()
+
+
+def test_no_offset_of_a_sensor_is_offered_where_rows_read_exactly_nothing(arm: Linearization) -> None:
+    campaign = make_campaign(arm.robot)
+    for zeros, offered in ((2, True), (3, False)):
+        wrench = campaign.wrench.copy()
+        wrench[:zeros] = 0.0
+        scene = build_model(arm.robot, replace(campaign, wrench=wrench))
+        at = linearize_model(scene, solve_model_poses(scene))
+        assert bool(list(EFFECTS["wrench_bias"].signatures(at))) == offered
+
+
+@pytest.mark.parametrize(
+    ("parameters", "factor", "constant"), [({"zero_m": 0.05}, 1.0, 0.05), ({"reversed": True}, -1.0, 0.0)]
+)
+def test_a_slide_whose_zero_is_moved_or_that_counts_backwards_carries_the_arm_along_its_axis(
+    parameters: dict[str, object], factor: float, constant: float, rail: Linearization
+) -> None:
+    robot = replace(rail.robot, springs=(), link_elasticities=(), gravity=None)
+    slide = next(joint for joint in robot.actuated if joint.kind == "prismatic")
+    q = np.full((2, robot.nq), 0.3)
+    q[:, robot.joint_names.index(slide.name)] = [0.2, -0.4]
+    scene = build_model(robot, command_campaign(q, on_path=False))
+    effect = Effect("joint_coupling", slide.name, None, parameters)
+    moved = solve_model_poses(apply_effects(scene, [effect])).position - solve_model_poses(scene).position
+    before = robot.joints[: robot.joints.index(slide) + 1]
+    assert all(joint.kind == "fixed" for joint in before[:-1])
+    along = np.linalg.multi_dot([np.eye(3), *(joint.placement[:3, :3] for joint in before)]) @ slide.axis
+    travel = np.array([0.2, -0.4])
+    assert moved == pytest.approx(np.outer((factor - 1.0) * travel + constant, along), abs=1e-12)
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Robot:
+    """Two links of a metre each; the second joint follows the first."""
+    (tmp_path / "robot.urdf").write_text(
+        f"""<robot name="pair"><link name="a"/><link name="b"/><link name="c"/><link name="tool0"/>
+        <joint name="one" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+        <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+        <joint name="two" type="revolute"><parent link="b"/><child link="c"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/>
+        <limit lower="-6" upper="6" velocity="1" effort="1"/>
+        <mimic joint="one" multiplier="{FOLLOWS}" offset="{ZERO}"/></joint>
+        <joint name="tip" type="fixed"><parent link="c"/><child link="tool0"/><origin xyz="1 0 0"/></joint></robot>"""
+    )
+    (tmp_path / "elasticity.toml").write_text(
+        f'schema = 1\ntcp = "tool0"\n[[spring]]\njoint = "one"\naxis = "own"\ncompliance = {COMPLIANCE}\n'
+    )
+    return read_robot_folder(tmp_path)
+
+
+def tip(first: float, follower: float) -> np.ndarray:
+    """Return the tip where the first joint and its follower stand at these angles."""
+    return np.array([np.cos(first) + np.cos(first + follower), np.sin(first) + np.sin(first + follower), 0.0])
+
+
+def test_a_follower_follows_the_true_position_of_an_offset_joint(robot: Robot) -> None:
+    offset, q = 0.01, 0.4
+    shifted = fold_effects(robot, [Effect("joint_offset", "one", None, {"offset_rad": offset})])
+    attained = solve_model_poses(build_model(shifted, command_campaign(np.array([[q]]))))
+    true = q + offset
+    np.testing.assert_allclose(attained.position[0], tip(true, ZERO + FOLLOWS * true), atol=1e-12)
+
+
+def test_a_follower_stays_where_its_driver_bends(robot: Robot) -> None:
+    q, force = 0.4, np.array([[0.0, 50.0, 0.0, 0.0, 0.0, 0.0]])
+    attained = solve_model_poses(build_model(robot, command_campaign(np.array([[q]]), force)))
+    bent = float(attained.theta[0, 0])
+    moment = force[0, 1] * attained.position[0, 0]
+    assert bent == pytest.approx(COMPLIANCE * moment, rel=1e-6)
+    np.testing.assert_allclose(attained.position[0], tip(q + bent, ZERO + FOLLOWS * q), atol=1e-12)
+
+
+def test_the_signature_of_a_soft_joint_is_the_derivative_of_the_exact_model(robot: Robot) -> None:
+    force = np.array([[30.0, 50.0, 0.0, 0.0, 0.0, 0.0]] * 3) * np.array([[1.0], [-0.5], [0.2]])
+    scene = build_model(robot, command_campaign(np.array([[0.4], [0.9], [-0.7]]), force))
+    attained = solve_model_poses(scene)
+    (signature,) = signatures(linearize_model(scene, attained))
+    step = 1e-9
+    softer = apply_effects(scene, [Effect("joint_stiffness", "one", None, {signature.keys[0]: step})])
+    slope = (solve_model_poses(softer).position - attained.position) / step
+    np.testing.assert_allclose(signature.twist[:, :3, 0], slope, rtol=2e-3, atol=1e-3)

@@ -11,7 +11,7 @@ from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.errors import InputError
 from compplan.identification import KNOWN_FRAMES, Rows, build_structure
 from compplan.identification.campaign import place_spring
-from compplan.identification.refine import refine_structure
+from compplan.identification.problem import refine_structure
 from compplan.identification.update import find_unexplained
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit.intervals import distance_rms

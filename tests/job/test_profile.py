@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from compplan.api.given import make_post_job
 from compplan.cli.application import main
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.job.profile import apply_profile
-from compplan.reporting.writers.post import make_post_job
 
 
 def write_profile(folder: Path) -> Path:

@@ -15,7 +15,7 @@ from compplan.job.job import check_job
 from compplan.planning.approach import DWELL
 from compplan.planning.checks import run_checks, set_up_bench
 from compplan.planning.feed import time_run
-from compplan.planning.fixed_point import _resolve_starts
+from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.motion_limits import measure_use
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.sampling import measure_between
@@ -345,5 +345,5 @@ def test_a_start_from_rest_is_divided_where_its_acceleration_bends_the_arm_by_mo
             for bias in (load, None)
         )
         bends.append(float(np.linalg.norm(bent - plain)))
-    found = _resolve_starts(replace(task, chord=2.0 * max(bends) / share), options.feed)
+    found = resolve_starts(replace(task, chord=2.0 * max(bends) / share), options.feed)
     assert (len(found) > len(task)) is divided

@@ -17,6 +17,7 @@ from compplan.job.job import check_job, load_job
 from compplan.planning import candidates
 from compplan.planning.candidates import judge_gain
 from compplan.planning.feed import time_run
+from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.lost_motion import describe_reversals, list_reversals
 from compplan.planning.plan import Plan, build_task, plan_job, prepare_job
 from compplan.planning.posture.motion import count_reversals
@@ -158,7 +159,8 @@ def stand(job: str, preset: str) -> tuple[PlanTask, float]:
     """Return the task of a job with the posture of a preset, and how long its run takes."""
     robot, nominal, options = prepare_job(check_job({**JOBS[job], "posture": {"preset": preset}}, "job.toml"))
     task = build_task(robot, nominal, options)
-    return task, float(time_run(task, task.q_start, options.feed)[1].time[-1])
+    driven = resolve_starts(task, options.feed)
+    return task, float(time_run(driven, driven.q_start, options.feed)[1].time[-1])
 
 
 @pytest.mark.parametrize(

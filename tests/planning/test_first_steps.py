@@ -15,7 +15,6 @@ from commandline import run_command
 
 from compplan.io.notes import list_remarks, list_stops
 from compplan.job.job import check_job
-from compplan.planning.deflection import Bending, describe_bending
 from compplan.planning.notes import ask_about_tool, describe_causes, describe_spindle, list_causes
 from compplan.robot import load_robot, robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
@@ -165,10 +164,3 @@ def test_a_cut_that_nothing_turns_the_spindle_for_is_told() -> None:
     assert "never starts the spindle (no M3 or M4)" in describe_spindle(task, job)[0]
     task.nominal.events = (Event(0, "spindle_cw", 9000.0),)
     assert not describe_spindle(task, job) and not describe_spindle(task, check_job({**JOB, "toolpath": "path.csv"}))
-
-
-def test_what_bends_the_arm_stands_in_one_line() -> None:
-    bending = Bending(2e-4, 3.21e-4, 7.3e-4, False, np.zeros(2), "")
-    said = "the arm bends by up to 0.321 mm (weight), 0.2 mm (process force), 0.73 mm (inertia, not compensated)"
-    assert describe_bending(bending) == said
-    assert describe_bending(Bending(0.0, 0.0, np.nan, False, np.zeros(2), "")) == "nothing bends the arm in this model"

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import compplan as cp
+from compplan.api.given import read_part
 from compplan.diagnosis import campaign_diagnosis
 from compplan.errors import InputError
 from compplan.job.job import CollisionTable, check_job
 from compplan.planning.notes import describe_tool_x
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.posture import collision_scene
-from compplan.reporting.writers.post import read_part
 from compplan.statics.chain import locate_frames
 
 PATHS = Path(__file__).parents[2] / "paths"

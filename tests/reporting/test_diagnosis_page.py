@@ -29,6 +29,7 @@ from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
+from tests.reporting.test_report import own_part
 
 SIGMA = 3e-5
 PARAMETERS = {"compliance_change_rad_per_Nm": 2.6e-7}
@@ -79,10 +80,6 @@ def make_shares(soft: float) -> Shares:
         {"joint_3": Share(soft, 0.0, soft), CALIBRATION: Share(0.04, 0.01, 0.06), UNEXPLAINED: nothing},
         {"load": carried, UNEXPLAINED: nothing}, carriers, 0.96 - soft,
     )  # fmt: skip
-
-
-def own_part(html: str) -> str:
-    return re.sub(r'<script type="text/plain" id="plotly-library">.*?</script>', "", html, flags=re.S)
 
 
 def test_the_three_answers_stand_on_top_and_name_place_cause_and_gain(diagnosed: tuple[Any, Split]) -> None:

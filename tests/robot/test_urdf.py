@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.cli.doctor import examine_robot
+from compplan.cli.doctor.robot_folder import examine_robot
 from compplan.errors import InputError
 from compplan.reporting.scenes import UNPAINTED, place_shapes
 from compplan.robot import load_robot

@@ -1,22 +1,49 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from montecarlo_cases import cone_study, cone_task, noise_free_robots
+from scipy.special import ndtr
 
-from compplan.errors import ConvergenceError
+from compplan.effects import solve_model_poses
+from compplan.effects.forward_model import own_springs
+from compplan.errors import ConvergenceError, InputError
+from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable
+from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.posture.settings import PostureSettings
 from compplan.robot import load_robot
+from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
+from compplan.studies import study as judging
 from compplan.studies.kernel import build_kernel, settle_tips
+from compplan.studies.posterior import count_coordinates
 from compplan.studies.sampling import draw_points, sample_robots
-from compplan.studies.study import prepare_study, run_strategy
+from compplan.studies.study import Study, prepare_study, run_strategy
+from compplan.studies.summary import _describe_draws
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import draw_paths, linearise_path
+from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model, vary_model
 
 RNG = np.random.default_rng(11)
+JOB = {
+    "schema": 1,
+    "robot": "kuka_kr270",
+    "toolpath": {"generator": "circle", "radius_mm": 80.0, "feed_mm_s": 20.0, "waypoints": 24},
+    "part": {"position_mm": [1800.0, 0.0, 800.0], "touched_off": False},
+    "process": {"model": "constant", "force_N": [300.0, 200.0, 500.0]},
+    "plan": {"rotate_about_tool_axis": False},
+}
+#: Nothing but the robot is uncertain.
+REST = {
+    "part_frame_mm": 0.0, "part_frame_deg": 0.0, "temperature_K": 0.0, "wrench_level": 0.0, "wrench_path": 0.0,
+    "wrench_direction_deg": 0.0,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["staubli_tx200", "kuka_kr120_r3900", "kuka_kr240_rail", "ur10"])
@@ -95,3 +122,124 @@ def test_every_key_of_the_noise_spreads_what_it_names_by_its_own_size() -> None:
     assert spread(np.linalg.norm(drawn, axis=1) / length - 1.0) == pytest.approx(0.1, rel=0.05)
     across = np.cross(force / length, drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
     assert spread(np.linalg.norm(across, axis=1)) == pytest.approx(np.sqrt(2.0) * 2.0 * degree, rel=0.05)
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    robot, nominal, options = prepare_job(check_job({**JOB, "noise": REST}, "job.toml"))
+    task = build_task(robot, nominal, replace(options, posture=PostureSettings(search=False)))
+    noise = NoiseTable(**REST)
+    return prepare_study(task, noise, ["none"])
+
+
+def tips(study: Study, z: np.ndarray) -> np.ndarray:
+    """Return the tips of robots at coordinates z (b, r), everything else at its mean. Shape (b, n, 3). [m]"""
+    columns = study.surroundings.factors.columns
+    points = np.full((len(z), study.surroundings.factors.size), 0.5)
+    points[:, columns["posterior"]] = ndtr(z)
+    return np.moveaxis(run_strategy(study, "none", sample_robots(study.surroundings, points)), 0, -1)
+
+
+def test_a_drawn_robot_moves_the_tip_as_the_exact_equilibrium_of_its_parameters_does(study: Study) -> None:
+    """Compliances, zeros, lost motion, gear waves, geometry and tool at once, drawn to one standard deviation."""
+    task, known = study.task, robot_uncertainty(study.task.robot)
+    z = np.random.default_rng(2).standard_normal((3, count_coordinates(task.robot)))
+    z[:, known.factor.shape[1] :] = 0.0
+    moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+    rest = solve_model_poses(scene).position
+    for seen, one in zip(moved, z, strict=True):
+        values = known.spread @ one[: known.factor.shape[1]]
+        exact = solve_model_poses(vary_model(scene, known.unknowns, values)).position - rest
+        # a joint that has not moved yet is off by half its lost motion one way or the other: from the first turn on
+        size = np.linalg.norm(exact, axis=1).max()
+        assert np.linalg.norm((seen - exact)[12:], axis=1).max() < 0.05 * size
+
+
+def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_factor_widens_both() -> None:
+    """Folder .7, rival .3: the zero of joint 2 or the length of joint 3; two clouds, three times as far apart."""
+    unknowns = (
+        Unknown("joint_offset", "joint_2", None, ("offset_rad",), np.zeros(1)),
+        Unknown("link_geometry", "joint_3", "tx", ("tx_m",), np.zeros(1)),
+    )
+    shift, own = np.array([4e-4, -6e-4]), np.diag([1e-5, 1e-5]) ** 2
+    unknowns, factor = spread_unknowns(unknowns, own + 0.3 * np.outer(shift, shift))
+    known = Uncertainty("measured", "test", unknowns, factor, rivals=(AlternativeRobot("b", "a", 0.3, shift),))
+    robot, nominal, options = prepare_job(check_job({**JOB, "noise": REST}, "job.toml"))
+    z = np.random.default_rng(1).standard_normal((400, count_coordinates(replace(robot, uncertainty=known))))
+    for factor_on in (1.0, 3.0):
+        armed = replace(robot, uncertainty=replace(known, calibration=factor_on))
+        task = build_task(armed, nominal, replace(options, posture=PostureSettings(search=False)))
+        study = prepare_study(task, NoiseTable(**REST), ["none"])
+        moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
+        scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+        other = (
+            solve_model_poses(vary_model(scene, unknowns, factor_on * shift)).position
+            - solve_model_poses(scene).position
+        )
+        there = np.linalg.norm(moved - other, axis=(1, 2)) < np.linalg.norm(moved, axis=(1, 2))
+        assert there.mean() == pytest.approx(0.3, abs=0.07)
+        assert moved[there].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
+        # the promise draws robots from the same two clouds
+        still = replace(task.robot.uncertainty, repeatability=0.0)
+        sure = ForceSpread(0.0, 0.0, 0.0, "known")
+        drawn = np.moveaxis(draw_paths(linearise_path(scene, still, sure, np.ones(len(task), bool)), still), 2, 0)
+        near = np.linalg.norm(drawn - other, axis=(1, 2)) < np.linalg.norm(drawn, axis=(1, 2))
+        assert near.mean() == pytest.approx(0.3, abs=0.03)
+        assert drawn[near].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
+        assert drawn[~near].std(axis=0).max() < 0.2 * drawn.std(axis=0).max()
+
+
+def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A softer joint 2 under less force: samples stand where the exact equilibrium of both has them."""
+    monkeypatch.setattr("compplan.studies.sampling.ENCODERS", (0.0, 0.0))
+    robot, nominal, options = prepare_job(check_job({**JOB}, "job.toml"))
+    spring = 0.2 * own_springs(robot)[1].compliance
+    soft = Unknown("joint_stiffness", "joint_2", None, ("compliance_change_rad_per_Nm",), np.array([spring]))
+    tool = Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.zeros(3))
+    known = Uncertainty("measured", "test", (soft, tool), np.eye(4))
+    together = np.zeros((4, 4))
+    together[0, 0] = -0.9 * 0.1 * spring
+    force = ForceSpread(0.1, 0.02, 0.0, "process.toml: one part", 0.0, together)
+    options = replace(options, posture=PostureSettings(search=False))
+    task = build_task(replace(robot, uncertainty=known), nominal, options)
+    rest = {key: value for key, value in REST.items() if key not in ("wrench_level", "wrench_direction_deg")}
+    study = prepare_study(task, NoiseTable(**rest), ["none"], force=force)
+    columns = study.surroundings.factors.columns
+    points = np.full((3, study.surroundings.factors.size), 0.5)
+    points[1:, columns["posterior"].start] = ndtr(1.5)  # one deviation and a half softer
+    points[2:, columns["wrench_level"]] = ndtr(1.0)
+    seen = np.moveaxis(run_strategy(study, "none", sample_robots(study.surroundings, points)), 0, -1)
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+    alone = np.sqrt(1.0 - 0.9**2)
+    for row, (softer, level) in enumerate([(0.0, 0.0), (1.5, -0.9 * 1.5), (1.5, -0.9 * 1.5 + alone)]):
+        pushed = apply_wrench_to_model(scene, np.array([level, 0.0, 0.0, 0.0]), force)
+        exact = solve_model_poses(vary_model(pushed, [soft], np.array([softer * spring]))).position - task.position
+        assert seen[row] == pytest.approx(exact, abs=2e-6)
+    assert any("(10%, 1.1 deg) go with the robot: process.toml" in words for words in _describe_draws(study))
+
+
+@pytest.mark.parametrize("key", ["robot", "joint_compliance", "geometry_mm", "backlash_deg", "repeatability_mm"])
+def test_a_spread_of_the_robot_in_the_job_is_refused_in_one_line(key: str) -> None:
+    value = "posterior" if key == "robot" else 0.1
+    with pytest.raises(InputError, match=f"noise.{key} is no longer supported; robots are drawn from the robot folder"):
+        check_job({**JOB, "noise": {key: value}}, "job.toml")
+
+
+def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """q = command + zero + g (drive - motor's encoder) - (1 - g) link's encoder; g is 1 at the motor, 0 at the link."""
+    one = np.ones((2, 1, 3))
+    worker = SimpleNamespace(
+        spring_gain=np.array([1.0, 0.0]), spring_factor=np.ones(1), theta=np.zeros((1, 3)), placements=None,
+        offset=np.zeros((3, 3)), touch=None,
+    )  # fmt: skip
+    cells = SimpleNamespace(
+        zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=2.0 * one, link=0.5 * one, factor=np.ones((1, 1)),
+        link_share=np.zeros((1, 1)),
+        shift=np.zeros((3, 1, 3)), repeat=np.zeros((3, 1)), wrench=np.zeros((6, 1, 3)),
+    )  # fmt: skip
+    asked = []
+    monkeypatch.setattr(judging, "settle_tips", lambda kernel, q, *rest: asked.append(q) or np.zeros((3, 3)))
+    study = SimpleNamespace(kernel=None, nominal=np.zeros((3, 3)), coupling=None)
+    judging._cut_part(study, worker, cells, np.zeros((2, 1, 3)))  # type: ignore[arg-type]
+    assert asked[0][:, 0] == pytest.approx([0.1 + 5.0 - 2.0, 0.2 - 0.5])

@@ -55,11 +55,11 @@ def small_study() -> Study:
 def noise_free_robots(study: Study, compliance: Array, level: Array) -> Cells:
     """Make cells without noise, with all compliances and the wrench times factors. Shape (b,) each."""
     at, b, n = study.surroundings, len(compliance), len(study.task)
-    nq = len(at.q)
+    nq = at.nq
     still, rest = np.zeros((nq, b, n)), np.zeros((3, b, n))
     wrench = at.wrench[:, None, :] * level[:, None]
     return Cells(
-        factor=np.tile(compliance, (at.n_springs, 1)),
+        factor=np.tile(compliance, (len(at.link_share), 1)),
         link_share=np.repeat(at.link_share[:, None], b, axis=1),
         zero=np.zeros((nq, b)),
         drive=still,

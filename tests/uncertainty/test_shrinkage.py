@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +13,30 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 import compplan as cp
 from compplan.diagnosis import diagnose_campaign
 from compplan.effects import Effect, command_campaign, fold_effects, solve_model_poses
+from compplan.effects.linearization import linearize_model
 from compplan.errors import InputError
+from compplan.job.job import Job, check_job
+from compplan.job.loading import load_nominal
 from compplan.learning.transfer import plan_updated
-from compplan.robot import Array, Robot
+from compplan.planning.plan import job_robot, plan_job
+from compplan.planning.posture.choose import choose_posture_path
+from compplan.planning.posture.settings import PostureProblem, read_settings
+from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import read_robot_folder, write_robot_folder
 from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown
 from compplan.robot.validity import FILE, ValidityPart, ValidityRegion
-from compplan.uncertainty.assumed import assume_uncertainty
-from compplan.uncertainty.sensitivities import build_varied_model, measure_slopes, pick_rows
+from compplan.uncertainty.assumed import assume_uncertainty, robot_uncertainty
+from compplan.uncertainty.band import estimate_band
+from compplan.uncertainty.posture_errors import PostureErrors, derive_force, derive_unknowns, posture_errors
+from compplan.uncertainty.sensitivities import (
+    ForceSpread,
+    build_path_model,
+    build_varied_model,
+    measure_force_slopes,
+    measure_slopes,
+    pick_rows,
+    read_force_spread,
+)
 from compplan.uncertainty.shrinkage import keep_share, shrink_alike, shrink_robot
 
 OFFSET = ValidityPart("joint_offset", "joint_2", None, ("offset_rad",), np.array([2e-3]))
@@ -27,6 +44,8 @@ WAVES = ValidityPart(
     "transmission_error", "joint_1", None, ("sine_rad#0", "cosine_rad#0"), np.array([3e-4, 2e-4]),
     {"cycles_per_turn": [1.0]},
 )  # fmt: skip
+Z = 1.959964
+FORCE = ForceSpread(0.1, 0.02, 0.03, "made up")
 
 
 @pytest.fixture(scope="module")
@@ -195,3 +214,93 @@ def test_a_cause_stays_as_far_as_what_a_campaign_cannot_tell_from_it_moves_the_t
         faded, share = shrink_robot(replace(robot, uncertainty=known), path, still)
         assert share == pytest.approx(kept, abs=0.01)
         assert shrink_robot(faded, path, still)[1] == 1.0  # nothing twice
+
+
+def stiffness(joint: str, deviation: float) -> Unknown:
+    return Unknown("joint_stiffness", joint, None, ("compliance_change_rad_per_Nm",), np.array([deviation]))
+
+
+def known_by(*unknowns: Unknown, **more: float) -> Uncertainty:
+    tool = Unknown("tool_frame", None, None, ("tx_m",), np.zeros(1))
+    p = sum(len(unknown.keys) for unknown in unknowns) + 1
+    return Uncertainty("measured", "made up", (*unknowns, tool), np.eye(p), repeatability=0.0, **more)
+
+
+@pytest.mark.parametrize("name", ["kuka_kr270", "staubli_tx200"])
+def test_errors_of_postures_to_first_order_are_the_secants_of_the_exact_equilibrium(name: str) -> None:
+    """Every assumed unknown, one that only a secant tells, and the force: within 3 % of the greatest column."""
+    robot = load_robot(name)
+    errors = PostureErrors(robot, robot_uncertainty(robot), FORCE)
+    some = np.random.default_rng(5)
+    q = 0.5 * (robot.lower + robot.upper) + np.array([0, 0.4, 0.6, 0.2, 0.7, 0.1]) + 0.2 * some.standard_normal((12, 6))
+    wrench = np.tile([300.0, -200.0, 500.0, 5.0, 0, -8.0], (12, 1))
+    hardening = Unknown(
+        "stiffness_nonlinearity", "joint_2", None, ("quadratic_ratio",), np.array([0.02]),
+        {"compliance": 1e-7, "reference_load": 2000.0, "zone_load": 2000.0},
+    )  # fmt: skip
+    unknowns = (*errors.known.unknowns, hardening)
+    scene = build_path_model(robot, q, wrench)
+    at = linearize_model(scene, solve_model_poses(scene))
+    close, exact = derive_unknowns(at, unknowns), measure_slopes(scene, unknowns, np.arange(12))
+    size = np.abs(exact).max(axis=(0, 1))
+    seen = size > 1e-7  # equilibria settle to 1e-12 m, secants over 1e-4 are known to 1e-8
+    assert seen.sum() > 55
+    assert (np.abs(close - exact).max(axis=(0, 1)) < 0.03 * size)[seen].all()
+    shared, local = measure_force_slopes(scene, np.arange(12), FORCE)
+    force = derive_force(at, wrench, FORCE)
+    assert force == pytest.approx(np.concatenate([shared, local], axis=2), abs=0.03 * np.abs(shared).max())
+
+
+JOB: dict[str, Any] = {
+    "schema": 1,
+    "robot": "kuka_kr270",
+    "toolpath": {"generator": "circle", "radius_mm": 60.0, "feed_mm_s": 20.0, "waypoints": 40},
+    "part": {"position_mm": [1900.0, 0.0, 700.0], "touched_off": False},
+    "tool": {"position_mm": [150.0, 0.0, 250.0], "rotation_deg": [0.0, 30.0, 0.0], "mass_kg": 20.0},
+    "process": {"model": "constant", "force_N": [300.0, 400.0, 500.0]},
+}
+
+
+SURE = {"wrench_level": 0.02, "wrench_direction_deg": 0.3, "wrench_path": 0.0}
+
+
+@pytest.mark.parametrize("joint", ["joint_4", "joint_5"])
+def test_a_posture_chosen_for_the_promise_keeps_a_smaller_one_where_one_joint_is_badly_known(joint: str) -> None:
+    """One compliance is known to 50 %, the others to 2 %; the accurate preset counts ten per cent of each."""
+    bands = {}
+    for preset in ("accurate", "error_band"):
+        job = check_job({**JOB, "posture": {"preset": preset}, "noise": SURE}, "job.toml")
+        robot = job_robot(job)
+        own = {spring.joint: spring.compliance for spring in robot.springs if spring.axis == "own"}
+        widths = [stiffness(name, (0.5 if name == joint else 0.02) * value) for name, value in own.items()]
+        bands[preset] = measure_choice(job, replace(robot, uncertainty=known_by(*widths)))
+    assert bands["error_band"] < 0.9 * bands["accurate"]
+
+
+def measure_choice(job: Job, robot: Robot) -> float:
+    """Return the rms of the exact band along the posture that a job's preset chooses."""
+    nominal = load_nominal(job)
+    settings = read_settings(job, robot, posture_errors(job, robot))
+    posture_choice = choose_posture_path(PostureProblem(robot, nominal, job.tool_x_base, settings))
+    scene = build_path_model(robot, posture_choice.q, nominal.wrench)
+    promise = estimate_band(robot, scene, ~nominal.rapid, read_force_spread(job))
+    return float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2)))
+
+
+@pytest.mark.slow
+def test_a_plan_for_the_promise_says_what_it_counts() -> None:
+    few = {**JOB["toolpath"], "waypoints": 12}
+    plan = plan_job(check_job({**JOB, "toolpath": few, "posture": {"preset": "error_band"}}, "job.toml"))
+    posture_choice = plan.task.start.posture_choice
+    assert posture_choice is not None and posture_choice.settings.errors is not None
+    told = posture_choice.describe()
+    assert "assumed" in told["error_band_from"] and "uncertainty_assumed" not in told
+    assert plan.promise is not None
+    # what the search counted is what the plan promises: the rms error, and the quantile over errors and waypoints
+    spread = np.sqrt(np.mean(np.trace(plan.promise.covariance[plan.promise.cut], axis1=1, axis2=2)))
+    assert told["costs"]["sensitivity_rms_mm"] == pytest.approx(1e3 * spread, rel=0.03)
+
+
+def test_presets_that_do_not_exist_are_refused() -> None:
+    with pytest.raises(InputError, match="preset"):
+        check_job({**JOB, "posture": {"preset": "error_bands"}}, "job.toml")

@@ -151,8 +151,8 @@ def run_post(
 
     Example: compplan post part.nc --robot kuka_kr240 --part 1800,0,700 --program krl --out out
     """
+    from compplan.api.given import make_post_job, read_table_of_job
     from compplan.job.output import OutputTable
-    from compplan.reporting.writers.post import make_post_job, read_table_of_job
 
     stated = keep_stated(**of_cam)
     of_file = {**({} if cam is None else read_named_table(cam, "cam")[0]), **stated} if stated else cam
@@ -186,7 +186,7 @@ def _name_option(error: InputError, stands_in: Path) -> InputError:
 
 def _read_part(text: str) -> dict[str, Any]:
     """Read the value of --part: three or six numbers, or a file."""
-    from compplan.reporting.writers.post import read_part, read_table_of_job
+    from compplan.api.given import read_part, read_table_of_job
 
     if Path(text).suffix == ".toml":
         return read_table_of_job("part", text)

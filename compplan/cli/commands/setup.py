@@ -33,7 +33,7 @@ from compplan.robot.rating import Rating
 from compplan.toolpath.readers import find_reader, list_suffixes
 
 if TYPE_CHECKING:
-    from compplan.cli.doctor import Remark
+    from compplan.cli.doctor.installation import Remark
 
 #: Pitch of the example cone that shows what force the arm bears. [mm]
 FEW_TURNS_MM = 5.0
@@ -314,7 +314,9 @@ def run_doctor(target: str | None, robot_name: str | None) -> CommandResult:
 
     Example: compplan doctor measurements.csv --robot ur10
     """
-    from compplan.cli.doctor import examine_installation, examine_log, examine_robot
+    from compplan.cli.doctor.installation import examine_installation
+    from compplan.cli.doctor.log import examine_log
+    from compplan.cli.doctor.robot_folder import examine_robot
 
     _refuse_others(target)
     if target is not None and Path(target).is_file():

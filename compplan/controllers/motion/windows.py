@@ -88,7 +88,6 @@ class PlacedLog:
     rows: NDArray[np.int_]  #: Rows of the log that are placed. Shape (n,).
     places: Places  #: Where they are on the programmed path. Shape (n,).
     programmed: Path  #: The programmed path.
-    ends: Array  #: Length of the programmed path at the end of every move. Shape (moves,). [m]
 
 
 def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
@@ -107,7 +106,7 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
     if usual > OTHER_PROGRAM:
         told = f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program"
         raise InputError(told + _suspect_unit(log.q[rows], robot, arm, programmed, log.time[rows]), file=file)
-    return PlacedLog(log, nodes, rows, places, programmed, programmed.ends)
+    return PlacedLog(log, nodes, rows, places, programmed)
 
 
 def _suspect_unit(q: Array, robot: Robot, arm: Arm, programmed: Path, time: Array) -> str:
@@ -143,7 +142,7 @@ def _divide_rows(trace: PlacedLog) -> list[tuple[int, int]]:
 
 
 def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) -> Window | None:
-    log, ends, feed = trace.log, trace.ends, trace.nodes.instructions.feed
+    log, ends, feed = trace.log, trace.programmed.ends, trace.nodes.instructions.feed
     part = slice(*span)
     s, rows = trace.places.s[part], trace.rows[part]
     speed = np.linalg.norm(_tip_rate(arm, log.q[rows], log.rate[rows]), axis=1)

@@ -126,13 +126,12 @@ def format_job(
     program: Program, name: str, points: list[str], moves: list[str], *, main: bool, parts: Sequence[str] = ()
 ) -> str:
     """Return the file of a job: its head, its positions, its instructions; `main`: with frames, header and footer."""
-    tool = np.eye(4) if program.tool is None else program.tool
     words = {
         "name": name, "count": sum(line.startswith("C") for line in points), "points": points, "main": main,
         "station": program.moves_part,
         "cell": check_cell(program.post, CELL, "INFORM"), "tool_variable": TOOL_VARIABLE,
         "user": "///POSTYPE USER" in points,
-        "frame_variable": FRAME_VARIABLE, "tool": _values(place_numbers(tool, "xyz"), 7),
+        "frame_variable": FRAME_VARIABLE, "tool": _values(place_numbers(program.mounted, "xyz"), 7),
         "base": _values(place_numbers(program.base_frame, "xyz"), 7), "moves": moves, "parts": parts,
         "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
         "mass": "" if program.mass is None else f"{program.mass:.2f}",

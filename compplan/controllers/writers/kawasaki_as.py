@@ -87,7 +87,7 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
         load = f"{program.mass:.3f},{x:.3f},{y:.3f},{z:.3f}"
     tool, base = (
         ",".join(f"{value:.7f}" for value in place_numbers(pose, "ZYZ"))
-        for pose in (np.eye(4) if program.tool is None else program.tool, program.base_frame)
+        for pose in (program.mounted, program.base_frame)
     )
     words = {
         "name": part.name, "parts": [*part.parts], "comments": head_lines(program), "load": load, "accuracy": ACCURACY,

@@ -28,12 +28,11 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if template is None:
         raise InputError("programs 'own' need a template: output.templates own; compplan init template own writes one")
     fitted = program if program.tcp is None or program.form == "joint" else fit_moves(program).program
-    tool = np.eye(4) if program.tool is None else program.tool
     words = {
         "name": legal_name(name_main(program), LONGEST_NAME), "comments": head_lines(program), "cell": program.post,
         "robot": program.robot, "controller": program.controller, "joint_names": list(program.joint_names),
-        "tool": _say_poses(tool[None])[0], "base": _say_poses(program.base_frame[None])[0], "mass_kg": program.mass,
-        "centre_mm": (program.centre * 1e3).tolist(), "moves": _list_moves(fitted),
+        "tool": _say_poses(program.mounted[None])[0], "base": _say_poses(program.base_frame[None])[0],
+        "mass_kg": program.mass, "centre_mm": (program.centre * 1e3).tolist(), "moves": _list_moves(fitted),
         "before": [vars(event) for event in program.events if event.place < 0],
     }  # fmt: skip
     file = folder / f"{words['name']}{Path(template.name.removesuffix('.jinja')).suffix or '.txt'}"

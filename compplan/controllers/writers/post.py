@@ -8,8 +8,9 @@ the controller takes.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -114,27 +115,22 @@ def read_post(language: str) -> str:
     return file.read_text(encoding="utf-8")
 
 
-def to_plain(value: Any) -> Any:
-    """Return a value as tables, lists, text, numbers, truth values and None, all that a template may hold.
+def to_plain(words: Mapping[str, Any]) -> Any:
+    """Return words as tables, lists, text, numbers, truth values and None, all that a template may hold.
 
     The cell's own template file is left out: its path is an object with methods that write files. Other types are
     refused.
     """
-    if value is None or type(value) in (str, int, float, bool):
-        return value
-    if isinstance(value, Post):
-        return {key: to_plain(entry) for key, entry in vars(value).items() if key != "template"}
+    return json.loads(json.dumps(words, default=_flatten))
+
+
+def _flatten(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
-        return to_plain(asdict(value))
+        return {key: entry for key, entry in vars(value).items() if key != "template"}
     if isinstance(value, Mapping):
-        return {str(key): to_plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [to_plain(entry) for entry in value]
+        return dict(value)
     if isinstance(value, np.ndarray | np.generic):
-        return to_plain(value.tolist())
-    for kind in (str, int, float):
-        if isinstance(value, kind):
-            return kind(value)
+        return value.tolist()
     raise TypeError(f"{type(value).__name__} is no plain data for a template")
 
 

@@ -162,6 +162,11 @@ class Program:
         return self.prismatic if self.carries is None else self.prismatic | self.carries
 
     @property
+    def mounted(self) -> Array:
+        """`tool`, or the flange frame itself where there is none. Shape (4, 4) [m]."""
+        return np.eye(4) if self.tool is None else self.tool
+
+    @property
     def base_frame(self) -> Array:
         """Pose of the part frame seen from the frame that the controller counts from (from what carries the part).
 

@@ -145,7 +145,7 @@ def _frame(pose: Array) -> str:
 
 
 def _tool(program: Program) -> str:
-    frame = _frame(np.eye(4) if program.tool is None else program.tool)
+    frame = _frame(program.mounted)
     if program.mass is None:
         return f"[TRUE,{frame},[1,[0,0,1],[1,0,0,0],0,0,0]]"
     centre = ",".join(f"{value:.3f}" for value in program.centre * 1e3)

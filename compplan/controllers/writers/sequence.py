@@ -9,7 +9,7 @@ from pathlib import Path
 from compplan.controllers.writers import WRITERS
 from compplan.controllers.writers.program import Program
 from compplan.controllers.writers.text import legal_name
-from compplan.io.tables import read_text, write_text
+from compplan.io.tables import write_text
 
 #: Letters that a main program adds to the name of the job: _ALL, and _L for linear moves.
 ADDED = 6
@@ -44,16 +44,7 @@ def write_sequence(
 
 
 def _find_entries(files: Sequence[Path]) -> dict[str, str]:
-    """Return the programs of a tool that no other one calls, by the ending that says how they move."""
-    texts = {file.stem: read_text(file) for file in files}
-    called = {
-        stem for stem in texts
-        if any(re.search(rf"(?<!\w){re.escape(stem)}(?!\w)", _body(text)) for own, text in texts.items() if own != stem)
-    }  # fmt: skip
-    entries = [stem for stem in texts if stem not in called]
-    return {found.group() if (found := KINDS.search(stem)) else "": stem for stem in entries}
-
-
-def _body(text: str) -> str:
-    """Return a program without its comments."""
-    return re.sub(r"(?m)(;[^\n]*|^\s*\d*:?\s*!.*|^'.*)$", "", text)
+    """Return the programs of a tool that are no part of another one, by the ending that says how they move."""
+    stems = [file.stem for file in files]
+    parts = {stem for stem in stems for whole in stems if re.fullmatch(rf"{re.escape(whole)}_?\d+", stem)}
+    return {found.group() if (found := KINDS.search(stem)) else "": stem for stem in stems if stem not in parts}

@@ -78,11 +78,10 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if program.tcp is None or program.status is None:
         raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
     fitted, points = fit_moves(program).program, most or FORM.most
-    tool = np.eye(4) if program.tool is None else program.tool
 
     def state_poses(poses: Array) -> Array:
         turned = poses.copy()
-        turned[:, :3, :3] = turned[:, :3, :3] @ tool[:3, :3].T
+        turned[:, :3, :3] = turned[:, :3, :3] @ program.mounted[:3, :3].T
         return place_table(turned, "xyz")
 
     name = FORM.name_program(fitted, points).upper()
@@ -114,13 +113,12 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
 
 
 def _format_program(program: Program, name: str, blocks: Sequence[str]) -> str:
-    tool = np.eye(4) if program.tool is None else program.tool
     words = {
         "name": name, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "SINUMERIK"),
         "mass": "not known" if program.mass is None else f"{program.mass:.3f} kg",
         "rail": bool(program.prismatic.any()),
-        "tool": (np.round(tool[:3, 3] * 1e3, 5) + 0.0).tolist(), "base": place_numbers(program.base_frame, "ZYX"),
-        "blocks": blocks,
+        "tool": (np.round(program.mounted[:3, 3] * 1e3, 5) + 0.0).tolist(), "blocks": blocks,
+        "base": place_numbers(program.base_frame, "ZYX"),
     }  # fmt: skip
     return render_post(program, "sinumerik", words)
 

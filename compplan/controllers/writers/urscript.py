@@ -70,9 +70,7 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
     if program.mass is not None:
         centre = ", ".join(f"{value:.6f}" for value in np.round(program.centre, 6) + 0.0)
         load = f"{program.mass:.3f}, [{centre}]"
-    tool, base = _state_poses(
-        np.stack([np.eye(4) if program.tool is None else program.tool, program.base_frame])
-    ).tolist()
+    tool, base = _state_poses(np.stack([program.mounted, program.base_frame])).tolist()
     words = {
         "name": part.name, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "URScript"),
         "tool": _pose(tool), "base": _pose(base), "load": load,

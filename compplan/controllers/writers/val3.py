@@ -49,15 +49,9 @@ PHRASES = Phrases(
 
 #: Parts are programs of a project.
 FORM = ProgramForm(
-    "val3",
-    "VAL3",
-    PHRASES,
-    lambda poses: place_table(poses, "XYZ"),
-    longest=28,
-    most=5000,
-    numbered=False,
+    "val3", "VAL3", PHRASES, lambda poses: place_table(poses, "XYZ"), longest=28, most=5000, numbered=False,
     newline="\n",
-)
+)  # fmt: skip
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -147,10 +141,7 @@ def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
 def _list_data(part: ProgramPart) -> list[tuple[str, str, list[str]]]:
     """Return name, type and values of the data of a project: points, feeds, tool, part frame, motion descriptors."""
     program, limits = part.program, 'tmax="99999" rmax="99999"'
-    tool, base = (
-        _place(place_numbers(pose, "XYZ"))
-        for pose in (np.eye(4) if program.tool is None else program.tool, program.base_frame)
-    )
+    tool, base = (_place(place_numbers(pose, "XYZ")) for pose in (program.mounted, program.base_frame))
     full = f'accel="100" vel="100" decel="100" {limits}'
     arrays = [
         ("tTool", "tool", [f'{tool} fatherId="flange[0]"']), ("fPart", "frame", [f'{base} fatherId="world[0]"']),

@@ -26,8 +26,7 @@ from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import NAMING, Verdict
 from compplan.diagnosis.search.search import SEARCH, SHIFTS, Claim, Model
 from compplan.diagnosis.search.state import Fit
-from compplan.diagnosis.validation.ambiguity import find_alternatives, is_comparable
-from compplan.diagnosis.validation.probability import MAP
+from compplan.diagnosis.validation.probability import MAP, find_alternatives, is_comparable
 from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model

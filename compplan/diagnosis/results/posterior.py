@@ -26,13 +26,14 @@ from compplan.diagnosis.data.channels import group_poses
 from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, NEGLIGIBLE, SAMPLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION, in_background
 from compplan.diagnosis.evidence.evidence import EVIDENCE
-from compplan.diagnosis.results.verdict import Verdict
+from compplan.diagnosis.results.verdict import Verdict, unname
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState
-from compplan.diagnosis.validation.ambiguity import AlternativeEffect, imitate_claim
 from compplan.diagnosis.validation.held_out import HeldOut, with_claims
+from compplan.diagnosis.validation.probability import AlternativeEffect, imitate_claim
 from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import is_of_instrument
+from compplan.effects.checks import limit_sizes
 from compplan.effects.forward_model import own_springs
 from compplan.effects.signature import Effect, Signature
 from compplan.measurement.distance import calibrate_band
@@ -111,25 +112,28 @@ def state_uncertainty(
     return free_base(fit.problem.robot, stated) if adrift else stated
 
 
-def state_sizes(fit: Fit, named: Sequence[Claim], calibration: float) -> tuple[Uncertainty, set[int]]:
-    """State how surely the sizes of named effects are known where these, and no others, are present.
+def size_named(fit: Fit, verdict: Verdict, calibration: float) -> tuple[Verdict, Uncertainty]:
+    """Give named effects the sizes that they have where these, and no others, are present, and state their covariance.
 
-    `calibration` is the factor of all deviations that makes bands hold poses left out.
-
-    Returns:
-        Their covariance, and the signatures whose 95 % region excludes zero: with values v and covariance C,
-        v^T C^-1 v above the 95 % point of chi-square.
+    Effects whose 95 % region contains zero are named no more: with values v and covariance C, v^T C^-1 v below the 95 %
+    point of chi-square. `calibration` is the factor of all deviations that makes bands hold poses left out.
     """
+    named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
     fitted = with_claims(_with_usual_classes(fit), named, background=True)
     equations, posterior = fitted.search.equations, fitted.model.posterior
+    values, findings, told = posterior.values(equations.p), [], set[int]()
+    for finding in verdict.findings:
+        if finding.signature >= 0:
+            signature, columns = equations.signatures[finding.signature], equations.columns(finding.signature)
+            size = limit_sizes(fit.problem.robot, signature, values[columns] * signature.scale)
+            finding = replace(finding, effect=signature.effect(size))
+            if 2.0 * posterior.loss_without(columns) > calibration**2 * chdtri(len(columns), 1.0 - LEVEL):
+                told.add(finding.signature)
+        findings.append(finding)
     known = _collect(fitted, named, replace(fit.state, values=dict.fromkeys(equations.names, 1.0)))
     unknowns, factor = spread_unknowns(known.unknowns, known.moment)
-    told = set()
-    for claim in named:
-        columns = equations.columns(claim.signature)
-        if 2.0 * posterior.loss_without(columns) > calibration**2 * chdtri(len(columns), 1.0 - LEVEL):
-            told.add(claim.signature)
-    return Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration), told
+    sizes = Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration)
+    return unname(replace(verdict, findings=tuple(findings)), told), sizes
 
 
 def _with_usual_classes(fit: Fit) -> Fit:

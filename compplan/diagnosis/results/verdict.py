@@ -14,12 +14,14 @@ from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
 from compplan.diagnosis.search.search import SEARCH, Claim, Search, distinct_places
 from compplan.diagnosis.search.state import Fit
-from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
 from compplan.diagnosis.validation.bounds import find_breach
 from compplan.diagnosis.validation.held_out import take_out_frames
 from compplan.diagnosis.validation.probability import (
+    BELOW_NOISE,
+    AlternativeEffect,
     Evidence,
     calibrate_probability,
+    find_alternatives,
     rate_similarities,
     rate_spurious_fits,
 )

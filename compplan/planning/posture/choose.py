@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.configuration import MARGIN_SAMPLES, solve_default_posture
-from compplan.planning.posture.costs import Weights, choose_weights
+from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_weights
 from compplan.planning.posture.follow import REACHED, reach_tip_and_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
@@ -90,7 +90,7 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
 def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[PostureSummary, NDArray[np.int_]]:
     """Choose at the given stations; return the posture and the waypoints between where it fails."""
     settings, robot = problem.settings, problem.robot
-    rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step, reconfigure=True)
+    rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step)
     coarse = fill_lattice(problem, stations, build_options(problem, stations))
     travel = settings.motion.stated and settings.preset == "accurate"
     weights = choose_weights(settings.preset, least_level(coarse, rungs), travel=travel)
@@ -152,7 +152,7 @@ def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> Po
     still, posture_choice = replace(still, plain=costs), replace(posture_choice, plain=costs)
     for name, asked in (
         ("limit_distance_deg", np.degrees(settings.limit_margin)),
-        ("dexterity_min", settings.singularity_margin),
+        ("dexterity_min", SINGULARITY_MARGIN),
     ):
         if costs[name] < min(asked, chosen[name]):
             return posture_choice

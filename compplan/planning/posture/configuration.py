@@ -66,7 +66,9 @@ def choose_posture(
     if not reached.any():
         raise InputError(_explain_reach(arm, position, rotation, held, words))
     q = _unwrap(arm, q)
-    q = q + _whole_turns(arm, q, turns, branches[:, slot])
+    sampled = _unwrap(arm, branches[:, slot])  # the whole path may begin a turn away from the sampled one
+    away = np.round((sampled[np.isfinite(sampled[:, 0])][0] - q[reached][0]) / (2 * np.pi)) * 2 * np.pi
+    q = q + turns + np.where(robot.prismatic, 0.0, away)
     q = _fill_missed(arm, q, reached, position, rotation)
     inside = ((q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)).all(axis=1)
     return Posture(q, CONFIGURATIONS[slot], ~(reached & inside))
@@ -127,14 +129,6 @@ def _unwrap(arm: Arm, q: Array) -> Array:
     rows = np.flatnonzero(reached)
     q[np.ix_(rows, turning)] = np.unwrap(q[np.ix_(rows, turning)], axis=0)
     return q
-
-
-def _whole_turns(arm: Arm, q: Array, turns: Array, sampled: Array) -> Array:
-    """Carry the turns chosen for the sampled path to the whole one, which may begin a turn away."""
-    first = _unwrap(arm, sampled)
-    start, begin = first[np.isfinite(first[:, 0])][0], q[np.isfinite(q[:, 0])][0]
-    away = np.round((start - begin) / (2 * np.pi)) * 2 * np.pi
-    return np.asarray(turns + np.where(arm.robot.prismatic, 0.0, away))
 
 
 def _fill_missed(arm: Arm, q: Array, reached: NDArray[np.bool_], position: Array, rotation: Array) -> Array:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from compplan.errors import UnknownNameError
 from compplan.robot import Array
 from compplan.statics.chain import Chain, Frames, jacobian, joint_jacobian, load_elements, locate_frames
 from compplan.statics.quality import natural_length
+from compplan.uncertainty.posture_errors import PostureErrors
 
 CHUNK = 4096
 #: Samples of the errors for a 95 % value; fixed, so that postures compare alike.
@@ -31,26 +32,16 @@ LEAST_LEVEL = 1e-8
 
 @dataclass(frozen=True)
 class ModelScatter:
-    """How well the inputs of a plan are known: one standard deviation each, all errors independent and normal."""
+    """How well the inputs of a plan are known (assumed): one standard deviation each, errors independent and normal."""
 
     wrench: float = 0.1  #: Relative error of each component of the wrench, part axes.
     compliance: float = 0.1  #: Relative error of each elastic coordinate.
 
 
-class ErrorModel(Protocol):
-    """How far the tip of a posture may be off, from more than a few assumed shares: what is known of the robot."""
-
-    @property
-    def source(self) -> str:
-        """Say where it comes from."""
-        ...
-
-    def columns(self, q: Array, wrench: Array) -> Array:
-        """Return the error of the tip by one standard deviation of each cause. Shape (n, 3, errors). [m].
-
-        Infinite where the loaded arm finds no equilibrium. q: shape (n, nq); wrench at the TCP, base axes: (n, 6).
-        """
-        ...
+#: What is assumed where nothing is known.
+ASSUMED = ModelScatter()
+#: Inverse condition number below which a posture counts as singular and costs steeply (assumed).
+SINGULARITY_MARGIN = 0.03
 
 
 @dataclass(frozen=True)
@@ -112,20 +103,15 @@ def choose_weights(preset: str, level: float, *, travel: bool = False) -> Weight
 
 def measure_nodes(
     chain: Chain, q: Array, wrench: Array, *, limits: tuple[Array, Array],
-    uncertainty: ModelScatter | ErrorModel | None = None, axes: Array | None = None, margin: float = np.radians(10.0),
+    uncertainty: ModelScatter | PostureErrors | None = None, axes: Array | None = None,
+    margin: float = np.radians(10.0),
 ) -> NodeCosts:  # fmt: skip
-    """Measure postures q (n, nq) under a wrench (n, 6) on the tool at the TCP, base axes.
+    """Measure postures q (n, nq) [rad or m] under a wrench (n, 6) [N, N m] on the tool at the TCP, base axes.
 
-    Args:
-        chain: The elastic chain.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        wrench: Predicted wrench. Shape (n, 6). [N, N m]
-        limits: Lower and upper joint limits. Shapes (nq,). [rad or m]
-        uncertainty: How well the inputs are known.
-        axes: Axes in whose components the wrench errs, base axes if left out. Shape (3, 3).
-        margin: Distance to a limit from which on it does not count. [rad or m]
+    `limits` are the lower and upper joint limits (nq,), `uncertainty` says how well the inputs are known, `axes` (3, 3)
+    in whose components the wrench errs; a joint farther from its limits than `margin` [rad or m] is not near to them.
     """
-    known = uncertainty or ModelScatter()
+    known = uncertainty or ASSUMED
     n = len(q)
     sensitivity, deviation, dexterity = np.empty(n), np.empty(n), np.empty(n)
     length = natural_length(chain, limits)
@@ -133,7 +119,7 @@ def measure_nodes(
         rows = slice(start, min(start + CHUNK, n))
         frames = locate_frames(chain, q[rows])
         columns = jacobian(chain, frames)
-        plain = known if isinstance(known, ModelScatter) else ModelScatter()
+        plain = known if isinstance(known, ModelScatter) else ASSUMED
         spread, bend = _error_columns(chain, frames, columns, wrench[rows], plain, axes)
         if not isinstance(known, ModelScatter):
             spread = known.columns(q[rows], wrench[rows])
@@ -144,7 +130,7 @@ def measure_nodes(
 
 
 def error_columns(
-    chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter | ErrorModel, axes: Array | None = None
+    chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter | PostureErrors, axes: Array | None = None
 ) -> Array:
     """Return the deviation that one standard deviation of each error leaves. Shape (n, 3, errors). [m]"""
     if not isinstance(uncertainty, ModelScatter):

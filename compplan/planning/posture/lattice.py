@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.planning.posture.costs import measure_nodes
+from compplan.planning.posture.costs import SINGULARITY_MARGIN, measure_nodes
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -54,11 +54,9 @@ class Lattice:
     options: Options  #: What varies.
     q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
     sensitivity: Array  #: Shape (k, g, b). [m]
-    deviation: Array  #: Before compensation. Shape (k, g, b). [m]
     limits: Array  #: Nearness to joint limits. Shape (k, g, b).
     dexterity: Array  #: Shape (k, g, b).
     reason: NDArray[np.int8]  #: Index into `REASONS`. Shape (k, g, b).
-    singularity_margin: float  #: Inverse condition number below which a posture counts as singular. Shape (k, g, b).
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -196,7 +194,7 @@ def fill_lattice(
     words = settings.configuration.items()
     wanted = np.array([all(slot[key] == word for key, word in words) for slot in CONFIGURATIONS])
     reason[(reason == USABLE) & ~wanted[: q.shape[2]]] = NOT_WANTED
-    values = {name: np.full(reached.shape, np.nan) for name in ("sensitivity", "deviation", "limits", "dexterity")}
+    values = {name: np.full(reached.shape, np.nan) for name in ("sensitivity", "limits", "dexterity")}
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(
         problem.chain, q[rows], problem.wrench[stations][rows[0]], limits=arm.robot.arm_limits,
@@ -204,8 +202,8 @@ def fill_lattice(
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)
-    reason[(reason == USABLE) & (values["dexterity"] < settings.singularity_margin)] = SINGULAR
-    return Lattice(stations, options, q, reason=reason, singularity_margin=settings.singularity_margin, **values)
+    reason[(reason == USABLE) & (values["dexterity"] < SINGULARITY_MARGIN)] = SINGULAR
+    return Lattice(stations, options, q, reason=reason, **values)
 
 
 def _wrap_into_limits(q: Array, arm: Arm) -> Array:

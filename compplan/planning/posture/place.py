@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from typing import Any
 
@@ -22,7 +21,6 @@ from compplan.job.frames import PartTable
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.costs import ErrorModel
 from compplan.planning.posture.lattice import USABLE, build_options, fill_lattice, pick_stations
 from compplan.planning.posture.search import measure_rungs
 from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
@@ -30,6 +28,7 @@ from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm
 from compplan.toolpath.toolpath import Toolpath
+from compplan.uncertainty.posture_errors import PostureErrors
 
 #: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
 STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5
@@ -71,7 +70,7 @@ class PlaceResult:
 
 
 def place_part(
-    job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: ErrorModel | None = None,
+    job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: PostureErrors | None = None,
 ) -> PlaceResult:  # fmt: skip
     """Search the place of the part where the table [place] of a job lets it stand.
 
@@ -91,7 +90,11 @@ def place_part(
         cells = np.array(list(product(*axes)))
         bound = rate_places(turned, robot, settings, load_nominal(turned), cells - here)
         ratings.append(Ratings(float(np.radians(turn_deg)), axes, bound.reshape([len(v) for v in axes])))
-    candidates = _best_places(ratings)
+    candidates = sorted(
+        ((float(rating.bound[index]), np.array([axis[i] for axis, i in zip(axes, index, strict=True)]), rating.turn)
+         for rating in ratings for index in zip(*np.nonzero(np.isfinite(rating.bound)), strict=True)),
+        key=lambda entry: entry[0],
+    )  # fmt: skip
     if not candidates:
         raise InfeasibleError(
             "the path is within reach at none of the places; widen [place], or choose a larger robot or another tool",
@@ -100,7 +103,15 @@ def place_part(
     announce("place: refine, and search postures at the best places")
     candidates = [*_refine(job, robot, settings, candidates[:3], axes), *candidates]
     candidates.sort(key=lambda entry: entry[0])
-    search = partial(_search_posture, job, robot, errors)
+
+    def search(place: Array, turn: float) -> PostureSummary | None:
+        moved = _move_job(job, place, turn)
+        own = read_settings(moved, robot, errors)
+        try:
+            return choose_posture_path(PostureProblem(robot, load_nominal(moved), moved.tool_x_base, own))
+        except InfeasibleError:  # nothing leads along the path
+            return None
+
     posture_choice, position, turn = _decide(search, job.place.step_mm, candidates)
     before = search(here, 0.0)
     if before is not None and before.costs[RANK] <= posture_choice.costs[RANK]:
@@ -151,7 +162,7 @@ def rate_places(job: Job, robot: Robot, settings: PostureSettings, nominal: Tool
     coarse = replace(settings, spin_step=SPIN_STEP, held_steps=HELD_STEPS, axes=job.T_base_part[:3, :3])
     problem = PostureProblem(robot, nominal, job.tool_x_base, coarse)
     stations = pick_stations(nominal, STATIONS)
-    share = measure_rungs(nominal, stations, most_step=1.0, reconfigure=False).cut_share
+    share = measure_rungs(nominal, stations, most_step=1.0).cut_share
     stations, share = stations[share > 0], share[share > 0]
     options = build_options(problem, stations)
     bound = np.empty(len(shifts))
@@ -183,16 +194,6 @@ def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
     return axes[0], axes[1], axes[2]
 
 
-def _best_places(ratings: list[Ratings]) -> list[tuple[float, Array, float]]:
-    """List bound, place and turn of the rated places, best first."""
-    found = []
-    for rating in ratings:
-        for index in np.argwhere(np.isfinite(rating.bound)):
-            place = np.array([axis[i] for axis, i in zip(rating.axes, index, strict=True)])
-            found.append((float(rating.bound[tuple(index)]), place, rating.turn))
-    return sorted(found, key=lambda entry: entry[0])
-
-
 def _refine(
     job: Job,
     robot: Robot,
@@ -216,18 +217,6 @@ def _refine(
             step *= 0.5
         refined.append((best, place, turn))
     return refined
-
-
-def _search_posture(
-    job: Job, robot: Robot, errors: ErrorModel | None, place: Array, turn: float
-) -> PostureSummary | None:
-    """Search the posture with the part at a place; None where nothing leads along the path."""
-    moved = _move_job(job, place, turn)
-    settings = read_settings(moved, robot, errors)
-    try:
-        return choose_posture_path(PostureProblem(robot, load_nominal(moved), moved.tool_x_base, settings))
-    except InfeasibleError:
-        return None
 
 
 def _decide(

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.costs import Weights
+from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights
 from compplan.planning.posture.lattice import REASONS, USABLE, Lattice
 from compplan.planning.posture.motion import MotionPrice
 from compplan.robot import Array, Robot
@@ -68,11 +68,11 @@ class Line:
     cost: float  #: Total cost. [mm^2]
 
 
-def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool) -> Rungs:
+def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float) -> Rungs:
     """Measure stations (k,) of a path and the edges between.
 
-    Neighbouring waypoints of a cut allow each joint `most_step` [rad]; rapid moves away from the part may change the
-    configuration with `reconfigure`.
+    Neighbouring waypoints of a cut allow each joint `most_step` [rad]; the configuration may change in rapid moves that
+    neither start nor end at the part.
     """
     cut = np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
     between = np.diff(cut[stations])
@@ -84,12 +84,11 @@ def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: f
     time = np.where(rapid | (nominal.feed[1:] <= 0), 0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9))
     feed_time = np.add.reduceat(np.r_[time, 0.0], stations[:-1]) if len(stations) > 1 else np.zeros(0)
     most = np.minimum(most_step * waypoints, EDGE)
-    if reconfigure:  # in rapid moves that neither start nor end at the part
-        touches = ~nominal.rapid
-        touches[:-1] |= ~nominal.rapid[1:]
-        touches[0] = not nominal.rapid[1] if len(nominal) > 1 else True
-        free = [nominal.rapid[a + 1 : b + 1].all() and not touches[[a, b]].any() for a, b in pairwise(stations)]
-        most = np.where(np.array(free, bool), np.inf, most)
+    touches = ~nominal.rapid
+    touches[:-1] |= ~nominal.rapid[1:]
+    touches[0] = not nominal.rapid[1] if len(nominal) > 1 else True
+    free = [nominal.rapid[a + 1 : b + 1].all() and not touches[[a, b]].any() for a, b in pairwise(stations)]
+    most = np.where(np.array(free, bool), np.inf, most)
     settle = feed_time * LENGTH / np.maximum(between, 1e-9)
     edge = between / max(between.sum(), 1e-300)
     return Rungs(cut_share, spread / max(spread.sum(), 1e-300), sigma, feed_time, most, edge, settle)
@@ -102,7 +101,7 @@ def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
     if weights.dexterity > 0:
         cost = cost + path * weights.dexterity * (0.1 / np.maximum(lattice.dexterity, 1e-3)) ** 2
     if weights.singularity > 0:
-        short = lattice.singularity_margin / np.maximum(lattice.dexterity, 1e-3) - 1.0
+        short = SINGULARITY_MARGIN / np.maximum(lattice.dexterity, 1e-3) - 1.0
         cost = cost + path * weights.singularity * np.maximum(short, 0.0) ** 2
     return np.where(lattice.usable, np.nan_to_num(cost, nan=np.inf), np.inf)
 

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene, read_scene
-from compplan.planning.posture.costs import ErrorModel, ModelScatter
+from compplan.planning.posture.costs import ASSUMED, ModelScatter
 from compplan.planning.posture.motion import MotionFigures, list_plays
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import Arm, build_arm
 from compplan.toolpath.toolpath import Toolpath
+from compplan.uncertainty.posture_errors import PostureErrors
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
@@ -39,31 +40,28 @@ class PostureSettings:
     #: Whether the preset was asked for by name: finished postures are then measured beside those of others.
     compares: bool = False
     #: How well wrench and compliance are known.
-    uncertainty: ModelScatter = field(default_factory=ModelScatter)
     spin_step: float = float(np.radians(5.0))  #: Step of the grid of rotations about the tool axis. [rad]
     lead: float = 0.0  #: How far the tool axis may lean along the travel. [rad]
     lean: float = 0.0  #: How far it may lean across the travel. [rad]
     held_steps: int = 9  #: Grid positions of each extra axis (a rail); of several together at most thrice as many.
     stations: int = 240  #: Waypoints that the graph is built at, at most; those between follow.
-    #: Inverse condition number below which a posture counts as singular and costs steeply.
-    singularity_margin: float = 0.03
     limit_margin: float = float(np.radians(10.0))  #: Distance to a joint limit below which a posture costs. [rad or m]
     #: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
     limit_room: float = float(np.radians(2.0))
     #: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
     most_step: float = float(np.radians(20.0))
     motion: MotionFigures = field(default_factory=MotionFigures)  #: What the motion of joints does to accuracy.
-    #: What the 95 % band knows of the robot, in place of `uncertainty`; None for other presets.
-    errors: ErrorModel | None = None
+    #: What the 95 % band knows of the robot, in place of what is assumed; None for other presets.
+    errors: PostureErrors | None = None
     #: Axes in whose components the wrench errs, as columns in base axes (the part's). Shape (3, 3).
     axes: Array = field(default_factory=lambda: np.eye(3))
     scene: CollisionScene | None = None  #: What may touch what, or None.
     clearance: float = 0.0  #: Distance from part and fixture that is asked for. [m]
 
     @property
-    def known(self) -> ModelScatter | ErrorModel:
+    def known(self) -> ModelScatter | PostureErrors:
         """What the sensitivity counts."""
-        return self.uncertainty if self.errors is None else self.errors
+        return ASSUMED if self.errors is None else self.errors
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,7 @@ class PostureProblem:
         return np.zeros((len(self.nominal), 6)) if wrench is None else wrench
 
 
-def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureSettings:
+def read_settings(job: Job, robot: Robot, errors: PostureErrors | None = None) -> PostureSettings:
     """Take the settings from a job's tables, and for the preset "error_band" what is known of the robot.
 
     A wrench that is given in tool axes would turn with the tool: the rotation then stays where the job has it.

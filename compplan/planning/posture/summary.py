@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.costs import Weights, draw_errors, error_columns, measure_nodes
+from compplan.planning.posture.costs import ASSUMED, Weights, draw_errors, error_columns, measure_nodes
 from compplan.planning.posture.lattice import COLLISION, SINGULAR, USABLE, Lattice, Options
 from compplan.planning.posture.motion import measure_inertia_error, measure_travel_error
 from compplan.planning.posture.search import Line
@@ -73,10 +73,9 @@ class PostureSummary(PostureTrace):
 
     def describe_errors(self) -> dict[str, Any]:
         """Describe for plan.json and place.json what the sensitivity counts."""
-        known, errors = self.settings.uncertainty, self.settings.errors
-        if errors is not None:
-            return {"error_band_from": errors.source}
-        return {"uncertainty_assumed": {"wrench": known.wrench, "compliance": known.compliance}}
+        if self.settings.errors is not None:
+            return {"error_band_from": self.settings.errors.source}
+        return {"uncertainty_assumed": vars(ASSUMED)}
 
     def describe(self) -> dict[str, Any]:
         """Describe the posture for plan.json."""
@@ -133,7 +132,7 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
     chain, robot, nominal, settings = problem.chain, problem.robot, problem.nominal, problem.settings
     nodes = measure_nodes(
-        chain, q, problem.wrench, limits=robot.arm_limits, uncertainty=settings.uncertainty, axes=settings.axes,
+        chain, q, problem.wrench, limits=robot.arm_limits, axes=settings.axes,
         margin=settings.limit_margin,
     )  # fmt: skip
     share = cut_shares(nominal)

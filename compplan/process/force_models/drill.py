@@ -76,10 +76,10 @@ def shape_drilling(found: Engagement, lips: int) -> MillingShape:
     chisel = CHISEL * (1.0 - THINNED)
     push = share @ (length * (1.0 - CHISEL)) + chisel * share[:, middle].mean(axis=1)
     turn = share @ area
-    cutting, constant = np.zeros((len(found), 3, 6)), np.zeros((len(found), 3, 6))
-    cutting[:, 0, 5] = constant[:, 0, 5] = lips * 0.5e-3 * (1e3 * radius) ** 2 * turn
-    cutting[:, 2, 2] = lips * 1e3 * radius * push
-    return MillingShape(cutting, constant, np.zeros((len(found), 6, 6)))
+    straight = np.zeros((len(found), 6, 6))
+    straight[:, 0, 5] = straight[:, 3, 5] = lips * 0.5e-3 * (1e3 * radius) ** 2 * turn
+    straight[:, 2, 2] = lips * 1e3 * radius * push
+    return MillingShape(straight, np.zeros((len(found), 6, 6)))
 
 
 class DrillProcess(CuttingTable):

@@ -28,22 +28,6 @@ from compplan.toolpath.readers.options import CamTable, refuse_unit
 name = "sinumerik"
 suffixes = (".mpf", ".spf", ".arc")
 
-#: What no other language has, and what G-code of others may hold as well.
-SURE = re.compile(
-    r"^[ \t]*%_N_\w+_(MPF|SPF)|^;\$PATH=|\bCYCLE8[0-9]{1,2}\s*\(|\bGOTO[FB][ \t]+\w|\bSUPA\b|\bTRAFOOF\b|"
-    r"^[ \t]*(N\d+[ \t]*)?(TRAORI|STOPRE|A?TRANS|A?ROT|A?MIRROR|A?SCALE|CYCLE832|MCALL)\b(?![ \t]*/)|"
-    r"^[ \t]*(N\d+[ \t]*)?DEF[ \t]+(REAL|INT|BOOL)\b|"
-    r"\bWORKPIECE\s*\(|[XYZIJK]\s*=\s*(AC|IC)\s*\(|^[ \t]*(N\d+[ \t]*)?MSG[ \t]*\(|\bORI(WKS|MKS|AXES|VECT)\b|"
-    r"\b(CR|SPOS|TURN|AR|RND|CHR|CHF|T\d*=\")=|^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=|\b[MS]\d{1,2}=|"
-    r"(?<![.\w])(A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|TRAORI|COMP(ON|OF|CAD|CURV)|FFWO[NF]|SOFTA?|BRISKA?|[US]PATH|CFTCP|MCALL|[ABC]SPLINE|"
-    r"POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|OFFN|CIP|INVCC?W)\b(?![ \t]*/)|"
-    r"\b(CYCLE|POCKET|SLOT|HOLES|LONGHOLE)\d*[ \t]*\(|^[ \t]*(N\d+[ \t]*)?L\d+[ \t]*(P[ \t]*\d+[ \t]*)?$",
-    re.MULTILINE | re.IGNORECASE,
-)
-#: A comment of other dialects in brackets: what a cutter is called there (CR=0) is no word of the program.
-BRACKETED = re.compile(r"(?<![\w=])\((?!\")[^()\n]*\)")
-#: The number of a Fanuc program, which no Sinumerik program has.
-PROGRAM_NUMBER = re.compile(r"^[ \t]*O\d{1,8}\b", re.MULTILINE)
 #: Words that say nothing about the programmed path.
 HARMLESS = frozenset((
     "TRAORI", "TRAFOOF", "STOPRE", "SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "FFWON", "FFWOF", "COMPON", "COMPOF",
@@ -58,6 +42,27 @@ HARMLESS = frozenset((
 ))  # fmt: skip
 #: ... of words with a value.
 VALUES = {"SPOS", "SPOSA", "LIMS", "ADIS", "ADISPOS", "OVR", "OVRA", "ACC", "CTOL", "OTOL", "DISC", "FL"}
+#: Words that change the path or its frame, or call a cycle at every place.
+CHANGING = (
+    r"A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|MCALL|[ABC]SPLINE|POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|OFFN|CIP|"
+    r"INVCC?W"
+)
+KLARTEXT = {"FMAX", "TCPM", "STAY"}
+#: What no other language has, and what G-code of others may hold as well.
+SURE = re.compile(
+    r"^[ \t]*%_N_\w+_(MPF|SPF)|^;\$PATH=|\b(CYCLE|POCKET|SLOT|HOLES|LONGHOLE)\d*[ \t]*\(|\bGOTO[FB][ \t]+\w|\bSUPA\b|"
+    rf"^[ \t/]*([A-Z][ \t]*=?[ \t]*[-+.\d]+[ \t]*)*(?<![.\w])({'|'.join(sorted(HARMLESS - KLARTEXT))}|{CHANGING})\b"
+    r"(?![ \t]*/)|"
+    r"^[ \t]*(N\d+[ \t]*)?DEF[ \t]+(REAL|INT|BOOL)\b|\bWORKPIECE\s*\(|[XYZIJK]\s*=\s*(AC|IC)\s*\(|"
+    r"^[ \t]*(N\d+[ \t]*)?MSG[ \t]*\(|\bORI(WKS|MKS|AXES|VECT)\b|\bTRAFOOF\b|\b(CR|SPOS|TURN|AR|RND|CHR|CHF)=|"
+    r"^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=|\b[MS]\d{1,2}=|\bT\d*[ \t]*=[ \t]*\"|"
+    r"^[ \t]*(N\d+[ \t]*)?L\d+[ \t]*(P[ \t]*\d+[ \t]*)?$",
+    re.MULTILINE | re.IGNORECASE,
+)
+#: A comment, of other dialects in brackets: what a cutter is called there (CR=0) is no word of the program.
+COMMENT = re.compile(r"(?<![\w=])\((?!\")[^()\n]*\)|;(?!\$PATH=)[^\n]*")
+#: The number of a Fanuc program, which no Sinumerik program has.
+PROGRAM_NUMBER = re.compile(r"^[ \t]*O\d{1,8}\b", re.MULTILINE)
 #: Lengths of a motion block; addresses that say nothing of the path.
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
 SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "RNDM", "FA", "DISCL", "FGREF", "TOFFL",
@@ -77,7 +82,7 @@ NO_UNIT = "G70, G71, G700 or G710; the control's own setting is not in the file"
 
 def recognise(text: str) -> int:
     """Tell whether a text is of a Sinumerik control: 1 for G-code of no mark, which the ending decides."""
-    sure = SURE.search(BRACKETED.sub("", text)) is not None and PROGRAM_NUMBER.search(text) is None
+    sure = SURE.search(COMMENT.sub("", text)) is not None and PROGRAM_NUMBER.search(text) is None
     return 2 if sure else int(BEGINNING.search(text) is not None)
 
 
