@@ -127,3 +127,5 @@ def test_a_rail_is_written_in_millimetres_and_the_weight_of_a_mounted_tool_pulls
     bare = replace(load_robot("kuka_kr270"), gravity=None)
     armed = bare.with_tool(np.eye(4), 20.0)
     assert armed.loading_gravity == pytest.approx([0.0, 0.0, -9.81])
+    heavy = replace(bare, gravity=np.array([0.1, 0.0, -9.7]))
+    assert heavy.with_tool(np.eye(4), 20.0).loading_gravity == pytest.approx([0.1, 0.0, -9.7])
