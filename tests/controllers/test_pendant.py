@@ -28,7 +28,6 @@ from compplan.statics.chain import build_chain, locate_frames
 from tests.robot.test_robot_library import turn, walk
 
 X, Y, Z = np.eye(3)
-MAKERS = {"abb", "comau", "doosan", "fanuc", "franka", "kawasaki", "kuka", "staubli", "ur", "yaskawa"}
 
 
 def maker(name: str) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawn_campaigns import REFERENCE_C, Drawn, draw_robot_files, lay_out_rows, rail_arm, turned_arm
-from effect_cases import KEYS, STEP, Place, caused, named
+from effect_cases import KEYS, STEP, caused, named
 from scipy.spatial.transform import Rotation
 
 from benchmarks.campaigns.description import write_robot_folder
@@ -22,15 +22,6 @@ from compplan.measurement.campaign import Campaign
 from compplan.measurement.registration import write_registration
 from compplan.robot.folder import read_robot_folder
 from compplan.simulation.predict import predict_campaign
-
-#: Campaigns that the whole diagnosis has to name, no effect left out.
-NAMED: list[Place] = [
-    ("turned", "wrench_bias", "sensor"),
-    ("turned", "transmission_error", "joint_1"),
-    ("rail", "joint_stiffness", "joint_3"),
-    ("rail", "thermal_drift", "alike"),
-    ("rail", "tool_shift", "row 30"),
-]
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -120,16 +119,6 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Campaign]
 @pytest.fixture(scope="module")
 def narrow(measured: tuple[Robot, Campaign]) -> tuple[Robot, Campaign, Diagnosis]:
     return *measured, diagnose_campaign(*measured)
-
-
-def rivals_of(diagnosis: Diagnosis) -> set[tuple[str, str | None, str | None]]:
-    (finding,) = diagnosis.verdict.findings
-    assert finding.effect.place == OFFSET.place
-    return {rival.place for rival in finding.rivals if rival.alike}
-
-
-def open_proposals(tables: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [table for table in tables if table["kind"] != "none"]
 
 
 def test_moves_stay_within_joint_limits_and_loads(measured: tuple[Robot, Campaign]) -> None:

@@ -15,7 +15,6 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 from compplan.diagnosis import Diagnosis, diagnose_campaign
 from compplan.effects import Effect, build_model, solve_model_poses
 from compplan.robot import Robot
-from compplan.simulation.predict import predict_campaign
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +28,6 @@ def names(diagnosis: Diagnosis) -> list[str]:
 
 def places(diagnosis: Diagnosis) -> list[tuple[str, str | None]]:
     return [(f.effect.name, f.effect.joint) for f in diagnosis.verdict.findings]
-
-
-def fresh_rms(robot: Robot, effects: list[Effect], updated: Robot, **rows: float) -> float:
-    fresh = measure(robot, plan_rows(robot, 99, **rows), effects, 99)  # type: ignore[arg-type]
-    gap = fresh.position - predict_campaign(updated, fresh).position
-    return float(np.sqrt(np.mean(np.sum(gap[~fresh.first_visit] ** 2, axis=1))))
 
 
 def test_trap_1_readings_logged_before_the_arm_stood_still_are_no_backlash(robot: Robot) -> None:

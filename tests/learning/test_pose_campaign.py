@@ -31,7 +31,6 @@ from compplan.learning.design import (
     grade_choice,
     order_poses,
 )
-from compplan.measurement.campaign import Campaign
 from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import CONTACT
 from compplan.measurement.reading import read_campaign
@@ -39,7 +38,6 @@ from compplan.planning.plan import plan_job
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.simulation.predict import predict_campaign
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.uncertainty.assumed import widen_uncertainty
 from compplan.uncertainty.band import linearise_path
@@ -113,20 +111,6 @@ def small_job(tmp_path: Path) -> Path:
     file = tmp_path / "circle.toml"
     file.write_text(text, encoding="utf-8")
     return file
-
-
-def fill(empty: Path, file: Path, robot: Robot) -> None:
-    """Write what an instrument would see of a robot into an empty log."""
-    head, *lines = [line for line in empty.read_text(encoding="utf-8").splitlines() if line[0] != "#"]
-    names, rows = head.split(","), [line.split(",") for line in lines]
-    numbers = {name: [row[k] for row in rows] for k, name in enumerate(names)}
-    q = np.radians(np.array([numbers[f"q{k}_deg"] for k in range(1, 7)], float).T)
-    wrench = np.array([numbers[name] for name in ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")], float).T
-    log = Campaign(run=np.array(numbers["run"]), q=q, wrench=wrench, position=np.zeros((len(q), 3)))
-    at = names.index("x_mm")
-    for row, point in list(zip(rows, predict_campaign(robot, log).position * 1e3, strict=True))[1::2]:
-        row[at : at + 3] = [f"{value:.5f}" for value in point]
-    file.write_text("\n".join([head, *map(",".join, rows)]) + "\n", encoding="utf-8")
 
 
 def test_a_campaign_without_a_load_asks_for_one(small_job) -> None:

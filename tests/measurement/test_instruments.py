@@ -135,11 +135,6 @@ def bar_log(robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float
 LOGS = {"sockets": socket_log, "gauge": gauge_log, "bar": bar_log}
 
 
-def make_sights(kind: int, **fields: Array) -> Observations:
-    given = {"direction": np.full((1, 3), np.nan), "value": np.full(1, np.nan), "origin": np.zeros((1, 3)), **fields}
-    return Observations(kind=np.array([kind]), contact=np.array([0]), names=("a",), **given)
-
-
 def test_a_turned_instrument_reads_along_its_own_axes(robot: Robot, tmp_path: Path) -> None:
     said = "schema = 1\n[instrument]\nposition_mm = [100.0, 0.0, 0.0]\nrotation_deg = [0.0, 0.0, 90.0]\n"
     (tmp_path / "gauge.toml").write_text(said)

@@ -2,7 +2,6 @@
 
 import csv
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +25,6 @@ from compplan.statics.chain import locate_frames
 from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.statics.stiffness import attain_pose
 
-PATHS = Path(__file__).parents[2] / "paths"
 pytestmark = pytest.mark.usefixtures("graph_alone")
 
 

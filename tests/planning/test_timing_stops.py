@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
 
-from compplan.planning.task import PlanTask
 from compplan.planning.timing import (
     FULL_USE,
-    _smooth_run,
     _turn_in_place,
     state_timing,
     time_command,
@@ -20,15 +17,6 @@ from compplan.planning.timing import (
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import select_waypoints
 from tests.planning.test_feed import ROBOT, arc_path, make_task
-
-
-def time_single(window: float, *, follows: bool = False, inertia: bool = False) -> float:
-    """Return how long 3 rad in one move take that are programmed to take 2 s."""
-    task = cast(PlanTask, SimpleNamespace(
-        velocity_limits=np.array([0.8]), acceleration_limits=np.array([2.0]), jerk_limits=None, inertia=inertia,
-        follows_feed=follows, smoothing=window,
-    ))  # fmt: skip
-    return float(_smooth_run(task, np.array([0.0, 2.0]), np.array([[0.0], [3.0]]), None, np.ones(2), window)[0][-1])
 
 
 @pytest.mark.parametrize("rows", [2, 6])

@@ -176,22 +176,3 @@ def test_a_wall_that_the_level_above_cut_is_not_cut_again_by_the_level_below() -
     inside = np.arange(len(top) + 20, len(top) + 100)
     assert found.axial[inside] == pytest.approx(np.full(80, 3e-3), rel=1e-5)
     assert found.section[inside] == pytest.approx(np.full(80, 30e-6), rel=5e-3)
-
-
-def two_passes(given: np.ndarray, lower: float) -> np.ndarray:
-    """Section that the second of two side passes meets along it.
-
-    Args:
-        given: By how much the tool gives way up and aside up to x = 30, over which it comes back to x = 34. Shape (2,).
-        lower: How much lower the second pass is. [mm]
-
-    """
-    x = np.arange(-5.5, 45.5, 1.0)
-    up, aside = (np.interp(x, [30.0, 34.0], [size, 0.0]) for size in given)
-    first = np.column_stack([x, 3.4 + aside, -2.0 + up])
-    second = np.column_stack([x, 1.9 + aside, -2.0 + up - lower])
-    cutting = np.ones(2 * len(x), bool)
-    cutting[len(x)] = False
-    block = build_block(np.array([0.0, -40.0, -30.0]) * 1e-3, np.array([36.0, 0.0, 0.0]) * 1e-3, np.eye(3))
-    found = find_engagement(Cutter(5e-3, 0.03), np.vstack([first, second]) * 1e-3, cutting, block)
-    return found.section[len(x) :][(x > 5.0) & (x < 26.6)] * 1e6  # its front is at 30 then

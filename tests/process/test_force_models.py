@@ -23,7 +23,7 @@ from compplan.process.force_models.isf_regression import (
     steady_axial_force,
 )
 from compplan.toolpath.generators import ConeTable
-from compplan.toolpath.toolpath import Toolpath, divide_toolpath
+from compplan.toolpath.toolpath import divide_toolpath
 from tests.oracles.forces import DrivenRows, read_forces
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples" / "forces").glob("*.toml"))
@@ -39,11 +39,6 @@ def make_job(folder: Path, process: dict, toolpath: str = SLOT):
     data = {"schema": 1, "robot": "staubli_tx200", "toolpath": "path.csv", "process": process,
             "part": {"position_mm": [1500.0, 0.0, 300.0]}}  # fmt: skip
     return check_job(data, folder / "job.toml")
-
-
-def line(feed: float = 0.02) -> Toolpath:
-    position = np.column_stack([np.linspace(0, 0.1, 11), np.zeros(11), np.zeros(11)])
-    return Toolpath(position, np.tile([0.0, 0, 1], (11, 1)), np.full(11, feed), np.zeros(11, bool))
 
 
 SLIDE = "x_mm,y_mm,z_mm,feed_mm_s\n0,20,-1,20\n40,20,-1,20\n"

@@ -61,16 +61,6 @@ def test_the_arm_stands_where_its_source_puts_it_at_zero_and_at_work(name: str) 
     assert frames.tcp_rotation[1, 2, 2] == pytest.approx(-1, abs=2e-3) or name in REDUNDANT
 
 
-def locate_wrist(robot, q: Array) -> Array:
-    """Walk to the origin of joint 5, placements of the folder's URDF only. Shape (n, nq) -> (n, 3)."""
-    position, rotation = np.zeros((len(q), 3)), np.tile(np.eye(3), (len(q), 1, 1))
-    for index, joint in enumerate(robot.actuated[:5]):
-        position = position + rotation @ joint.placement[:3, 3]
-        turns = np.array([turn(joint.axis, angle) for angle in np.unique(q[:, index])])
-        rotation = rotation @ joint.placement[:3, :3] @ turns[np.unique(q[:, index], return_inverse=True)[1]]
-    return position
-
-
 @pytest.mark.parametrize("name", SOURCES)
 def test_limits_are_ordered_and_the_working_posture_comes_back_from_its_pose(name: str) -> None:
     robot, source = load_robot(name), SOURCES[name]

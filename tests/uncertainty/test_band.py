@@ -37,7 +37,6 @@ from compplan.uncertainty.touch_off import TouchedPart
 
 PATHS = Path(__file__).parents[2] / "paths"
 SURE = ForceSpread(0.0, 0.0, 0.0, "known")
-UNSURE = ForceSpread(0.1, 0.02, 0.05, "made up")
 JOB: dict[str, Any] = {
     "schema": 1,
     "robot": "kuka_kr270",
@@ -276,13 +275,6 @@ def test_a_mass_on_a_spring_rings_as_an_integration_in_small_steps_says(
     assert np.abs(found).max() > 1.02 * np.abs(static).max()
     tip = np.abs(more[:, 2]) * np.sign(found - static)
     assert tip == pytest.approx(found - static, abs=2e-3 * np.abs(found).max())
-
-
-def spike(n: int, row: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return even times of one second, and loads of two springs that are nothing but at one row."""
-    load = np.zeros((n, 2))
-    load[row] = 100.0, -50.0
-    return np.linspace(0.0, 1.0, n), load
 
 
 def test_a_nervous_path_moves_no_drive_nervously_and_what_that_leaves_is_in_the_band(tmp_path: Path) -> None:

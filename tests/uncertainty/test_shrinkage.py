@@ -44,7 +44,6 @@ WAVES = ValidityPart(
     "transmission_error", "joint_1", None, ("sine_rad#0", "cosine_rad#0"), np.array([3e-4, 2e-4]),
     {"cycles_per_turn": [1.0]},
 )  # fmt: skip
-Z = 1.959964
 FORCE = ForceSpread(0.1, 0.02, 0.03, "made up")
 
 

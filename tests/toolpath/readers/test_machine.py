@@ -363,15 +363,6 @@ def test_signs_of_one_rank_are_worked_out_from_left_to_right(grammar: Grammar) -
         assert evaluate(text, grammar, lambda name, index: 0.0) == pytest.approx(value), text
 
 
-BLOCKS = [
-    ["N10", "G21", "G90", "G17", "G0", "X1.5", "Y-2", "Z10"], ["N20", "T3", "M6"], ["N30", "S900", "M3", "M8"],
-    ["N40", "G1", "Z-1", "F300"], ["N50", "X20", "Y5.25"], ["N60", "G2", "X30", "Y15.25", "I0", "J10", "F200"],
-    ["N70", "G91", "G1", "X1"], ["N80", "G90", "G3", "X21", "Y15.25", "R10"], ["N85", "G0", "Z10"],
-    ["N90", "G98", "G83", "X5", "Y5", "Z-3", "R2", "Q1.5", "F60"], ["N95", "G80", "G0", "X0"],
-    ["N100", "G28", "G91", "Z0"], ["N110", "G90", "G53", "G0", "Z0"], ["N120", "M5", "M9"], ["N130", "M30"],
-]  # fmt: skip
-
-
 def test_a_machine_by_name_is_its_axes(tmp_path: Path) -> None:
     """A named machine that ships, and a shop's own."""
     file = tmp_path / "part.nc"
