@@ -1,7 +1,4 @@
-"""No number that a command writes changes unmeant: tables and summaries.
-
-What is looked at before a command computes is asked of the same runs.
-"""
+"""No number of tables and summaries changes unmeant; what is checked before a command computes is asked, too."""
 
 from __future__ import annotations
 

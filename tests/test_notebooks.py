@@ -1,7 +1,4 @@
-"""The notebooks: written against the public names and modules, in the order of the manual; slowly, they run.
-
-Each notebook ends in assertions of the numbers that it claims, so that running it is the test.
-"""
+"""The notebooks use public names in the order of the manual; slowly, they run and their closing assertions hold."""
 
 from __future__ import annotations
 

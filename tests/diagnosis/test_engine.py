@@ -129,10 +129,7 @@ def test_every_figure_belongs_to_the_folder_that_is_written(diagnosis: Diagnosis
 
 
 def test_frames_are_fitted_to_the_campaign_around_a_robot_that_never_saw_the_rows(robot: Robot) -> None:
-    """No frame takes anything more of what is left; each row was predicted by frames that other rows were fitted to.
-
-    The frames take nine of the 48 values of sixteen points, six for the base and three for where the target sits.
-    """
+    """No frame takes more of what is left; six of 48 values of 16 points go to the base, three to the target."""
     campaign = measure(robot, plan_rows(robot, 23, poses=16), [SECOND], 23)
     problem = Problem(robot, campaign, ("base", "tool"))
     fit = fit_effects(replace(problem, without=tuple(EFFECTS)), Registration.identity(campaign))

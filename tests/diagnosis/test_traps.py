@@ -1,7 +1,4 @@
-"""Traps that real campaigns contained: each is built, and must not be fallen into.
-
-Those of which tests/support/known_campaigns.py holds a smaller campaign (test_known_truth.py) are slow here.
-"""
+"""Traps of real campaigns, not fallen into; slow where test_known_truth.py holds a smaller campaign of the same."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Where a gap lies: what is named sits at its place, and no joint carries what a sensor or the warmth did.
-
-The robots and logs are MuJoCo's (benchmarks/campaigns): the shares never see who drew the gap.
-"""
+"""What is named sits at its place, and no joint carries what a sensor or the warmth did; MuJoCo draws the logs."""
 
 from __future__ import annotations
 

@@ -35,13 +35,10 @@ def soft_kr270() -> Robot:
     return replace(robot, springs=tuple(springs))
 
 
-def measure(truth: Robot, folder: Path, *, poses: int = 40, seed: int = 1, unloaded: bool = False) -> Path:
+def measure(truth: Robot, folder: Path, *, poses: int = 40, seed: int = 1) -> Path:
     drawn = draw_candidates(truth, poses, seed=seed)
-    q, wrench = drawn.q, drawn.wrench
-    if unloaded:
-        q, wrench = np.vstack([q, q]), np.vstack([wrench, np.zeros_like(wrench)])
     file = folder / "measurements.csv"
-    write_campaign_log(simulate_observations(truth, q, wrench, seed=seed), truth, file)
+    write_campaign_log(simulate_observations(truth, drawn.q, drawn.wrench, seed=seed), truth, file)
     return file
 
 

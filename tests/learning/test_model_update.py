@@ -214,10 +214,7 @@ def test_the_residual_is_taken_off_the_path_and_joints_csv_is_held_against_what_
 
 @pytest.mark.parametrize("measured", ["across", "upwards"])
 def test_the_next_program_does_not_move_where_nothing_was_measured(measured: str, tmp_path: Path) -> None:
-    """A part off by (.25, .15, -.1) mm that no parameter explains, measured across its circle, or upwards alone.
-
-    Around the circle the points across it tell the shift, but at each place nothing was measured along the path.
-    """
+    """A part off by (.25, .15, -.1) mm that no parameter explains, measured across its circle, or upwards alone."""
     text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("radius_mm = 10.0", "radius_mm = 200.0")
     sure = "[noise]\nwrench_level = 0.0\nwrench_direction_deg = 0.0\nwrench_path = 0.0\n"
     (tmp_path / "circle.toml").write_text(f"{text}\n{sure}", encoding="utf-8")

@@ -122,13 +122,7 @@ def _point(values: Array) -> Point:
 
 
 def find_difference(path: Followed, reading: Reading) -> str:
-    """Say in a sentence where a planned path first goes another way than a file; nothing where it does not.
-
-    Args:
-        path: The planned path, waypoints that repeat their predecessor included.
-        reading: The moves of the file.
-
-    """
+    """Say where a planned path, waypoints that repeat included, first goes another way than the moves of a file."""
     rows = [_point(row) for row in path.position]
     rapid = path.rapid.tolist()
     loose = path.corner + BESIDE

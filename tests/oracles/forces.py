@@ -1,7 +1,4 @@
-"""The judge's own reading of a job's process: the wrench on the tool at the feed that is driven.
-
-Written from the job's keys and the rows that are commanded; it shares nothing with `compplan.process.force_law`.
-"""
+"""The wrench of a job at the feed that is driven, from its keys and commanded rows; shares nothing with the package."""
 
 from __future__ import annotations
 
@@ -47,17 +44,7 @@ class DrivenRows:
 
 
 def read_forces(job: Mapping[str, Any], folder: Path, rows: DrivenRows) -> Array | None:
-    """Work out the wrench at every row, or None where the file gives it in a way that is not read here.
-
-    Args:
-        job: The tables of the job as they are written.
-        folder: Folder that file names in it are relative to.
-        rows: What is driven.
-
-    Returns:
-        Base axes, force first. Shape (n, 6). [N, N m]
-
-    """
+    """Work out the wrench at every row, base axes (n, 6) [N, N m], or None where the file gives it another way."""
     process = job.get("process", {"model": "columns"})
     turn = read_part(job.get("part", {})).rotation
     model = process.get("model", "columns")
@@ -123,10 +110,7 @@ def _local(
 
 
 def _speeds(rows: DrivenRows) -> Array:
-    """Return the speed of the wanted tip at each row, by the parabola through its neighbours in time. Shape (n,) [m/s].
-
-    Where a rapid move begins or has ended, that of the move to the row counts.
-    """
+    """Return the speed of the wanted tip by the parabola through its neighbours in time, or of the rapid move. [m/s]"""
     step, way = np.diff(rows.time), np.diff(rows.arc)
     speed = np.divide(way, step, out=np.zeros(len(way)), where=step > 0)
     both = step[:-1] + step[1:]

@@ -15,13 +15,7 @@ NAN = math.nan
 
 
 class CannotTellError(Exception):
-    """What stands here is not known to the second reader; the first one may well read it.
-
-    Args:
-        reason: What it is.
-        line: Line of the file, from 1, or None.
-
-    """
+    """What stands here is not known to the second reader; the first one may well read it."""
 
     def __init__(self, reason: str, line: int | None = None) -> None:
         """Keep what is not known, and where it stands."""
@@ -75,12 +69,7 @@ class Recorder:
             self.notes.append(text)
 
     def finish(self) -> Reading:
-        """Return the moves.
-
-        Raises:
-            CannotTellError: If there is none.
-
-        """
+        """Return the moves; `CannotTellError` if there is none."""
         if not self.rows:
             raise CannotTellError("no move whose end is known")
         table = np.array(self.rows, dtype=float)

@@ -13,13 +13,7 @@ WRENCH = 1e-3
 
 
 def check_plan(plan: cp.Plan, vertices_mm: list[list[float]], feed_mm_s: float) -> tuple[str, ...]:
-    """Say where a plan differs from its job.
-
-    Args:
-        plan: The plan.
-        vertices_mm: Points of the part that the cut passes, from its first to its last.
-        feed_mm_s: Feed of the cut.
-    """
+    """Say where a plan differs from its job: points that the cut passes, from first to last, and its feed."""
     job, task = plan.job, plan.task
     assert job is not None
     tables, found = job.model_dump(by_alias=True, exclude_unset=True), list[str]()

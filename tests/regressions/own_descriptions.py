@@ -35,10 +35,7 @@ SIZES = (
 
 
 def write_package(root: Path, arm: Arm, package: str, model: str, *, xacro: bool, mass: float = 0.0) -> Path:
-    """Write the package of an arm below a folder; return its URDF or xacro file.
-
-    The meshes lie two levels above the URDF: PACKAGE/urdf/MODEL/MODEL.urdf and PACKAGE/meshes/MODEL/visual/link_1.stl.
-    """
+    """Write the package of an arm, meshes two levels above the URDF; return its URDF or xacro file."""
     folder = root / package
     (folder / "urdf" / model).mkdir(parents=True)
     for kind in ("visual", "collision"):

@@ -1,7 +1,4 @@
-"""The robot library stands where the description packages say, reaches as far as the makers say, and is solved back.
-
-The chains of robot_sources.py are walked in plain numpy: no reader or engine of the package has a part in it.
-"""
+"""The library stands where the description packages say, by chains walked in plain numpy, and is solved back."""
 
 from __future__ import annotations
 

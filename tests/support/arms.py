@@ -8,23 +8,9 @@ from compplan.robot import Robot, load_robot
 
 
 def one_joint_arm(
-    folder: Path,
-    length: float = 1.0,
-    compliance: float = 1e-5,
-    mass: float = 0.0,
-    gravity: bool = False,
-    extra: str = "",
+    folder: Path, length: float = 1.0, compliance: float = 1e-5, mass: float = 0.0, extra: str = ""
 ) -> Robot:
-    """Write and load an arm that turns about y at the origin and stretches along x, its mass at the tip.
-
-    Args:
-        folder: Where to write it.
-        length: Length of the arm. [m]
-        compliance: Compliance of its joint. [rad/(N m)]
-        mass: Mass at the tip. [kg]
-        gravity: Whether the weight loads the spring.
-        extra: Further lines of elasticity.toml.
-    """
+    """Write and load an arm of a length [m] along x that turns about y, its mass at the tip; compliance [rad/Nm]."""
     folder.mkdir(parents=True, exist_ok=True)
     inertial = f'<inertial><origin xyz="{length} 0 0"/><mass value="{mass}"/></inertial>' if mass else ""
     (folder / "robot.urdf").write_text(
@@ -35,7 +21,7 @@ def one_joint_arm(
         </robot>""",
         encoding="utf-8",
     )
-    lines = ["schema = 1", 'tcp = "tool0"', *(["gravity = [0.0, 0.0, -9.81]"] if gravity else [])]
+    lines = ["schema = 1", 'tcp = "tool0"']
     if compliance:
         lines += ["[[spring]]", 'joint = "joint_1"', f"compliance = {compliance!r}"]
     (folder / "elasticity.toml").write_text("\n".join([*lines, extra]), encoding="utf-8")

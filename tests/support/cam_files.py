@@ -11,10 +11,7 @@ from compplan.toolpath.readers.options import MachineAxes
 
 
 def read_cam_text(folder: Path, text: str, suffix: str, **options: object) -> CamFile:
-    """Write a CAM file and read it; robot programs hold the tool along z.
-
-    Rotary axes go into a machine beside the file.
-    """
+    """Write a CAM file, its rotary axes as a machine beside it, and read it; robot programs hold the tool along z."""
     file = folder / f"part{suffix}"
     file.write_text(text)
     axes = {key: options.pop(key) for key in MachineAxes.model_fields if key in options}

@@ -65,14 +65,7 @@ def _with_askew_tool(robot: RobotDescription) -> RobotDescription:
 
 
 def lay_out_rows(robot: RobotDescription, seed: int, *, later: bool = False, first_rise: float = 0.0) -> Rows:
-    """Lay out two static runs, every pose unloaded and loaded, and a loaded path; the robot warms up by 8 K.
-
-    Args:
-        robot: The robot.
-        seed: Seed of poses and loads.
-        later: Whether this is a later campaign.
-        first_rise: Temperature above the reference at the first row. [K]
-    """
+    """Lay out two static runs, every pose unloaded and loaded, and a loaded path; it warms by 8 K from a rise [K]."""
     random = np.random.default_rng(seed)
     template = next(t for t in TEMPLATES if t.name == robot.name)
     home, half = np.deg2rad(template.home_deg), np.array([0.9, 0.35, 0.5, 1.3, 0.8, 1.3])
@@ -111,13 +104,7 @@ class Drawn:
         return nominal_scenario(self.description)
 
     def measure(self, real: Scenario, *, rows: Rows | None = None, noise: float = 0.0) -> tuple[Campaign, Reading]:
-        """Measure a real robot: the log as the product reads it, and MuJoCo's own reading.
-
-        Args:
-            real: What MuJoCo moves.
-            rows: The plan; the given one if left out.
-            noise: Standard deviation of the instrument per axis. [m]
-        """
+        """Measure a real robot with noise per axis [m]: the log as the product reads it, and MuJoCo's own reading."""
         rows = self.rows if rows is None else rows
         truth, random = simulate_rows(real, rows), np.random.default_rng(5)
         n = len(rows.q)

@@ -42,11 +42,7 @@ class Field:
 
 
 def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
-    """Draw parameters about the folder's values, as calibrated. Shape (count, p). [SI].
-
-    Where there are rival explanations, each draw takes one of each cause's, or the folder's, by their weights; the rest
-    of the covariance is normal about it.
-    """
+    """Draw parameters about the folder's values, or a rival explanation's, by weight. Shape (count, p). [SI]"""
     random = np.random.default_rng(seed)
     root, shifts = known.split_alternatives()
     values = random.standard_normal((count, root.shape[1])) @ root.T
@@ -75,17 +71,7 @@ def sample_promise(
     scene: ForwardModel, promise: ErrorBand, draws: int, seed: int, most: int = 24, *, true: Uncertainty | None = None,
     hide: Callable[[np.random.Generator], Iterable[Effect]] = lambda random: (),
 ) -> Sampled:  # fmt: skip
-    """Draw robots and forces, solve each exactly, and count how many tips the band holds.
-
-    Args:
-        scene: The robot at all rows of the path.
-        promise: The promise.
-        draws: How many robots.
-        seed: Seed.
-        most: Rows that are looked at, at most.
-        true: What the robots are drawn from; what the promise knows if left out.
-        hide: Draws effects that the promise knows nothing of.
-    """
+    """Draw robots (of `true`) with `hide` unknown to the promise, solve each exactly, count tips in the band."""
     rows, known = pick_rows(promise.cut, most), true or promise.known
     rest = solve_model_poses(select_model_rows(scene, rows)).position
     random = np.random.default_rng(seed + 1)

@@ -1,7 +1,4 @@
-"""A controller of another author: constant speed, corners in which the velocity turns evenly, drives in fine steps.
-
-It shares kinematics with the package and nothing of `compplan.controllers.motion`.
-"""
+"""A controller of another author, none of compplan.controllers.motion: constant speed, corners that turn evenly."""
 
 from __future__ import annotations
 

@@ -14,14 +14,7 @@ from compplan.robot import Robot
 
 
 def write_campaign_log(observations: Campaign, robot: Robot, file: Path, *, decimals: int = 6) -> None:
-    """Write observations as a measurement log of settled poses, one run.
-
-    Args:
-        observations: The rows.
-        robot: The robot: which joints slide.
-        file: The CSV file.
-        decimals: Digits after the point.
-    """
+    """Write observations as a measurement log of settled poses, one run."""
     n = len(observations)
     columns: dict[str, object] = {"run": np.array(["static_1"] * n)}
     if observations.link_controlled.any():

@@ -27,15 +27,7 @@ class Planted(NamedTuple):
 
 
 def plant_robot(folder: Path, seed: int, plant: str | None = None, name: str | None = None) -> Planted:
-    """Write the folder of a shipped arm with one plant, in all links or in one that moves.
-
-    Args:
-        folder: The folder to write.
-        seed: Seed of the draw.
-        plant: One of `PLANTS`; None: in turn.
-        name: The arm; None: drawn.
-
-    """
+    """Write a shipped arm (drawn if None) with one of `PLANTS` (in turn if None), in all links or in one."""
     rng = np.random.default_rng(seed)
     plant = PLANTS[seed % len(PLANTS)] if plant is None else plant
     arms = sorted(robot_folders())

@@ -28,7 +28,6 @@ class Template:
     velocity_deg_s: tuple[float, ...]  #: Velocity limits. [deg/s]
     compliance: tuple[float, ...]  #: Compliance of every joint, 0 where it is taken as rigid. [rad/(N m)]
     masses: tuple[tuple[float, Vector], ...]  #: Mass and centre of every moving link, as assumed. [kg, m]
-    region_deg: tuple[tuple[float, float], ...]  #: Where campaigns place the joints. [deg]
     max_force: float  #: Largest force that campaigns apply. [N]
     tool_z: str  #: Direction of the tool in the flange frame: "x" or "z".
     home_deg: tuple[float, ...]  #: A posture in the middle of the workspace. [deg]
@@ -55,7 +54,6 @@ TEMPLATES: tuple[Template, ...] = (
             (30, (0.03, 0, 0)),
             (12, (0.18, 0, 0)),
         ),
-        ((-132, 132), (25, 124), (-229, -100), (-173, 173), (-108, 108), (-182, 182)),
         1500.0,
         "x",
         (0, 70, -165, 0, 30, 0),
@@ -76,7 +74,6 @@ TEMPLATES: tuple[Template, ...] = (
             (30, (0.03, 0, 0)),
             (12, (0.16, 0, 0)),
         ),
-        ((-132, 132), (-118, -38), (35, 125), (-170, 170), (-108, 108), (-180, 180)),
         1100.0,
         "x",
         (0, -75, 85, 0, 40, 0),
@@ -85,13 +82,7 @@ TEMPLATES: tuple[Template, ...] = (
 
 
 def draw_robot(rng: np.random.Generator, name: str, *, rail: bool = False) -> tuple[RobotDescription, Template]:
-    """Draw a nominal robot: one of the templates with masses, centres and tool of its own.
-
-    Args:
-        rng: Source of randomness.
-        name: Template to take.
-        rail: Whether it rides on a rail, which is then its first joint.
-    """
+    """Draw one of the templates with masses, centres and tool of its own, or on a rail, which is its first joint."""
     template = next(t for t in TEMPLATES if t.name == name)
     total = sum(m for m, _ in template.masses)
     base_mass = round(float(rng.uniform(0.25, 0.4) * total))
