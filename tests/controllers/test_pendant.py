@@ -1,7 +1,6 @@
-"""Tool and part as the teach pendant has them: the maker's flange frame, the makers' angles, frames from points.
+"""Tool and part as the teach pendant has them: flange frame and angles of the maker, frames from points.
 
-Oracles: the chains of robot_sources.py, walked in plain numpy to the package's own tool0 (the all-zero tool), and
-rotations multiplied out here.
+Oracles: the chains of robot_sources.py in plain numpy, and rotations multiplied out here.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Every effect against MuJoCo: signs, axes, frames and sides as contracts and vocabulary say them, on two robots.
-
-Each case puts one effect of known size into MuJoCo's robot, and the same effect with the same sign into the product's
-folder. Both have to see the same positions, orientations and link-side readings to ten nanometres, where the effect
-itself moves the tool by thousands of that. The product's fit then has to find size and sign in the log.
-"""
+"""Every effect against MuJoCo, of known size and sign: the same poses to ten nanometres, then found in the log."""
 
 from __future__ import annotations
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commandline import run_command
 
-from compplan.cli import main
 from compplan.errors import InputError
 from compplan.job.commented_job import write_job_text
 from compplan.job.job import Job, check_job, load_job
@@ -175,11 +175,6 @@ def test_the_commented_job_is_a_job_and_names_every_key() -> None:
 
 def test_init_writes_the_commented_job_and_never_over_a_file(tmp_path: Path, monkeypatch, capsys) -> None:
     file = tmp_path / "new.toml"
-    monkeypatch.setattr("sys.argv", ["compplan", "init", str(file)])
-    with pytest.raises(SystemExit) as done:
-        main()
-    assert done.value.code == 0 and load_job(file).schema_ == 1
-    with pytest.raises(SystemExit) as again:
-        main()
-    assert again.value.code == 2
-    assert "new.toml: exists already" in capsys.readouterr().err
+    assert run_command(["init", file], monkeypatch, capsys).status == 0 and load_job(file).schema_ == 1
+    again = run_command(["init", file], monkeypatch, capsys)
+    assert again.status == 2 and "new.toml: exists already" in again.err

@@ -1,8 +1,6 @@
 """Forces of rounded cutters beside a tooth-by-tooth computation that shares nothing with the package.
 
-The edge of a tooth is divided into short pieces and its turn into small steps. Of each piece the chip is the distance,
-along the inward normal, to the body that the tooth before it turned in, one feed back. Where the piece stands in the
-stock and its chip is thicker than zero the mechanistic law acts on it.
+A chip is the distance along the inward normal to the body that the tooth before turned in, one feed back.
 """
 
 from __future__ import annotations

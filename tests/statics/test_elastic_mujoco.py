@@ -1,8 +1,4 @@
-"""An independent check: MuJoCo's rigid bodies, hinges and springs give the same deflection as the elastic chain.
-
-MuJoCo sees a tree of bodies in which every spring is a hinge or slide with a stiffness. Its own kinematics, gravity,
-spring forces and applied wrench are brought to rest; nothing of the chain's formulas takes part.
-"""
+"""MuJoCo's rigid bodies, hinges and springs at rest give the same deflection as the elastic chain."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Campaigns without noise that MuJoCo draws of robots with one thing wrong, and the product's view of the same log.
-
-The truth comes from `benchmarks.campaigns`, which shares no code with the product: its own URDF reader, MuJoCo's rigid
-bodies. The product sees files alone: a robot folder and a measurement log.
-"""
+"""Logs without noise that MuJoCo draws of robots with one thing wrong; the product sees folder and log alone."""
 
 from __future__ import annotations
 

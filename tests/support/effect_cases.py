@@ -1,8 +1,4 @@
-"""Every effect of the vocabulary, said twice: as MuJoCo's robot has it, and as the product's folder states it.
-
-Parameters follow contracts and vocabulary: true minus reading for a zero, reported minus true for a sensor, base axes
-for base and instrument, TCP axes for tool and sensor, parent axes for an origin, child axes for a bending link.
-"""
+"""Every effect, said twice: as MuJoCo's robot has it, and as the product's folder states it, by the contracts."""
 
 from __future__ import annotations
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cam_files import ends
+from commandline import run_command
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compplan.cli import main
 from compplan.errors import InputError
 from compplan.toolpath.readers import CamTable, read_cam
 from compplan.toolpath.reading import read_toolpath
@@ -39,13 +39,6 @@ def test_inches_scale_lengths_and_feeds(read) -> None:
         assert cam.toolpath.feed[-1] == pytest.approx(0.0254)
 
 
-def test_a_unit_that_is_not_stated_is_asked_for(read) -> None:
-    assert ends(read("G0 X0 Y0 Z0\nG1 X1 F60\n", unit="inch"))[-1] == [25.4, 0, 0]
-    assert ends(read("G0 X0 Y0 Z0\nG1 X1 F60\n", unit="mm"))[-1] == [1, 0, 0]
-    with pytest.raises(InputError, match=r"part\.nc:2: no unit of length is stated"):
-        read("G0 X0 Y0 Z0\nG1 X1 F60\n")
-
-
 def test_incremental_moves_count_from_where_the_tool_is(read) -> None:
     assert ends(read("G21 G0 X1 Y1 Z0\nG91 G1 X2 F10\nX2\nG90 X0\n")) == [[1, 1, 0], [3, 1, 0], [5, 1, 0], [0, 1, 0]]
 
@@ -70,13 +63,6 @@ def test_arcs_have_their_length_in_every_plane_and_form(read, plane: str, text: 
     assert cam.facts.arcs == 1
     assert cam.facts.cutting_length_mm == pytest.approx(length)
     assert cam.toolpath.cutting_length * 1e3 == pytest.approx(length, rel=1e-4)
-
-
-def test_a_clockwise_arc_bends_to_the_right(read) -> None:
-    right = read("G21 G0 X0 Y0 Z0\nG1 Y1 F9\nG2 X1 Y2 I1 J0\n")
-    left = read("G21 G0 X0 Y0 Z0\nG1 Y1 F9\nG3 X-1 Y2 I-1 J0\n")
-    assert right.facts.cutting_length_mm == pytest.approx(1 + np.pi / 2)
-    assert left.facts.cutting_length_mm == pytest.approx(1 + np.pi / 2)
 
 
 @given(
@@ -269,26 +255,12 @@ def test_long_programs_take_time_in_proportion(read) -> None:
     assert times[1] < 8 * 3 * times[0]
 
 
-def run(monkeypatch, *arguments: str) -> int:
-    monkeypatch.setattr("sys.argv", ["compplan", "convert", *arguments])
-    with pytest.raises(SystemExit) as done:
-        main()
-    return int(done.value.code or 0)
-
-
 def test_convert_writes_the_table_and_prints_the_facts(tmp_path: Path, monkeypatch, capsys) -> None:
     out = tmp_path / "path.csv"
-    assert run(monkeypatch, str(SHIPPED), "--out", str(out), "--from", "0,0,0") == 0
-    assert "cutting moves   2376, 661.800 mm" in capsys.readouterr().out
+    words = ["convert", SHIPPED, "--out", out, "--from", "0,0,0"]
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 0 and "cutting moves   2376, 661.800 mm" in done.out
     assert read_toolpath(out).cutting_length == pytest.approx(0.6618, rel=1e-4)
-    assert run(monkeypatch, str(SHIPPED), "--out", str(out), "--from", "0,0,0", "--max-step-mm", "0.1", "--json") == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["cutting_moves"] == 2376 and facts["waypoints"] == len(read_toolpath(out)) > 6000
-
-
-def test_convert_leaves_nothing_behind_a_bad_file(tmp_path: Path, monkeypatch, capsys) -> None:
-    (tmp_path / "bad.nc").write_text("G21 G0 X0 Y0 Z0\nG2 X1 F9\n")
-    assert run(monkeypatch, str(tmp_path / "bad.nc"), "--out", str(tmp_path / "path.csv")) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ") and "bad.nc:2: arc has neither" in error and error.count("\n") == 1
-    assert not (tmp_path / "path.csv").exists()
+    done = run_command([*words, "--max-step-mm", "0.1", "--json"], monkeypatch, capsys)
+    facts = json.loads(done.out)
+    assert done.status == 0 and facts["cutting_moves"] == 2376 and facts["waypoints"] == len(read_toolpath(out)) > 6000

@@ -66,11 +66,6 @@ def test_moves_in_machine_coordinates_are_never_waypoints(read) -> None:
     assert ends(cam) == [[0, 0, 10], [0, 0, -2], [20, 0, -2], *up, [5, 5, 8], [5, 5, 50]]
 
 
-def test_a_cut_that_begins_where_only_the_machine_knows_is_refused(read) -> None:
-    with pytest.raises(InputError, match=r"part.h:6: a cut begins where Z of the tool is not known"):
-        read(close("L Z-1 R0 FMAX M91\nL X+5 Y+5 FMAX\nL Z-2 F100"))
-
-
 ARCS = {
     "about a centre": ("L X+10 F600\nCC X+10 Y+10\nC X+20 Y+10 DR+", [20, 10, 10], math.pi / 2 * 10),
     "the long way": ("L X+10 F600\nCC X+10 Y+10\nC X+20 Y+10 DR-", [20, 10, 10], 1.5 * math.pi * 10),

@@ -44,13 +44,6 @@ def test_home_in_absolute_coordinates_goes_through_its_point(read) -> None:
     assert rows(read(HEAD + "G1 Z-1 F9\nG28 Z12\nG0 X1 Y1 Z12\nG1 Z0\n", ".nc"))[2] == (0, 0, 12, 1)
 
 
-def test_a_cut_from_the_machines_home_is_refused(read) -> None:
-    with pytest.raises(InputError, match=r"part.nc:4: a cut begins where Z of the tool is not known"):
-        read("G21 G90 M3 S900\nG28 G91 Z0\nG90 G0 X0 Y0\nG1 Z-1 F60\nX5\n", ".nc")
-    with pytest.raises(InputError, match=r"part.nc:5: a cut begins where Z of the tool is not known"):
-        read(HEAD + "G28 G91 Z0\nG90\nG2 X10 R5 F60\n", ".nc")
-
-
 @pytest.mark.parametrize(
     "code", ["M205 X8 Y8", "M201 X500 Y500 Z12 E120", "M92 X80 Y80 Z400 E93", "M203 X200 Y200", "M900 K0.2",
              "M566 X480 Y480 Z24", "M204 P800 R1500 T1500", "M104 S215", "M106 S255", "X8 Y8 M205", "M117 Layer X8 Y8",
