@@ -16,6 +16,7 @@ import compplan as cp
 from compplan.simulation.exact_model import read_exact_robot
 
 ROOT = Path(__file__).parents[2]
+GOOD = ROOT / "tests" / "bad_inputs" / "good"
 JOB = """schema = 1
 name = "job"
 robot = "{robot}"
@@ -83,29 +84,17 @@ def test_a_plan_that_is_not_confirmed_says_why_and_what_is_next(
         assert "campaign" not in told and "Measure the robot" not in told, told
 
 
-CIRCLE_AT_J5 = """schema = 1
-name = "circle"
-robot = "fanuc_m10ia"
-toolpath = { generator = "circle", radius_mm = 120.0, feed_mm_s = 100.0, waypoints = 40 }
-[part]
-position_mm = [1107.379771487231, 333.5690009526589, 1071.3402924623526]
-rotation_deg = [28.59656784745332, -77.0481077999807, 3.590332760943537]
-[process]
-model = "constant"
-force_N = [0.0, 0.0, -100.0]
-frame = "base"
-[plan]
-start_deg = [16.8, 23.9, 14.3, 0.0, 0.0, -17.3]
-tolerance_mm = 10.0
-[output]
-programs = ["fanuc_ls"]
-"""
+#: Where J5 of a FANUC M-10iA passes 0 within the circle.
+AT_J5 = {"position_mm": [1107.379771487231, 333.5690009526589, 1071.3402924623526],
+         "rotation_deg": [28.59656784745332, -77.0481077999807, 3.590332760943537]}  # fmt: skip
 
 
 def test_a_circle_through_a_wrist_singularity_is_written_with_a_joint_move_and_confirmed(tmp_path: Path) -> None:
     """J5 passes 0 within the cut: the program swings over by a joint move at the speed of the plan."""
-    (tmp_path / "job.toml").write_text(CIRCLE_AT_J5)
-    plan = cp.plan(tmp_path / "job.toml", out=tmp_path / "out")
+    circle = '{ generator = "circle", radius_mm = 120.0, feed_mm_s = 100.0, waypoints = 40 }'
+    job = write_job(tmp_path, robot="fanuc_m10ia", toolpath=circle, more='[output]\nprograms = ["fanuc_ls"]')
+    search = {"strategy": "nlp", "rotate_about_tool_axis": True, "start_deg": [16.8, 23.9, 14.3, 0.0, 0.0, -17.3]}
+    plan = cp.plan(job, part=AT_J5, plan=search, out=tmp_path / "out")
     assert plan.status == "solved", plan.explain_failures()
     program = (tmp_path / "out" / "JOB_L.LS").read_text()
     swing = program[program.index("!the configuration changes") :].splitlines()[1]
@@ -190,22 +179,8 @@ G1 Z-1 F300
 G0 Z5
 M30
 """
-POCKET_JOB = """schema = 1
-name = "pocket"
-robot = "kuka_kr240"
-toolpath = "pocket.nc"
-[part]
-position_mm = [1700.0, 0.0, 900.0]
-[process]
-model = "end_mill"
-diameter_mm = 6.0
-teeth = 2
-spindle_rpm = 12000.0
-material = "al6082_t6"
-stock = { block_mm = [[-30.0, -30.0, -10.0], [30.0, 30.0, 0.0]] }
-[plan]
-tolerance_mm = 0.5
-"""
+END_MILL = {"model": "end_mill", "diameter_mm": 6.0, "teeth": 2, "spindle_rpm": 12000.0, "material": "al6082_t6",
+            "stock": {"block_mm": [[-30.0, -30.0, -10.0], [30.0, 30.0, 0.0]]}}  # fmt: skip
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -214,8 +189,8 @@ tolerance_mm = 0.5
 )
 def test_a_pass_without_area_is_planned(cuts: str, tmp_path: Path) -> None:
     (tmp_path / "pocket.nc").write_text(POCKET.format(cuts=cuts))
-    (tmp_path / "job.toml").write_text(POCKET_JOB)
-    plan = cp.plan(tmp_path / "job.toml", plan={"rotate_about_tool_axis": False})
+    search = {"tolerance_mm": 0.5, "rotate_about_tool_axis": False}
+    plan = cp.plan(tmp_path / "pocket.nc", robot="kuka_kr240", part=(1700, 0, 900), process=END_MILL, plan=search)
     assert plan.status == "solved", plan.explain_failures()
 
 
@@ -310,7 +285,7 @@ def test_an_instrument_that_cannot_be_is_refused(key: str, tmp_path: Path, monke
 def test_nonsense_in_a_table_is_refused_in_one_line(
     file: str, old: str, new: str, told: str, tmp_path: Path, monkeypatch, capsys
 ) -> None:
-    shutil.copytree(ROOT / "tests" / "bad_inputs" / "good", tmp_path / "good")
+    shutil.copytree(GOOD, tmp_path / "good")
     text = (tmp_path / "good" / file).read_text()
     assert old in text
     (tmp_path / "good" / file).write_text(text.replace(old, new))
@@ -320,16 +295,12 @@ def test_nonsense_in_a_table_is_refused_in_one_line(
 
 
 def test_a_trace_in_radians_is_not_read_as_degrees(tmp_path: Path, monkeypatch, capsys) -> None:
-    good = ROOT / "tests" / "bad_inputs" / "good"
-    head, *rows = (good / "executed.csv").read_text().splitlines()
+    head, *rows = (GOOD / "executed.csv").read_text().splitlines()
     turned = [[row.split(",")[0], *(f"{float(q) / 57.29577951308232:.7f}" for q in row.split(",")[1:])] for row in rows]
     (tmp_path / "log.csv").write_text("\n".join([head, *map(",".join, turned)]) + "\n")
-    words = ["trace", tmp_path / "log.csv", "--program", good / "program.csv", "--robot", "ur10", "--out"]
+    words = ["trace", tmp_path / "log.csv", "--program", GOOD / "program.csv", "--robot", "ur10", "--out"]
     done = run_command([*words, tmp_path / "out"], monkeypatch, capsys)
     assert done.status == 2 and "log.csv" in done.err and done.err.count("\n") == 1, done.out + done.err
-
-
-GOOD = ROOT / "tests" / "bad_inputs" / "good"
 
 
 @pytest.mark.parametrize("line", ["learn job.toml measured.csv --robot robot", "campaign job.toml --poses 3"])
@@ -342,16 +313,8 @@ def test_a_standard_deviation_below_a_nanometre_is_refused_on_the_command_line(l
 
 def test_a_standard_deviation_below_a_nanometre_is_refused_in_measured_points(monkeypatch, capsys, tmp_path) -> None:
     (tmp_path / "measured.csv").write_text("x_mm,y_mm,z_mm,sigma_mm\n0,0,0,0.02\n1,0,0,1e-300\n")
-    words = [
-        "learn",
-        GOOD / "job.toml",
-        tmp_path / "measured.csv",
-        "--robot",
-        GOOD / "robot",
-        "--out",
-        tmp_path / "out",
-    ]
-    done = run_command(words, monkeypatch, capsys)
+    words = ["learn", GOOD / "job.toml", tmp_path / "measured.csv", "--robot", GOOD / "robot"]
+    done = run_command([*words, "--out", tmp_path / "out"], monkeypatch, capsys)
     assert done.status == 2 and "measured.csv:3: sigma_mm is 1e-300, expected 1e-06" in done.err, done.err
 
 

@@ -10,27 +10,8 @@ import pytest
 from commandline import run_command
 
 import compplan as cp
+from tests.regressions.test_robustness import write_job
 
-JOB = """schema = 1
-name = "circle"
-robot = "kuka_kr270"
-[toolpath]
-generator = "circle"
-radius_mm = 10.0
-feed_mm_s = 10.0
-waypoints = 20
-[part]
-position_mm = [1700.0, 0.0, 900.0]
-[process]
-model = "constant"
-force_N = [440.0, 1370.0, -635.0]
-frame = "base"
-[plan]
-strategy = "none"
-rotate_about_tool_axis = false
-tolerance_mm = 10.0
-[output]
-"""
 #: What a template must not do: reach a file through an object, climb to a class, change what it is given.
 HOSTILE = [
     '{{ cell.template.parent.joinpath("PWN").write_text("x") }}',
@@ -89,7 +70,7 @@ def test_a_template_gets_plain_data_alone(language: str, tmp_path: Path) -> None
 
 def test_a_job_with_a_hostile_template_writes_nothing(tmp_path: Path, monkeypatch, capsys) -> None:
     (tmp_path / "mine.jinja").write_text('{{ cell.template.parent.joinpath("PWN").write_text("x") }}')
-    (tmp_path / "job.toml").write_text(JOB + 'programs = ["krl"]\ntemplates = { krl = "mine.jinja" }\n')
-    done = run_command(["plan", tmp_path / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    job = write_job(tmp_path, more='[output]\nprograms = ["krl"]\ntemplates = { krl = "mine.jinja" }')
+    done = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
     assert done.status == 2 and "mine.jinja" in done.err and done.err.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["job.toml", "mine.jinja"]
