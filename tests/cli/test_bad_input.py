@@ -42,10 +42,7 @@ CASES = {
         r"job\.toml: plan\.start_deg: start has 3 joint positions, the robot has 6",
     ),
     "unknown key": ({"plan": "speed = 3"}, r"job\.toml: plan\.speed: unknown key, choose from \["),
-    "zero-length path": (
-        {"rows": [ROWS[0]] * 5},
-        r"path\.csv.*: toolpath has zero length: all waypoints coincide",
-    ),
+    "zero-length path": ({"rows": [ROWS[0]] * 5}, r"path\.csv.*: toolpath has zero length: all waypoints coincide"),
     "zero feed": ({"rows": change(3, "0")}, r"path\.csv:5: feed is 0 mm/s, expected more than 0 on a cutting move"),
 }
 

@@ -18,10 +18,7 @@ from compplan.diagnosis.results.where import Split, split_diagnosis
 
 NOISE = 1e-5
 #: Effects of sensors, warmth, tool and base, and the place that has to carry them.
-NO_JOINT = {
-    "wrench_scale": "force sensor",
-    "thermal_drift": "links",
-}
+NO_JOINT = {"wrench_scale": "force sensor", "thermal_drift": "links"}
 NO_JOINT_EITHER = {"wrench_bias": "force sensor", "payload": "tool", "time_skew": "clock"}
 #: Effects that show on paths alone; the others are measured at poses, positions alone.
 IN_MOTION = ("time_skew",)

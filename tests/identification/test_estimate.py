@@ -9,11 +9,7 @@ import pytest
 
 from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.errors import InputError, ShapeError, UnknownNameError
-from compplan.identification import (
-    build_structure,
-    estimate_parameters,
-    reduce_model,
-)
+from compplan.identification import build_structure, estimate_parameters, reduce_model
 from compplan.measurement.campaign import make_log
 from compplan.robot import Robot, load_robot
 

@@ -11,15 +11,7 @@ from compplan.errors import InputError
 from compplan.io import transaction
 from compplan.io.provenance import record_inputs
 from compplan.io.tables import read_text
-from compplan.io.transaction import (
-    MANIFEST,
-    READY,
-    clear_parts,
-    list_files,
-    lock_folder,
-    replace_file,
-    replace_folder,
-)
+from compplan.io.transaction import MANIFEST, READY, clear_parts, list_files, lock_folder, replace_file, replace_folder
 
 
 def write(folder, files, command="plan"):

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 
 from compplan.errors import UnknownNameError
-from compplan.planning.posture.costs import (
-    ModelScatter,
-    choose_weights,
-    error_columns,
-    measure_limits,
-    measure_nodes,
-)
+from compplan.planning.posture.costs import ModelScatter, choose_weights, error_columns, measure_limits, measure_nodes
 from compplan.robot import load_robot
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import build_chain

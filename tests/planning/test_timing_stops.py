@@ -8,12 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from compplan.planning.timing import (
-    FULL_USE,
-    _turn_in_place,
-    state_timing,
-    time_command,
-)
+from compplan.planning.timing import FULL_USE, _turn_in_place, state_timing, time_command
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import select_waypoints
 from tests.planning.test_feed import ROBOT, arc_path, make_task

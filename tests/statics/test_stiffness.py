@@ -9,16 +9,8 @@ from arms import one_joint_arm
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, jacobian, locate_frames
 from compplan.statics.elastic import solve_equilibrium
-from compplan.statics.quality import (
-    find_characteristic_length,
-    inverse_condition,
-    normalise_jacobian,
-    quality_of_poses,
-)
-from compplan.statics.stiffness import (
-    complementary_stiffness,
-    displace_linearly,
-)
+from compplan.statics.quality import find_characteristic_length, inverse_condition, normalise_jacobian, quality_of_poses
+from compplan.statics.stiffness import complementary_stiffness, displace_linearly
 
 Q = np.radians([[10, 60, -140, 45, 45, 45], [0, 20, -200, 30, -60, 10]])
 WRENCH = np.array([300.0, -500, -2354, 40, -20, 60])

@@ -10,13 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, ShapeError
 from compplan.toolpath.reading import read_toolpath
-from compplan.toolpath.toolpath import (
-    Toolpath,
-    check_toolpath,
-    place_toolpath,
-    resample_toolpath,
-    write_toolpath,
-)
+from compplan.toolpath.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath, write_toolpath
 
 HEADER = "x_mm,y_mm,z_mm,i,j,k,feed_mm_s,rapid\n"
 

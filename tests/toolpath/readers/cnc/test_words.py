@@ -16,10 +16,7 @@ CODES = [
     ("G777 X5", "may move the tool"),
 ]
 #: ... and of Sinumerik.
-WORDS = [
-    ("SOFT", (10.0, 0.0)),
-    ("G777 X5", "may move the tool"),
-]
+WORDS = [("SOFT", (10.0, 0.0)), ("G777 X5", "may move the tool")]
 
 
 FORMS = {
