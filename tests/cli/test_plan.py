@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from commandline import run_command
-from golden_cell import write_job
 
 from compplan.io.notes import Stop
 from compplan.planning.checks import state_notes
@@ -32,17 +31,6 @@ def test_a_plan_prints_six_lines_of_100_characters_at_most(
     assert settle == stops
     assert 5 <= len(others) <= 6 and max(map(len, others)) <= WIDTH
     assert "->" in others[1] and any(line.startswith("wrote report.html") for line in others)
-
-
-def test_each_note_that_must_be_settled_stands_whole_on_the_terminal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    job = write_job(tmp_path, "rapid")
-    (tmp_path / "cell" / "controller.toml").unlink()
-    answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
-    stops = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))["stops"]
-    assert any("SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN" in stop for stop in stops)
-    assert [line for line in answer.out.splitlines() if line.startswith(SETTLE)] == [f"{SETTLE}{s}" for s in stops]
 
 
 def test_long_notes_that_must_be_settled_are_not_cut_and_remarks_are_counted() -> None:

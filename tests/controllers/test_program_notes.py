@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -72,7 +73,10 @@ def test_a_robot_whose_counting_nobody_states_gets_a_loud_note_on_the_terminal_a
     assert "rapid: SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN" in answer.out
     for name in ("golden.mod", "golden_L.mod"):
         assert "! SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN" in (tmp_path / "out" / name).read_text()
-    assert "SIGNS AND ZEROS" in (tmp_path / "out" / "plan.json").read_text()
+    stops = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))["stops"]
+    assert any("SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN" in stop for stop in stops)
+    settle = "before the machine moves: "
+    assert [line for line in answer.out.splitlines() if line.startswith(settle)] == [f"{settle}{s}" for s in stops]
 
 
 def make_creeping_program(folder: Path) -> Program:

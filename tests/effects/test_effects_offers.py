@@ -18,7 +18,7 @@ from compplan.effects.tracking_lag import lagged_speed
 from compplan.errors import InputError, UnknownNameError
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot, load_robot
-from tests.effects.test_effects_signatures import make_campaign, make_linearization
+from tests.effects.test_effects_signatures import AT, make_campaign, make_linearization
 
 MM, MRAD = 1e-3, 1e-3
 #: What no calibrated robot would be surprised by, one number a parameter: (turning joint, sliding joint).
@@ -43,20 +43,13 @@ ONE_SIDED = {"backlash", "base_compliance", "gravity_sag", "link_compliance", "t
 
 
 @pytest.fixture(scope="module")
-def arm() -> Linearization:
-    return make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
-
-
-@pytest.fixture(scope="module")
 def rail(tmp_path_factory: pytest.TempPathFactory) -> Linearization:
     return make_linearization(draw_robot_files(rail_arm(), tmp_path_factory.mktemp("rail")).robot)
 
 
 @pytest.mark.parametrize("name", sorted(SIZES))
-def test_an_effect_is_offered_at_a_size_that_surprises_nobody(
-    name: str, arm: Linearization, rail: Linearization
-) -> None:
-    for at in (arm, rail):
+def test_an_effect_is_offered_at_a_size_that_surprises_nobody(name: str, rail: Linearization) -> None:
+    for at in (AT, rail):
         kinds = {joint.name: joint.kind for joint in at.robot.actuated}
         for signature in EFFECTS[name].signatures(at):
             expected = SIZES[name][kinds.get(str(signature.joint)) == "prismatic"]
@@ -73,17 +66,17 @@ def test_an_effect_is_offered_at_a_size_that_surprises_nobody(
 
 
 @pytest.mark.parametrize("name", sorted(set(EFFECTS) - {"thermal_drift", "stiffness_nonlinearity"}))
-def test_only_what_has_one_sign_is_offered_with_one(name: str, arm: Linearization) -> None:
-    for signature in EFFECTS[name].signatures(arm):
+def test_only_what_has_one_sign_is_offered_with_one(name: str) -> None:
+    for signature in EFFECTS[name].signatures(AT):
         assert signature.positive == (name in ONE_SIDED), signature.place
         assert signature.name == name and signature.tried == 1
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_what_is_offered_can_stand_in_effects_toml_and_moves_readings_column_by_column(
-    name: str, arm: Linearization, rail: Linearization
+    name: str, rail: Linearization
 ) -> None:
-    for at in (arm, rail):
+    for at in (AT, rail):
         for signature in EFFECTS[name].signatures(at):
             n, nq = at.scene.campaign.q.shape
             assert signature.twist.shape == (n, 6, len(signature.keys))
@@ -94,8 +87,8 @@ def test_what_is_offered_can_stand_in_effects_toml_and_moves_readings_column_by_
             check_effect({**place, "parameters": parameters}, at.robot, None, "effect[0]")
 
 
-def test_a_rigid_joint_is_offered_a_typical_compliance_where_the_load_varies(arm: Linearization) -> None:
-    robot = replace(arm.robot, springs=())
+def test_a_rigid_joint_is_offered_a_typical_compliance_where_the_load_varies() -> None:
+    robot = replace(AT.robot, springs=())
     at = make_linearization(robot)
     assert [s.scale.tolist() for s in EFFECTS["joint_stiffness"].signatures(at)] == [[1e-6]] * 6
     still = replace(make_campaign(robot), wrench=np.zeros((120, 6)))
@@ -298,9 +291,9 @@ def test_a_table_that_says_what_its_effect_needs_is_taken(robot: Robot) -> None:
         check_effect(lonely, robot, Path("effects.toml"), "effect[0]")
 
 
-def test_a_turned_tool_moves_a_target_beside_the_tip_by_angle_times_lever(arm: Linearization) -> None:
-    R, lever = arm.attained.frames.tcp_rotation, np.array([0.0, 0.05, 0.02])
-    beside = replace(arm, point=arm.attained.frames.tcp_position + R @ lever)
+def test_a_turned_tool_moves_a_target_beside_the_tip_by_angle_times_lever() -> None:
+    R, lever = AT.attained.frames.tcp_rotation, np.array([0.0, 0.05, 0.02])
+    beside = replace(AT, point=AT.attained.frames.tcp_position + R @ lever)
     turned = tool_twists(beside)[:, :3, 3:]
     assert turned[:, :, 0] == pytest.approx(R @ np.cross([1.0, 0.0, 0.0], lever))
     assert turned[:, :, 2] == pytest.approx(R @ np.cross([0.0, 0.0, 1.0], lever))

@@ -85,14 +85,8 @@ def worst_disagreement(at: Linearization, signature: Signature) -> float:
 
 
 ROBOT = replace(load_robot("kuka_kr270"), link_elasticities=())
-
-
 AT = make_linearization(ROBOT)
-
-
 EVERY = all_signatures(AT)
-
-
 #: Effects whose signatures depend on slides that have travelled, and on a tool that stands askew.
 OF_SLIDES_AND_TOOLS = ("joint_offset", "link_geometry", "payload", "thermal_drift", "tool_frame")
 
@@ -107,10 +101,14 @@ def test_signature_agrees_with_the_exact_model_at_every_place(name: str) -> None
         assert worst_disagreement(AT, signature) < tolerance, (signature.place, signature.form)
 
 
-def test_signatures_hold_on_a_rail_and_with_a_tool_that_stands_askew(tmp_path: Path) -> None:
-    at = make_linearization(draw_robot_files(rail_arm(), tmp_path).robot)
-    for signature in (s for name in OF_SLIDES_AND_TOOLS for s in EFFECTS[name].signatures(at)):
-        assert worst_disagreement(at, signature) < 0.02, (signature.place, signature.form)
+@pytest.fixture(scope="module")
+def rail(tmp_path_factory: pytest.TempPathFactory) -> Linearization:
+    return make_linearization(draw_robot_files(rail_arm(), tmp_path_factory.mktemp("rail")).robot)
+
+
+def test_signatures_hold_on_a_rail_and_with_a_tool_that_stands_askew(rail: Linearization) -> None:
+    for signature in (s for name in OF_SLIDES_AND_TOOLS for s in EFFECTS[name].signatures(rail)):
+        assert worst_disagreement(rail, signature) < 0.02, (signature.place, signature.form)
 
 
 def test_compliance_of_rigid_links_agrees_with_the_exact_model() -> None:
@@ -127,19 +125,9 @@ def test_every_effect_of_the_vocabulary_is_offered_somewhere() -> None:
     assert offered == set(EFFECTS)
 
 
-@pytest.fixture(scope="module")
-def arm() -> Linearization:
-    return make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
-
-
-@pytest.fixture(scope="module")
-def rail(tmp_path_factory: pytest.TempPathFactory) -> Linearization:
-    return make_linearization(draw_robot_files(rail_arm(), tmp_path_factory.mktemp("rail")).robot)
-
-
-def test_behind_link_side_feedback_a_softer_drive_shows_nothing(arm: Linearization) -> None:
+def test_behind_link_side_feedback_a_softer_drive_shows_nothing() -> None:
     mode = np.where(np.arange(120) % 2 == 0, "U2", "U1")
-    scene = build_model(arm.robot, replace(make_campaign(arm.robot), mode=mode))
+    scene = build_model(ROBOT, replace(make_campaign(ROBOT), mode=mode))
     at = linearize_model(scene, solve_model_poses(scene))
     held = at.campaign.link_controlled
     assert held.sum() == 60
@@ -148,12 +136,12 @@ def test_behind_link_side_feedback_a_softer_drive_shows_nothing(arm: Linearizati
         assert signature.twist[~held].any()
 
 
-def test_no_offset_of_a_sensor_is_offered_where_rows_read_exactly_nothing(arm: Linearization) -> None:
-    campaign = make_campaign(arm.robot)
+def test_no_offset_of_a_sensor_is_offered_where_rows_read_exactly_nothing() -> None:
+    campaign = make_campaign(ROBOT)
     for zeros, offered in ((2, True), (3, False)):
         wrench = campaign.wrench.copy()
         wrench[:zeros] = 0.0
-        scene = build_model(arm.robot, replace(campaign, wrench=wrench))
+        scene = build_model(ROBOT, replace(campaign, wrench=wrench))
         at = linearize_model(scene, solve_model_poses(scene))
         assert bool(list(EFFECTS["wrench_bias"].signatures(at))) == offered
 

@@ -19,7 +19,7 @@ from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
 from compplan.identification import campaign as identifying
-from compplan.identification.campaign import identify_campaign
+from compplan.identification.campaign import Identification, identify_campaign
 from compplan.identification.problem import IdentifyOptions, IdentifyProblem
 from compplan.measurement.reading import read_campaign
 from compplan.robot import Robot, Spring, load_robot
@@ -167,15 +167,20 @@ def test_less_geometry_is_taken_where_held_out_poses_are_explained_as_well(
     assert identifying._prefer_less_geometry(grown["all"], print).problem.geometry == taken
 
 
-def test_gross_outliers_are_found_named_and_left_out(tmp_path: Path) -> None:
+def identify_shifted(folder: Path, shifted: list[int]) -> tuple[Robot, Identification]:
+    """Return the truth and what is identified from 100 rows, some of them off by 5 mm."""
     truth = soft_kr270()
     drawn = draw_candidates(truth, 100, seed=1)
     rows = simulate_observations(truth, drawn.q, drawn.wrench, seed=1)
     position = rows.position.copy()
-    position[[7, 42]] += [0.004, -0.003, 0.002]
-    file = tmp_path / "measurements.csv"
+    position[shifted] += [0.004, -0.003, 0.002]
+    file = folder / "measurements.csv"
     write_campaign_log(replace(rows, position=position), truth, file)
-    result = identify_campaign(load_robot("kuka_kr270"), read_campaign(file, truth))
+    return truth, identify_campaign(load_robot("kuka_kr270"), read_campaign(file, truth))
+
+
+def test_gross_outliers_are_found_named_and_left_out(tmp_path: Path) -> None:
+    truth, result = identify_shifted(tmp_path, [7, 42])
     assert result.outliers == (7, 42)
     assert result.gap.after < 1e-4
     score = (result.kept.model_values - [s.compliance for s in truth.springs]) / result.kept.standard_errors
@@ -183,14 +188,7 @@ def test_gross_outliers_are_found_named_and_left_out(tmp_path: Path) -> None:
 
 
 def test_a_quarter_of_rows_that_no_model_explains_is_not_called_outliers(tmp_path: Path) -> None:
-    truth = soft_kr270()
-    drawn = draw_candidates(truth, 100, seed=1)
-    rows = simulate_observations(truth, drawn.q, drawn.wrench, seed=1)
-    position = rows.position.copy()
-    position[75:] += [0.004, -0.003, 0.002]  # the frame jumped
-    file = tmp_path / "measurements.csv"
-    write_campaign_log(replace(rows, position=position), truth, file)
-    result = identify_campaign(load_robot("kuka_kr270"), read_campaign(file, truth))
+    _, result = identify_shifted(tmp_path, list(range(75, 100)))  # the frame jumped
     assert result.outliers == ()
     assert any("too many for gross outliers" in note for note in result.notes)
 

@@ -87,12 +87,17 @@ def test_a_point_with_a_spread_that_is_none_is_refused_and_an_empty_one_gets_the
     assert found.sigma == pytest.approx([3e-5] * 4 + [2e-5] + [3e-5] * 7)
 
 
-def test_points_that_two_stretches_claim_are_left_out_and_foreign_ones_refused(tmp_path: Path) -> None:
+def hairpin_path() -> Toolpath:
+    """Return a line there and 1 mm beside it back."""
     there = straight_path()
     back = there.position[::-1] + np.array([0.0, 1e-3, 0.0])
-    hairpin = Toolpath(
+    return Toolpath(
         np.vstack([there.position, back]), np.tile(there.axis[:1], (22, 1)), np.full(22, 0.05), np.zeros(22, bool)
     )
+
+
+def test_points_that_two_stretches_claim_are_left_out_and_foreign_ones_refused(tmp_path: Path) -> None:
+    hairpin = hairpin_path()
     s = np.linspace(20.0, 80.0, 20)
     points = np.column_stack([1500 + s, np.where(np.arange(20) < 10, 0.05, 0.5), np.full(20, 500.0)])
     table = read_measured_points(write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", points))
@@ -139,11 +144,7 @@ def test_a_part_off_as_a_whole_teaches_where_its_run_alone_does_not_explain_it()
 
 def test_a_choice_of_the_points_is_no_measurement_of_a_path_whose_stretches_lie_close(tmp_path: Path) -> None:
     """Lines 1 mm apart: at .05 mm one line claims a point, at .5 mm both do; 2, 24 and 30 of 48 points lie there."""
-    there = straight_path()
-    back = there.position[::-1] + np.array([0.0, 1e-3, 0.0])
-    hairpin = Toolpath(
-        np.vstack([there.position, back]), np.tile(there.axis[:1], (22, 1)), np.full(22, 0.05), np.zeros(22, bool)
-    )
+    hairpin = hairpin_path()
     s = np.linspace(20.0, 80.0, 48)
     for number in (2, 24, 30):
         y = np.where(np.arange(48) < number, 0.5, 0.05)

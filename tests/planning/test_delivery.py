@@ -24,18 +24,23 @@ NC = "G21 G90 G17\nG0 X0 Y0 Z20\nG1 Z0 F600\nX30\nG3 X40 Y10 I0 J10\nG1 Y25\nG0 
 ALL = ["krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "csv"]
 
 
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
-    folder = tmp_path_factory.mktemp("delivery")
+def plan_part(folder: Path, robot: str, languages: list[str]) -> Plan:
+    """Plan a part for a robot, its programs noted."""
     (folder / "part.nc").write_text(NC)
     (folder / "part.toml").write_text(
-        'schema = 1\nrobot = "kuka_kr240"\ntoolpath = "part.nc"\n'
+        f'schema = 1\nrobot = "{robot}"\ntoolpath = "part.nc"\n'
         "[part]\nposition_mm = [1800.0, 100.0, 700.0]\nrotation_deg = [10.0, 0.0, 20.0]\n"
         '[process]\nmodel = "constant"\nforce_N = [50.0, 0.0, 100.0]\n'
         "[tool]\nposition_mm = [200.0, 0.0, 30.0]\nrotation_deg = [0.0, 80.0, 0.0]\nmass_kg = 10.0\n"
-        f"[output]\nany_brand = true\nprograms = {json.dumps(ALL)}\n"
+        f"[output]\nany_brand = true\nprograms = {json.dumps(languages)}\n"
     )
     return note_programs(plan_job(load_job(folder / "part.toml")))
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    folder = tmp_path_factory.mktemp("delivery")
+    return plan_part(folder, "kuka_kr240", ALL)
 
 
 def test_programs_of_every_language_and_joints_csv_are_read_back(plan: Plan, tmp_path: Path) -> None:

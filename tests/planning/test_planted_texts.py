@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import tomllib
@@ -12,11 +11,9 @@ import pytest
 import tomli_w
 
 import compplan.reporting.writers.plan as outputs
-from compplan.job.job import load_job
-from compplan.planning.plan import plan_job
 from compplan.planning.result import Plan
-from compplan.reporting.writers.plan import deliver_plan, note_programs
-from tests.planning.test_delivery import ALL, NC
+from compplan.reporting.writers.plan import deliver_plan
+from tests.planning.test_delivery import ALL, plan_part
 
 ROOT = Path(__file__).parents[2]
 N = r"(-?[\d.]+)"
@@ -49,15 +46,7 @@ def delivered(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Plan,
             for word in table["configuration"].values():
                 word["native"] = {word[key]: letters[word[key]] for key in ("above", "below")}
             file.write_text(tomli_w.dumps(table))
-        (folder / "part.nc").write_text(NC)
-        (folder / "part.toml").write_text(
-            'schema = 1\nrobot = "robot"\ntoolpath = "part.nc"\n'
-            "[part]\nposition_mm = [1800.0, 100.0, 700.0]\nrotation_deg = [10.0, 0.0, 20.0]\n"
-            '[process]\nmodel = "constant"\nforce_N = [50.0, 0.0, 100.0]\n'
-            "[tool]\nposition_mm = [200.0, 0.0, 30.0]\nrotation_deg = [0.0, 80.0, 0.0]\nmass_kg = 10.0\n"
-            f"[output]\nany_brand = true\nprograms = {json.dumps(languages)}\n"
-        )
-        plan, _ = deliver_plan(note_programs(plan_job(load_job(folder / "part.toml"))), folder / "out")
+        plan, _ = deliver_plan(plan_part(folder, "robot", languages), folder / "out")
         assert (plan.status, plan.breaches) == ("solved", ())
         found |= dict.fromkeys(languages, (plan, folder / "out"))
     return found

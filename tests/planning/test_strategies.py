@@ -10,7 +10,7 @@ from compplan.errors import UnknownNameError
 from compplan.planning.evaluate import evaluate_run
 from compplan.planning.plan import PlanOptions, build_task
 from compplan.planning.strategies import command_path
-from compplan.robot import LinkElasticity, Spring, load_robot
+from compplan.robot import LinkElasticity, Robot, Spring, load_robot
 from compplan.robot.elasticity import hollow_beam_compliance
 from compplan.simulation.simulated_robot import build_simulated_robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
@@ -135,12 +135,17 @@ def test_a_correction_limit_is_kept_where_it_binds_and_exact_elsewhere():
     assert run.distance[failing] == pytest.approx(unlimited[failing] - limit, rel=0.1, abs=2e-6)
 
 
-def test_position_limits_are_used_up_by_rotating_about_the_tool_axis():
-    """A 45 degree spindle: the start leaves a limit that a rotation about the tool axis can keep."""
+def load_spindle_robot() -> Robot:
+    """Return a robot whose spindle stands under 45 degrees."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("y", 45, degrees=True).as_matrix()
     pose[:3, 3] = [0.15, 0.0, 0.2]
-    robot = load_robot("kuka_kr270").with_tool(pose, 30.0)
+    return load_robot("kuka_kr270").with_tool(pose, 30.0)
+
+
+def test_position_limits_are_used_up_by_rotating_about_the_tool_axis():
+    """The start leaves a limit that a rotation about the tool axis can keep."""
+    robot = load_spindle_robot()
     task = make_task(robot, spin_free=True)
     free = command_path(task, "nlp")
     assert free.status == "solved"
@@ -158,10 +163,7 @@ def test_position_limits_are_used_up_by_rotating_about_the_tool_axis():
 
 
 def test_velocity_limits_are_kept_at_the_programmed_feed_where_the_rotation_can_help():
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("y", 45, degrees=True).as_matrix()
-    pose[:3, 3] = [0.15, 0.0, 0.2]
-    robot = load_robot("kuka_kr270").with_tool(pose, 30.0)
+    robot = load_spindle_robot()
     task = make_task(robot, spin_free=True, path=make_path(80))
     speed = np.abs(np.diff(command_path(task, "nlp").q, axis=0) / task.step_time[:, None])
     limits = np.full(6, 1e3)
