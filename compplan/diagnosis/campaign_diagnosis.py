@@ -66,9 +66,9 @@ def diagnose_campaign(
     started = _register(problem, campaign)[0] if conventions else registration
     fit = fit_effects(problem, started, progress)
     progress("verdict")
-    doubt = revise_probabilities(fit, progress)
-    verdict = _with_conventions(reach_verdict(fit, doubt), problem, len(known))
-    return _conclude(fit, doubt, verdict, nominal, started, len(known), progress)
+    revised = revise_probabilities(fit, progress)
+    verdict = _with_conventions(reach_verdict(fit, revised), problem, len(known))
+    return _conclude(fit, revised, verdict, nominal, started, len(known), progress)
 
 
 def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None, ForwardModel]:
@@ -93,7 +93,7 @@ def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict
 
 
 def _conclude(
-    fit: Fit, doubt: RevisedProbabilities, verdict: Verdict, nominal: ForwardModel,
+    fit: Fit, revised: RevisedProbabilities, verdict: Verdict, nominal: ForwardModel,
     registration: Registration | None, known: int,
     progress: Callable[[str], None],
 ) -> Diagnosis:  # fmt: skip
@@ -123,9 +123,10 @@ def _conclude(
     )
     return Diagnosis(
         robot=problem.robot, updated=first.robot(problem.robot, known), fit=fit,
-        doubt=doubt, verdict=verdict, gap=gap, candidates=rank_candidates(fit, verdict, folds), residual_before=before,
-        residual_after=first.residual, registration=first.state.registration, outliers=fit.outliers,
-        delivery=first, equations=folds.fit.search.equations, sizes=sizes, noise=fit.noises["position"].source,
+        revised=revised, verdict=verdict, gap=gap, candidates=rank_candidates(fit, verdict, folds),
+        residual_before=before, residual_after=first.residual, registration=first.state.registration,
+        outliers=fit.outliers, delivery=first, equations=folds.fit.search.equations,
+        sizes=sizes, noise=fit.noises["position"].source,
     )  # fmt: skip
 
 

@@ -37,7 +37,7 @@ SIZES, LEAST = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), 2e-5
 SCALES = (0.1, 0.3, 1.0)
 #: Parts that a cut part is dealt to, and neighbouring rows of the path that stay together.
 PARTS, STRETCH = 5, 2
-#: Directions at most in which a lesson keeps what it leaves open.
+#: Directions at most in which a model update keeps what it leaves open.
 KEPT = 12
 #: Passes about what was found: compliance and force multiply.
 PASSES = 2

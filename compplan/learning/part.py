@@ -51,7 +51,7 @@ from compplan.uncertainty.sensitivities import (
 )
 from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
 
-#: Places along the path that a lesson is kept at, at most; waypoints nearer to the path than this are reached. [m, rad]
+#: Places along the path that hold an update, at most; waypoints nearer to the path than this are reached. [m, rad]
 MOST_PLACES, REACHED = 5000, 1e-6
 #: What to do about a part that is off as a whole: nobody can tell its clamping from the robot.
 WHOLE_PART = (
@@ -69,7 +69,7 @@ class LearnedPart(Shown):
     job: Job  #: The job.
     robot: Robot  #: The robot of the folder before.
     taught: Robot  #: The updated robot.
-    lesson: ModelUpdate  #: Force, robot and residual learned from the part.
+    model_update: ModelUpdate  #: Force, robot and residual learned from the part.
     measured: MeasuredPath  #: The measured points.
     path: Toolpath  #: The wanted path, base frame.
     slopes: Slopes  #: The path to first order, as it was cut.
@@ -91,25 +91,28 @@ class LearnedPart(Shown):
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the results of the update and the prediction for the next part."""
-        lesson, name = self.lesson, self.job.name or self.job.file.stem
+        model_update, name = self.model_update, self.job.name or self.job.file.stem
         rows = [
-            ("measured", f"rms {format_length(lesson.rms)} at {len(self.measured)} points"),
-            ("reason", lesson.reason),
+            ("measured", f"rms {format_length(model_update.rms)} at {len(self.measured)} points"),
+            ("reason", model_update.reason),
         ]
-        if lesson.taken:
+        if model_update.taken:
             rows += [
-                ("expected next", f"rms {format_length(lesson.expected)}"),
-                ("95 % band", f"{format_length(float(lesson.band_after.max()))} at its widest, before "
-                              f"{format_length(float(lesson.band_before.max()))}"),
+                ("expected next", f"rms {format_length(model_update.expected)}"),
+                ("95 % band", f"{format_length(float(model_update.band_after.max()))} at its widest, before "
+                              f"{format_length(float(model_update.band_before.max()))}"),
             ]  # fmt: skip
-        taken = "corrected program" if lesson.taken else "no correction"
+        taken = "corrected program" if model_update.taken else "no correction"
         return [("measured part", f"{name}: {taken}, {self.robot.name}"), *rows]
 
     def curves(self) -> Curves:
         """Return the measured deviation along the path and what stays by the model. [mm]."""
         order = np.argsort(self.measured.length)
         measured = np.linalg.norm(self.measured.seen, axis=1)[order] * 1e3
-        explained = np.linalg.norm(self.lesson.physics + self.lesson.pushed + self.lesson.residual, axis=1) * 1e3
+        explained = (
+            np.linalg.norm(self.model_update.physics + self.model_update.pushed + self.model_update.residual, axis=1)
+            * 1e3
+        )
         repeats = Curve("what repeats", self.length * 1e3, explained, "after")
         lines = (Curve("measured", self.measured.length[order] * 1e3, measured, "before"), repeats)
         return Curves(self.job.name or self.job.file.stem, "along the path [mm]", "deviation of the part [mm]", lines)
@@ -201,35 +204,44 @@ def learn_from_part(
     if beyond and align is None and not sure:
         raise points.error(f"{stood}; was the part there? {WHOLE_PART}")
     learn = partial(learn_part, slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
-    lesson = learn(left_open)
+    model_update = learn(left_open)
     # what the path left open stands for robot and force there: other paths are told what these say alone
-    wide = lesson if old is None else learn()
-    told = lesson.taken
+    wide = model_update if old is None else learn()
+    told = model_update.taken
     others = (
         transfer_to_paths(job, robot, before.task, wide, known, whole) if told else transfer_nothing(job, robot, wide)
     )
     residual = old
     if told:
-        residual, lesson = add_residual(old, lesson, cut, before.task, others)
+        residual, model_update = add_residual(old, model_update, cut, before.task, others)
     announce("the plan that follows")
     job = job.with_force(others.force)
     after = plan_learned(job, others.robot, residual)[1] if told else before
-    after = with_band(after, lesson, slopes, known) if residual is not None else after
+    after = with_band(after, model_update, slopes, known) if residual is not None else after
     return LearnedPart(
-        job, robot, others.robot, lesson, matched, wanted, slopes, length, before, after,
+        job, robot, others.robot, model_update, matched, wanted, slopes, length, before, after,
         residual, tuple(list_learned(known, wide.values, others.held)),
-        _list_notes(lesson, others.travel, matched, wanted, stood), others.travel, others.force,
+        _list_notes(model_update, others.travel, matched, wanted, stood), others.travel, others.force,
     )  # fmt: skip
 
 
 def _list_notes(
-    lesson: ModelUpdate, travel: Transfer, matched: MeasuredPath, wanted: Toolpath, stood: str
+    model_update: ModelUpdate, travel: Transfer, matched: MeasuredPath, wanted: Toolpath, stood: str
 ) -> tuple[str, ...]:
     """Return why the update is taken or left, and what to know of the points and of long moves."""
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
-    told = (travel.reason, *([f"{stood}: learned as an error of the robot"] if stood else [])) if lesson.taken else ()
-    return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
+    told = (
+        (travel.reason, *([f"{stood}: learned as an error of the robot"] if stood else []))
+        if model_update.taken
+        else ()
+    )
+    return (
+        model_update.reason,
+        *told,
+        *matched.notes,
+        *([coarse] if model_update.taken and longest > LONG_MOVE else []),
+    )
 
 
 def ask_possible(
@@ -257,7 +269,7 @@ def ask_possible(
 def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:
     """Plan a job with a robot of one's own; also return the wanted path before the residual is taken off."""
     nominal, task, options = build_learned(job, robot, residual)
-    # the judge of a job reads the job's own robot and path: here both have learned, and the task's own force acts
+    # the evaluation of a job reads the job's own robot and path: here both have learned, and the task's own force acts
     name = job.name or job.file.stem
     plan = replace(plan_task(task, options.strategy, name=name, feed=options.feed, output=job.output), job=job)
     if residual is not None:
@@ -302,7 +314,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
 
 
 def add_residual(
-    old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: PlanTask, others: Others
+    old: Residual | None, model_update: ModelUpdate, cut: CutPath, task: PlanTask, others: Others
 ) -> tuple[Residual, ModelUpdate]:
     """Add what stays with the path: what the update says of its tip, less what robot folder and process now say there.
 
@@ -315,39 +327,39 @@ def add_residual(
     rows, slopes = pick_rows(task.cut, MOST_PLACES), cut.slopes
     length, at = cut.length[rows], cut.length[slopes.rows]
     if old is not None:
-        before, moved = old.at(length), tip_of(cut.scene, rows) + interpolate(length, at, lesson.residual)
+        before, moved = old.at(length), tip_of(cut.scene, rows) + interpolate(length, at, model_update.residual)
     else:
-        before, moved = np.zeros((len(rows), 3)), cut.tip(lesson.values, lesson.force, rows)
-        moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
+        before, moved = np.zeros((len(rows), 3)), cut.tip(model_update.values, model_update.force, rows)
+        moved = moved + model_update.residual_at(task.position[rows], slopes.tip)
     own = moved - cut.tip(others.held, others.shares, rows)
-    known = measured_directions(lesson.gathered, slopes.tip, task.position[rows])
+    known = measured_directions(model_update.gathered, slopes.tip, task.position[rows])
     taken = np.einsum("nij,nj->ni", known, own)
     left = np.interp(at, length, np.linalg.norm(own - taken, axis=1))
-    lesson = replace(
-        lesson,
-        band_after=lesson.band_after + left,
-        expected=float(np.hypot(lesson.expected, np.sqrt(np.mean(left**2)))),
+    model_update = replace(
+        model_update,
+        band_after=model_update.band_after + left,
+        expected=float(np.hypot(model_update.expected, np.sqrt(np.mean(left**2)))),
     )
-    spread = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.model.size, 1e-7)))
-    residual = Residual(length, before + taken, spread, task.q_start[rows], interpolate(length, at, lesson.open))
-    return residual, lesson
+    spread = np.interp(length, at, np.minimum(model_update.band_after / 2.8, max(model_update.model.size, 1e-7)))
+    residual = Residual(length, before + taken, spread, task.q_start[rows], interpolate(length, at, model_update.open))
+    return residual, model_update
 
 
-def with_band(plan: Plan, lesson: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:
+def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:
     """Give a plan the band of the update: this path is known better than the robot is elsewhere."""
-    promise = plan.promise
-    if promise is None:
+    error_band = plan.error_band
+    if error_band is None:
         return plan
     n = len(plan.task)
-    rows = slopes.rows * (n - 1) / max(len(promise.cut) - 1, 1)
-    radius = np.interp(np.arange(n), rows, lesson.band_after)
-    own = lesson.model.own.following
+    rows = slopes.rows * (n - 1) / max(len(error_band.cut) - 1, 1)
+    radius = np.interp(np.arange(n), rows, model_update.band_after)
+    own = model_update.model.own.following
     force = band_radius(own[:, :, :1] @ np.swapaxes(own[:, :, :1], 1, 2))
-    parts = {**promise.parts, "model": radius, "unexplained": np.zeros(n)}
+    parts = {**error_band.parts, "model": radius, "unexplained": np.zeros(n)}
     parts["force"] = np.interp(np.arange(n), rows, force)
-    better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, without={}, before=None,
+    better = replace(error_band, radius=radius + plan.after.distance, parts=parts, known=known, without={}, before=None,
                      ladder=(), cheapest=())  # fmt: skip
     run = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (len(own), 3, 3))
-    drawn = draw_columns(np.concatenate([lesson.open, own, run], axis=2), np.random.default_rng(SEED), PATHS)
+    drawn = draw_columns(np.concatenate([model_update.open, own, run], axis=2), np.random.default_rng(SEED), PATHS)
     whole = (better.greatest - better.between) * widen_to_path(drawn) + better.between
     return replace(plan, learned=replace(better, whole=whole))

@@ -38,7 +38,7 @@ from compplan.uncertainty.shrinkage import shrink_alike
 FITTED = 0.01
 #: Stretches that a part is dealt to.
 STRETCHES = 4
-#: What a step has to leave, at most, of what is left without it (assumed: less is no lesson for another path).
+#: What a step has to leave, at most, of what is left without it (assumed: less is not carried to another path).
 FORCE, ROBOT = 0.97, 0.95
 #: How far a copy is moved along each base axis, at least (assumed: as far as a neighbouring part lies), and how many
 #: rows of it are looked at. [m]
@@ -109,7 +109,7 @@ def state_own(noise: NoiseTable, origin: Array, slopes: Slopes, spread: ForceSpr
 
 
 def learn_force(
-    lesson: ModelUpdate,
+    model_update: ModelUpdate,
     spread: ForceSpread,
     old: LearnedForce | None,
     process: object,
@@ -123,9 +123,9 @@ def learn_force(
     uncertainty of the force before; R_base_part: part axes seen from the base, (3, 3); kept: parameters that the robot
     folder is told, too, (p,).
     """
-    axes, told = find_axes(process), lesson.force.copy()
+    axes, told = find_axes(process), model_update.force.copy()
     scale = 1.0 if old is None else old.level
-    common, width = spread.common, np.sqrt(np.maximum(np.diag(lesson.force_covariance), 0.0))
+    common, width = spread.common, np.sqrt(np.maximum(np.diag(model_update.force_covariance), 0.0))
     level = scale * (1.0 + common * float(told[0]))
     turn = spread.direction * told[1:]
     if not axes:
@@ -134,13 +134,13 @@ def learn_force(
     before = np.zeros(3) if old is None else old.turn
     axis = R_base_part if axes == "part" else np.eye(3)
     local = axis.T @ turn
-    own = scale * (1.0 + common * float(told[0] + lesson.model.own.ratio * lesson.own[0]))
+    own = scale * (1.0 + common * float(told[0] + model_update.model.own.ratio * model_update.own[0]))
     part = LearnedPartTable(
         date=datetime.datetime.now(tz=datetime.UTC).date(), job=job, level=max(own, 1e-3),
-        sigma=scale * common * lesson.own_spread,
+        sigma=scale * common * model_update.own_spread,
     )  # fmt: skip
     parts = () if old is None or not old.same else old.parts
-    cross = lesson.cross[kept]
+    cross = model_update.cross[kept]
     robot = np.hstack([scale * common * cross[:, :1], spread.direction * bool(axes) * cross[:, 1:] @ axis])
     known = LearnedForce(
         max(level, 1e-3), scale * common * float(width[0]), before + local if axes else np.zeros(3), sigma,
@@ -164,49 +164,51 @@ class Others(NamedTuple):
     shares: Array
 
 
-def transfer_nothing(job: Job, robot: Robot, lesson: ModelUpdate) -> Others:
+def transfer_nothing(job: Job, robot: Robot, model_update: ModelUpdate) -> Others:
     """Tell other paths nothing."""
     travel = Transfer(False, False, "nothing is transferred to other paths", (np.inf,) * 3)
-    return Others(travel, robot, np.zeros(len(lesson.values)), find_learned_force(job), np.zeros(4))
+    return Others(travel, robot, np.zeros(len(model_update.values)), find_learned_force(job), np.zeros(4))
 
 
 def transfer_to_paths(
-    job: Job, robot: Robot, task: PlanTask, lesson: ModelUpdate, known: Uncertainty, spread: ForceSpread
+    job: Job, robot: Robot, task: PlanTask, model_update: ModelUpdate, known: Uncertainty, spread: ForceSpread
 ) -> Others:
     """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole.
 
     The robot is tried on paths that the part did not see; where it fails there it is not told.
     """
-    travel = choose_transfer(lesson.model, lesson.gathered)
-    told = _tell(job, robot, task, lesson, known, spread, travel)
+    travel = choose_transfer(model_update.model, model_update.gathered)
+    told = _tell(job, robot, task, model_update, known, spread, travel)
     if not travel.robot:
         return told
     taught = told.robot if job.tool is None else job.tool.mount(told.robot)
     fits, said = check_generalisation(task, taught, known, told.shares, spread.of_all())
     if fits:
         return told._replace(travel=replace(travel, reason="; ".join(filter(None, (travel.reason, said)))))
-    return _tell(job, robot, task, lesson, known, spread, travel.without_robot(said))
+    return _tell(job, robot, task, model_update, known, spread, travel.without_robot(said))
 
 
 def _tell(
     job: Job,
     robot: Robot,
     task: PlanTask,
-    lesson: ModelUpdate,
+    model_update: ModelUpdate,
     known: Uncertainty,
     spread: ForceSpread,
     travel: Transfer,
 ) -> Others:
     """Tell other paths what may travel."""
-    told = transfer_nothing(job, robot, lesson)._replace(travel=travel)
+    told = transfer_nothing(job, robot, model_update)._replace(travel=travel)
     own_tool = job.tool is None
     if told.travel.force:
         name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]
         keep = [(own_tool or u.effect != "tool_frame") and told.travel.robot for u in known.unknowns for _ in u.keys]
-        force, shares = learn_force(lesson, spread, told.force, job.process, turn, name, np.array(keep, bool))
+        force, shares = learn_force(model_update, spread, told.force, job.process, turn, name, np.array(keep, bool))
         told = told._replace(force=force, shares=shares)
     if told.travel.robot:
-        taught, held = plan_updated(robot, task.robot, known, lesson.values, lesson.covariance, own_tool=own_tool)
+        taught, held = plan_updated(
+            robot, task.robot, known, model_update.values, model_update.covariance, own_tool=own_tool
+        )
         told = told._replace(robot=taught, held=held)
     return told
 

@@ -152,7 +152,7 @@ def run_checks(
     the executed path `executed`.
     """
     q, time = command.q, timing.time
-    position, rotation = solve_rigid(bench.cell.judge, q)
+    position, rotation = solve_rigid(bench.cell.exact_robot, q)
     checks = [
         _check_tip(task, after), _check_models(task, q, after), *_check_between(task, q, between, bench),
         _check_rates(task, q, timing), _check_range(task, margins), _check_correction(task, position),
@@ -413,7 +413,7 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
     if len(rows) > WORST + EVEN:
         heavy = rows[np.argsort(np.linalg.norm(task.wrench[rows, :3], axis=1))[-WORST:]]
         rows = np.union1d(heavy, pick_even(rows, EVEN))
-    share = np.abs(hold_load(bench.cell.judge, q[rows], task.wrench[rows])) / np.maximum(efforts, 1e-9)
+    share = np.abs(hold_load(bench.cell.exact_robot, q[rows], task.wrench[rows])) / np.maximum(efforts, 1e-9)
     found = {}
     for k in np.flatnonzero((share > ROUNDING).any(axis=1)).tolist():
         waypoint, j = int(rows[k]), int(share[k].argmax())
@@ -423,18 +423,20 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
     return found
 
 
-def hold_load(judge: ExactRobot, q: Array, wrench: Array) -> Array:
+def hold_load(exact_robot: ExactRobot, q: Array, wrench: Array) -> Array:
     """Return the torque that each commanded joint needs to hold wrench and weight, springs stiff. Shape (n, nq)."""
-    data, model = judge.model.createData(), judge.model
-    rigid = q @ judge.commanded.T + judge.shift
+    data, model = exact_robot.model.createData(), exact_robot.model
+    rigid = q @ exact_robot.commanded.T + exact_robot.shift
     torque = np.empty((len(q), model.nv))
     for i in range(len(q)):
-        columns = pin.computeFrameJacobian(model, data, rigid[i], judge.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        columns = pin.computeFrameJacobian(
+            model, data, rigid[i], exact_robot.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
         torque[i] = -columns.T @ wrench[i]
-        if judge.weighs:
-            judge.turn_gravity(data, rigid[i])
-            torque[i] += judge.weigh(data, rigid[i])
-    return torque @ judge.commanded
+        if exact_robot.weighs:
+            exact_robot.turn_gravity(data, rigid[i])
+            torque[i] += exact_robot.weigh(data, rigid[i])
+    return torque @ exact_robot.commanded
 
 
 def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:

@@ -20,7 +20,7 @@ from compplan.planning.task import Command, PlanTask
 from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
     AS_MODELLED,
-    JUDGE,
+    EXACT_EVALUATION,
     SimulatedRobot,
     build_simulated_robot,
     standard_variants,
@@ -56,7 +56,7 @@ class Comparison(Shown):
     cells: tuple[SimulatedRobot, ...]  #: The cells; in the first the planner's model is the truth.
     commands: Mapping[str, Command]  #: What each strategy commands.
     evaluations: Mapping[str, Mapping[str, Evaluation]]  #: By cell name and strategy, the run against the path.
-    judge: str = JUDGE  #: Name of the model that computed the evaluations.
+    evaluated_by: str = EXACT_EVALUATION  #: Name of the model that computed the evaluations.
     job: Job | None = None  #: The job, or None.
     drawn: Drawn | None = None  #: What the strategies leave on robots drawn from the folder's own uncertainty, or None.
 
@@ -129,7 +129,7 @@ class Comparison(Shown):
             "robot": self.task.robot.name,
             "waypoints": len(self.task),
             "cell": nominal.name,
-            "judge": self.judge,
+            "judge": self.evaluated_by,
             **({"drawn_from": self.drawn.source} if self.drawn is not None else {}),
             "strategies": strategies,
             "made_by": describe_origin(),

@@ -29,7 +29,7 @@ from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance, explain_width
 from compplan.process.force_models import FORCE_MODELS
 from compplan.robot import Array, Robot
-from compplan.simulation.simulated_robot import JUDGE
+from compplan.simulation.simulated_robot import EXACT_EVALUATION
 from compplan.statics.chain import locate_frames
 from compplan.uncertainty.band import ErrorBand, estimate_band
 from compplan.uncertainty.motion import read_placement, shift_part
@@ -76,7 +76,7 @@ class Plan(Shown):
     retract: Passage  #: The way from the last waypoint, where the toolpath ends in a cut.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
     bending: Bending  #: What bends the arm along the path, cause by cause.
-    judge: str = JUDGE  #: Name of the model that computed `before` and `after`.
+    evaluated_by: str = EXACT_EVALUATION  #: Name of the model that computed `before` and `after`.
     checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
     clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
     job: Job | None = None  #: The job, or None.
@@ -110,7 +110,7 @@ class Plan(Shown):
     def add_checks(self, checks: tuple[Check, ...], *, first: bool = False) -> Plan:
         """Return the plan with more checks; what has been worked out from the rest of it stays known."""
         added = replace(self, checks=(*checks, *self.checks) if first else (*self.checks, *checks))
-        kept = ["promise", "mismatch", "executed", "command_feed", "correction", "reversals"]
+        kept = ["error_band", "mismatch", "executed", "command_feed", "correction", "reversals"]
         kept += ["verdict"] if added.breaches == self.breaches else []
         added.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
         return added
@@ -159,7 +159,7 @@ class Plan(Shown):
         return evaluate_mismatch(self.task, self.q)
 
     @cached_property
-    def promise(self) -> ErrorBand | None:
+    def error_band(self) -> ErrorBand | None:
         """The band that holds the true tip with 95 %; None out of reach, or if a robot in it finds no equilibrium."""
         if self.learned is not None or self.status == "infeasible":
             return self.learned
@@ -196,12 +196,12 @@ class Plan(Shown):
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
         found = check_tolerance(
-            self.task, self.status, self.promise, left=self.after.distance, inertia=self.bending.inertia,
+            self.task, self.status, self.error_band, left=self.after.distance, inertia=self.bending.inertia,
             failures=self.command.failures, failure=self.explain_failures(),
             compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
-        return replace(found, sentence=found.sentence + explain_width(self.promise, self.before.max_deviation))
+        return replace(found, sentence=found.sentence + explain_width(self.error_band, self.before.max_deviation))
 
     @property
     def solved_by(self) -> str:
@@ -232,7 +232,7 @@ class Plan(Shown):
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the figures that a person asks for first."""
-        band, margins, nominal = self.promise, self.margins, self.task.nominal
+        band, margins, nominal = self.error_band, self.margins, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
         missing = "not known: a robot within the stated widths has no equilibrium"
@@ -261,7 +261,7 @@ class Plan(Shown):
 
     def columns(self) -> dict[str, Any]:
         """Return a row a waypoint: place, time, joints, deviation before and after, 95 % band, predicted force."""
-        task, band = self.task, self.promise
+        task, band = self.task, self.error_band
         columns: dict[str, Any] = {"s_mm": task.nominal.arc_length * 1e3, "time_s": self.timing.time}
         columns |= self.robot.joint_columns(self.q)
         columns |= {f"{axis}_mm": task.programmed[:, k] * 1e3 for k, axis in enumerate("xyz")}
@@ -271,7 +271,7 @@ class Plan(Shown):
 
     def curves(self) -> Curves:
         """Return the deviation along the path, without and with correction, and the 95 % band. [mm]."""
-        s, cut, band = self.task.nominal.arc_length * 1e3, self.task.cut, self.promise
+        s, cut, band = self.task.nominal.arc_length * 1e3, self.task.cut, self.error_band
         before, after = (np.where(cut, side.distance, np.nan) * 1e3 for side in (self.before, self.after))
         lines = [Curve("without correction", s, before, "before"), Curve("corrected, on the model", s, after, "after")]
         if band is not None:
@@ -338,7 +338,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             }
         ),
         **plan.bending.describe(),
-        **summarise_band(plan.promise),
+        **summarise_band(plan.error_band),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
         "within_tolerance": float((plan.task.use_tolerance(plan.after.deviation)[plan.after.cut] <= 1.0).mean()),
         "correction_mm": {"max": margins.max_correction * 1e3},
@@ -350,7 +350,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         },
         "duration_s": float(plan.timing.time[-1]),
         "reversals": [entry.describe() for entry in plan.reversals],
-        "judge": plan.judge,
+        "judge": plan.evaluated_by,
         "checks": [check.describe() for check in plan.checks if check.severity == STOP],
         "notes": [*plan.reasons, *plan.notes],
         "stops": list_stops([*plan.reasons, *plan.notes]),
@@ -369,35 +369,35 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
     return summary
 
 
-def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
+def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
     """Return what plan.json says of the band; nothing where there is none."""
-    if promise is None:
+    if error_band is None:
         return {}
-    widest, known, before = promise.widest, promise.known, promise.before
+    widest, known, before = error_band.widest, error_band.known, error_band.before
     return {
         "error_band_mm": {
-            "p95_max": promise.greatest * 1e3,
-            "p95_rms": float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2))) * 1e3,
-            "whole_path_p95": promise.whole * 1e3,
+            "p95_max": error_band.greatest * 1e3,
+            "p95_rms": float(np.sqrt(np.mean(error_band.radius[error_band.cut] ** 2))) * 1e3,
+            "whole_path_p95": error_band.whole * 1e3,
             "widest_waypoint": widest,
-            "at_widest": {name: float(values[widest]) * 1e3 for name, values in promise.parts.items()},
-            "p95_max_without": {name: value * 1e3 for name, value in promise.without.items()},
+            "at_widest": {name: float(values[widest]) * 1e3 for name, values in error_band.parts.items()},
+            "p95_max_without": {name: value * 1e3 for name, value in error_band.without.items()},
         },
         **({} if before is None else {
             "error_band_before_mm": {"p95_max": before[0] * 1e3, "whole_path_p95": before[1] * 1e3}}),
         "ladder": [
             {"step": rung.step, "p95_max": rung.band * 1e3, "alone_p95_max": rung.alone * 1e3, "keeps": rung.keeps,
-             "minutes": rung.minutes, "instrument": rung.instrument, "cheapest": rung.step in promise.cheapest}
-            for rung in promise.ladder
+             "minutes": rung.minutes, "instrument": rung.instrument, "cheapest": rung.step in error_band.cheapest}
+            for rung in error_band.ladder
         ],
         "error_band_from": {
             "grade": known.grade,
             "source": known.source,
-            "force": promise.force.source,
+            "force": error_band.force.source,
             "calibration_factor": known.calibration,
             "calibration_groups": known.groups,
-            "leading": [{"unknown": name, "share_of_variance": share} for name, share in promise.leading],
-            "assumed": list(promise.assumed),
+            "leading": [{"unknown": name, "share_of_variance": share} for name, share in error_band.leading],
+            "assumed": list(error_band.assumed),
         },
     }  # fmt: skip
 

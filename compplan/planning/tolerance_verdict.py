@@ -102,15 +102,15 @@ class ToleranceVerdict:
 
 
 def check_tolerance(
-    task: PlanTask, status: str, promise: ErrorBand | None, *, left: Array, inertia: float, failures: Mapping[int, str],
-    failure: str = "", compensates: bool = True, traced: bool = False,
+    task: PlanTask, status: str, error_band: ErrorBand | None, *, left: Array, inertia: float,
+    failures: Mapping[int, str], failure: str = "", compensates: bool = True, traced: bool = False,
 ) -> ToleranceVerdict:  # fmt: skip
     """Judge whether the part of a plan may be expected within its tolerance.
 
     Args:
         task: The task of the plan.
         status: "solved", "not_confirmed" or "infeasible".
-        promise: The 95 % band of the true tip, None where none can be stated.
+        error_band: The 95 % band of the true tip, None where none can be stated.
         left: Distance of the tip from the path that the plan leaves if the robot is as modelled. Shape (n,). [m]
         inertia: How far inertia bends the arm, NaN where masses or springs are unknown. [m]
         failures: Waypoints that fail, and the limits that stop them.
@@ -119,10 +119,10 @@ def check_tolerance(
         traced: Whether it is identified how the drives follow.
     """
     wanted, known = describe_tolerance(task), bool(np.isfinite(inertia))
-    promise = None if status == "infeasible" else promise
-    band, basis = (None, "") if promise is None else (promise.whole, describe_basis(promise))
+    error_band = None if status == "infeasible" else error_band
+    band, basis = (None, "") if error_band is None else (error_band.whole, describe_basis(error_band))
     aside = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
-    left_out = list_left_out(task.robot, promise, inertia_known=known, traced=traced)
+    left_out = list_left_out(task.robot, error_band, inertia_known=known, traced=traced)
 
     def state(
         word: str, sentence: str, cause: str, change: str, share: float | None, where: tuple[Stretch, ...] = ()
@@ -131,7 +131,7 @@ def check_tolerance(
             word, sentence.strip(), task.tolerance, band, share, where, cause, change, basis, left_out
         )
 
-    def doubt(missing: str, change: str, share: float | None) -> ToleranceVerdict:
+    def withhold(missing: str, change: str, share: float | None) -> ToleranceVerdict:
         head = "" if status == "solved" else "Do not start. "
         sentence = f"{head}Not known whether it keeps {wanted}: {missing}. {change}{aside}"
         return state(NOT_KNOWN, sentence, missing, change, share)
@@ -145,42 +145,42 @@ def check_tolerance(
                     f"reached within the limits{first}. Largest cause: {cause}. {change} "
                     f"{NO_BAND[0].upper()}{NO_BAND[1:]}.{aside}")  # fmt: skip
         return state(MAY_NOT_KEEP, sentence, cause, change, None)
-    if promise is None:
-        return doubt("no robot within the uncertainty has an equilibrium under this load", MEASURE, None)
-    use, length = np.where(task.cut, use_tolerance(task, promise), 0.0), task.nominal.arc_length
+    if error_band is None:
+        return withhold("no robot within the uncertainty has an equilibrium under this load", MEASURE, None)
+    use, length = np.where(task.cut, use_tolerance(task, error_band), 0.0), task.nominal.arc_length
     beyond = use > 1.0
-    share, cause = share_length(length, task.cut, beyond), find_cause(promise, left)
+    share, cause = share_length(length, task.cut, beyond), find_cause(error_band, left)
     if beyond.any():
-        change = find_change(task.robot, promise, cause, compensates=compensates)
-        widest = promise.widest if task.allowed is None else int(use.argmax())
+        change = find_change(task.robot, error_band, cause, compensates=compensates)
+        widest = error_band.widest if task.allowed is None else int(use.argmax())
         own = ("" if task.allowed is None
-               else f" (band {_mm(promise.along[widest])}, {use[widest]:.2g} times its tolerance)")  # fmt: skip
-        off = (f"May not keep {wanted}: the tip may be up to {_mm(promise.whole)} off the path (95 %). Beyond the "
+               else f" (band {_mm(error_band.along[widest])}, {use[widest]:.2g} times its tolerance)")  # fmt: skip
+        off = (f"May not keep {wanted}: the tip may be up to {_mm(error_band.whole)} off the path (95 %). Beyond the "
                f"tolerance: {_percent(share)} of the cut, most of all {1e3 * length[widest]:.4g} mm along the path{own}"
                f". Largest cause: {cause}.")  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
             change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
-        return state(MAY_NOT_KEEP, sentence, cause, change, share, find_stretches(beyond, length, promise.along))
+        return state(MAY_NOT_KEEP, sentence, cause, change, share, find_stretches(beyond, length, error_band.along))
     if status == "not_confirmed":
-        return doubt(f"the plan is {failure}", SETTLE, share)
+        return withhold(f"the plan is {failure}", SETTLE, share)
     if task.robot.uncertainty is None and task.robot.grade == "placeholder":
-        return doubt("the stiffness of this robot was never measured (its model is a placeholder)", MEASURE, share)
+        return withhold("the stiffness of this robot was never measured (its model is a placeholder)", MEASURE, share)
     if not known:
         missing = "the robot folder has no masses or no springs, so inertia is not counted"
-        return doubt(missing, "State them in its folder.", share)
+        return withhold(missing, "State them in its folder.", share)
     most = "" if task.allowed is None else f", and uses {_percent(float(use.max()))} of the tolerance at most"
-    sentence = (f"Keeps {wanted}: with 95 % the tip stays within {_mm(promise.whole)} along the"
+    sentence = (f"Keeps {wanted}: with 95 % the tip stays within {_mm(error_band.whole)} along the"
                 f" whole cut{most} ({basis}).{aside}")  # fmt: skip
     return state(KEEPS, sentence, cause, "", share)
 
 
-def use_tolerance(task: PlanTask, promise: ErrorBand) -> Array:
+def use_tolerance(task: PlanTask, error_band: ErrorBand) -> Array:
     """Return the share of its tolerance that the band of the whole path uses at each waypoint. Shape (n,)."""
     if task.allowed is None:
-        return promise.along / task.tolerance
-    mean = None if promise.motion is None else promise.motion.mean
-    return task.allowed.use_of_band(promise.along, promise.covariance, mean)
+        return error_band.along / task.tolerance
+    mean = None if error_band.motion is None else error_band.motion.mean
+    return task.allowed.use_of_band(error_band.along, error_band.covariance, mean)
 
 
 def describe_tolerance(task: PlanTask) -> str:
@@ -194,11 +194,11 @@ def describe_tolerance(task: PlanTask) -> str:
     return f"{span}{_mm(sizes.max())}{more}"
 
 
-def find_cause(promise: ErrorBand, left: Array) -> str:
+def find_cause(error_band: ErrorBand, left: Array) -> str:
     """Name the cause whose measurement narrows the band most, otherwise what makes it widest where it is widest."""
-    causes = {**promise.causes, "what the plan itself leaves": float(left[promise.widest])}
+    causes = {**error_band.causes, "what the plan itself leaves": float(left[error_band.widest])}
     largest = max(causes, key=lambda name: causes[name])
-    alone = {rung.step: rung.alone for rung in promise.ladder}
+    alone = {rung.step: rung.alone for rung in error_band.ladder}
     if largest not in (*CAUSES, FORCE) or not {"force_log", "poses"} <= set(alone):
         return largest
     if alone["force_log"] < alone["poses"]:
@@ -206,56 +206,58 @@ def find_cause(promise: ErrorBand, left: Array) -> str:
     return max((name for name in causes if name in CAUSES), key=lambda name: causes[name])
 
 
-def find_change(robot: Robot, promise: ErrorBand, cause: str, *, compensates: bool = True) -> str:
+def find_change(robot: Robot, error_band: ErrorBand, cause: str, *, compensates: bool = True) -> str:
     """Say what would change the verdict: the cheapest measurements that suffice, or that which narrows most."""
-    if promise.ladder and cause not in (INERTIA, "place of the part", "repeatability"):
-        if promise.cheapest:
-            chosen = " and ".join(DO[step] for step in promise.cheapest)
+    if error_band.ladder and cause not in (INERTIA, "place of the part", "repeatability"):
+        if error_band.cheapest:
+            chosen = " and ".join(DO[step] for step in error_band.cheapest)
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
-        best = min(rung.band for rung in promise.ladder[1:])
+        best = min(rung.band for rung in error_band.ladder[1:])
         return f"No measurement suffices: all together leave {_mm(best)}. Allow more, or reduce the force."
     if cause == INERTIA and not compensates:
         return LET_COMPENSATE
     if cause in CHANGES:
         return CHANGES[cause]
-    if cause in CAUSES and promise.known.grade == "measured":
-        if promise.leading and promise.leading[0][0] == f"joint_offset {robot.actuated[0].name}":
+    if cause in CAUSES and error_band.known.grade == "measured":
+        if error_band.leading and error_band.leading[0][0] == f"joint_offset {robot.actuated[0].name}":
             return TOUCH_OFF
         return "Measure more poses: compplan campaign JOB --poses 12 --out poses."
     return MEASURE
 
 
-def describe_basis(promise: ErrorBand) -> str:
+def describe_basis(error_band: ErrorBand) -> str:
     """Say what the band rests on, in a few words."""
-    measured, assumed = promise.known.grade == "measured", "assumed" in promise.force.source
+    measured, assumed = error_band.known.grade == "measured", "assumed" in error_band.force.source
     said = "the robot is measured" if measured else "the robot is assumed, not measured"
-    if not np.any(promise.parts["force"]):
+    if not np.any(error_band.parts["force"]):
         return said
     if assumed and not measured:
         return "robot and force are assumed, not measured"
     return f"{said}; the force is {'assumed' if assumed else 'stated'}"
 
 
-def explain_width(promise: ErrorBand | None, nominal: float) -> str:
+def explain_width(error_band: ErrorBand | None, nominal: float) -> str:
     """Say why a band is far wider than the uncorrected program is off, nominal [m]; "" where it is not."""
-    if promise is None or promise.greatest <= WIDE * nominal:
+    if error_band is None or error_band.greatest <= WIDE * nominal:
         return ""
-    cause = max(promise.causes, key=lambda name: promise.causes[name], default="the uncertainty of the robot")
-    share = f", above all {promise.leading[0][0]} ({_percent(promise.leading[0][1])})" if promise.leading else ""
+    cause = max(error_band.causes, key=lambda name: error_band.causes[name], default="the uncertainty of the robot")
+    share = (
+        f", above all {error_band.leading[0][0]} ({_percent(error_band.leading[0][1])})" if error_band.leading else ""
+    )
     return (
-        f" The band is wide, {_mm(promise.greatest)} where the uncorrected program is off by {_mm(nominal)} in the"
+        f" The band is wide, {_mm(error_band.greatest)} where the uncorrected program is off by {_mm(nominal)} in the"
         f" model: most of it comes from {cause}{share}."
     )
 
 
-def list_left_out(robot: Robot, promise: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:
+def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:
     """List what moves the tip and is not in the band."""
     told = []
     if not traced and not any(effect["effect"] == "tracking_lag" for effect in robot.effects):
         told.append("path errors of the controller (no trace of it)")
     if not inertia_known:
         told.append("inertia and vibration of the arm (no masses, or no springs)")
-    if promise is None or not promise.placed:
+    if error_band is None or not error_band.placed:
         told.append("place of the part ([noise] part_frame_mm states none)")
     return (*told, "ringing after rapid moves", "bending of the cutter", "chatter", "warming up")
 

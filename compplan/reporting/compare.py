@@ -58,7 +58,7 @@ def render_comparison(comparison: Comparison) -> str:
     """Return the page: what each strategy leaves, by cell and along the path."""
     task, own = comparison.task, comparison.cells[0].name
     wrong = [cell.name for cell in comparison.cells[1:]]
-    facts = [("deviation computed by", comparison.judge), ("toolpath", task.nominal.source or "given in memory")]
+    facts = [("deviation computed by", comparison.evaluated_by), ("toolpath", task.nominal.source or "given in memory")]
     facts += [] if comparison.job is None else [("job", str(comparison.job.file))]
     assumptions = list_assumptions(comparison.job)
     if wrong:

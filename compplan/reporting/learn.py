@@ -66,7 +66,7 @@ def _write_updated(update: LearnedPart, folder: Path) -> None:
     elif source is not None and (source / PROCESS).is_file():
         shutil.copyfile(source / PROCESS, folder / PROCESS)
     name = residual_file(update.robot, update.job)
-    if update.lesson.taken and update.residual is not None:
+    if update.model_update.taken and update.residual is not None:
         file_name = f"learned_{update.job.file.stem}.csv" if name is None else name.name
         _write_residual(update.residual, update.robot, folder / file_name)
 
@@ -84,26 +84,29 @@ def _write_residual(residual: Residual, robot: Robot, file: Path) -> None:
 
 def summarise_update(update: LearnedPart) -> dict[str, Any]:
     """Return the content of learn.json."""
-    lesson, travel = update.lesson, update.travel
+    model_update, travel = update.model_update, update.travel
     steps = ("nothing", "force", "force_and_robot")
     left = {name: 1e3 * v if np.isfinite(v) else None for name, v in zip(steps, travel.left, strict=True)}
     bands = {
         name: {"p95_max": float(band.max()) * 1e3, "p95_max_in_measured_directions": float(seen.max()) * 1e3}
         for name, band, seen in zip(
-            ("band_before_mm", "band_after_mm"), (lesson.band_before, lesson.band_after), lesson.band_seen, strict=True
+            ("band_before_mm", "band_after_mm"),
+            (model_update.band_before, model_update.band_after),
+            model_update.band_seen,
+            strict=True,
         )
     }
     return {
         "schema": 1, "name": update.job.name or update.job.file.stem, "robot": update.robot.name,
-        "step_taken": lesson.taken, "reason": lesson.reason, "status": update.after.status,
+        "step_taken": model_update.taken, "reason": model_update.reason, "status": update.after.status,
         "verdict": update.after.verdict.describe(), "points": len(update.measured),
-        "points_left_out": update.measured.left_out, "measured_rms_mm": lesson.rms * 1e3,
-        "held_out_rms_mm": lesson.held_out * 1e3 if np.isfinite(lesson.held_out) else None,
-        "expected_rms_mm": lesson.expected * 1e3 if lesson.taken else None,
-        "physics_rms_mm": _rms(lesson.physics) * 1e3, "force_rms_mm": _rms(lesson.pushed) * 1e3,
-        "residual_rms_mm": _rms(lesson.residual) * 1e3, **bands,
+        "points_left_out": update.measured.left_out, "measured_rms_mm": model_update.rms * 1e3,
+        "held_out_rms_mm": model_update.held_out * 1e3 if np.isfinite(model_update.held_out) else None,
+        "expected_rms_mm": model_update.expected * 1e3 if model_update.taken else None,
+        "physics_rms_mm": _rms(model_update.physics) * 1e3, "force_rms_mm": _rms(model_update.pushed) * 1e3,
+        "residual_rms_mm": _rms(model_update.residual) * 1e3, **bands,
         "told_other_paths": {
-            "force": travel.force and lesson.taken, "robot": travel.robot and lesson.taken, "left_mm": left,
+            "force": travel.force and model_update.taken, "robot": travel.robot and model_update.taken, "left_mm": left,
             "force_level": None if update.force is None else update.force.level,
         },
         "learned": [
@@ -120,17 +123,20 @@ def _rms(vectors: Array) -> float:
 
 def _render(update: LearnedPart) -> str:
     """Return the page: what was measured, what explains it, whether the step is taken, what to expect next."""
-    lesson, length = update.lesson, 1e3 * update.length
+    model_update, length = update.model_update, 1e3 * update.length
     before, after, seen = (
-        format_length(float(band.max())) for band in (lesson.band_before, lesson.band_after, lesson.band_seen[1])
+        format_length(float(band.max()))
+        for band in (model_update.band_before, model_update.band_after, model_update.band_seen[1])
     )
     expected = f"The band narrows from {before} to {after} at its widest"
-    if not lesson.taken:
+    if not model_update.taken:
         expected = f"Nothing changes: the band stays at {before} at its widest"
     lines = (
-        Curve("before", length, 1e3 * lesson.band_before, "before"),
-        Curve("after", length, 1e3 * lesson.band_after, "after"),
-        Curve("after, in measured directions", length[lesson.gathered.row], 1e3 * lesson.band_seen[1], "seen"),
+        Curve("before", length, 1e3 * model_update.band_before, "before"),
+        Curve("after", length, 1e3 * model_update.band_after, "after"),
+        Curve(
+            "after, in measured directions", length[model_update.gathered.row], 1e3 * model_update.band_seen[1], "seen"
+        ),
     )
     figure = draw_curves(Curves("", "along the path [mm]", "95 % band [mm]", lines))
     bands = Chart(figure, "95 % band of the true tip. Dotted: in the directions that were measured alone.", 320)
@@ -140,50 +146,51 @@ def _render(update: LearnedPart) -> str:
     ]
     return render_page(
         update.after.name, _open(update), sections, kind=f"Measured part, {update.robot.name}",
-        warning="" if lesson.taken else f"The program stays as it is: {lesson.reason}.", notes=update.notes[1:],
+        warning="" if model_update.taken else f"The program stays as it is: {model_update.reason}.",
+        notes=update.notes[1:],
         provenance=describe_robot(update.robot, [("corrected plan", "plan.html")]),
     )  # fmt: skip
 
 
 def _open(update: LearnedPart) -> Summary:
     """Return the first screen: what the next part may be expected to be."""
-    lesson, measured, gathered = update.lesson, update.measured, update.lesson.gathered
+    model_update, measured, gathered = update.model_update, update.measured, update.model_update.gathered
     few, at = np.unique(np.linspace(0, len(measured) - 1, 1500).astype(int)), 1e3 * update.length[gathered.row]
     dots = 1e3 * np.linalg.norm(measured.seen[few], axis=1)
     lines = [Curve("measured", 1e3 * measured.length[few], dots, "before", "markers")]
-    together = lesson.physics + lesson.pushed + lesson.residual
-    parts = (("the robot", lesson.physics, 2), ("the force", lesson.pushed, 4), ("the path itself", lesson.residual, 3),
-             ("all three together", together, "after"))  # fmt: skip
+    together = model_update.physics + model_update.pushed + model_update.residual
+    parts = (("the robot", model_update.physics, 2), ("the force", model_update.pushed, 4),
+             ("the path itself", model_update.residual, 3), ("all three together", together, "after"))  # fmt: skip
     for name, part, role in parts:
         seen = np.einsum("bij,bj->bi", gathered.counts, part[gathered.row])
         lines.append(Curve(name, at, 1e3 * np.linalg.norm(seen, axis=1), role))
     curves = Curves("", "along the path [mm]", "distance [mm]", tuple(lines))
     caption = "Dots: measured. Lines: what explains it; distances without sign, in the directions that were measured."
     picture = Chart(draw_curves(curves), caption, 340)
-    if not lesson.taken:
+    if not model_update.taken:
         verdict = "The program stays as it is: the measured part does not improve the next one."
-        figures = [(format_mm(lesson.rms), "rms deviation of the measured part")]
+        figures = [(format_mm(model_update.rms), "rms deviation of the measured part")]
         todo = "Measure more points, or another part, and learn again."
         return Summary(verdict, "unsure", figures, picture, todo)
-    change = format_mm_change(lesson.rms, lesson.expected)
+    change = format_mm_change(model_update.rms, model_update.expected)
     taken = [
         (change, "rms deviation, measured on this part and expected of the next", "good"),
-        (format_mm(lesson.held_out), "checked: left on stretches not used for the correction"),
-        (format_mm(float(lesson.band_after.max())), "95 % band of the next part at its widest"),
+        (format_mm(model_update.held_out), "checked: left on stretches not used for the correction"),
+        (format_mm(float(model_update.band_after.max())), "95 % band of the next part at its widest"),
     ]
     todo = "Cut the next part with the new program, measure it, and learn again with --robot OUT/robot."
     return Summary("The new program should make the next part better.", "good", taken, picture, todo)
 
 
 def _list_causes(update: LearnedPart) -> DataTable:
-    lesson = update.lesson
+    model_update = update.model_update
     rows = [
-        [f"measured deviation, {len(update.measured)} points", 1e3 * lesson.rms],
-        ["the robot's parameters", 1e3 * _rms(lesson.physics)],
-        ["the force, other than predicted", 1e3 * _rms(lesson.pushed)],
-        ["the path itself", 1e3 * _rms(lesson.residual)],
+        [f"measured deviation, {len(update.measured)} points", 1e3 * model_update.rms],
+        ["the robot's parameters", 1e3 * _rms(model_update.physics)],
+        ["the force, other than predicted", 1e3 * _rms(model_update.pushed)],
+        ["the path itself", 1e3 * _rms(model_update.residual)],
         ["left on stretches that were not used",
-         Cell(1e3 * lesson.held_out if np.isfinite(lesson.held_out) else None, "strong")],
+         Cell(1e3 * model_update.held_out if np.isfinite(model_update.held_out) else None, "strong")],
     ]  # fmt: skip
     caption = "Robot, force and path can have the same effect; this is the likeliest division."
     return DataTable(["", "rms [mm]"], rows, caption)

@@ -102,7 +102,7 @@ def write_plan_page(plan: Plan, file: Path) -> None:
         Section("Joints", [joints], "Each chart spans the whole range of its joint."),
         _show_corrections(plan, stations), _show_feed(plan, stations, rates),
     ]  # fmt: skip
-    sections += [] if plan.promise is None else [show_error_band(plan.promise, stations, task.tolerance)]
+    sections += [] if plan.error_band is None else [show_error_band(plan.error_band, stations, task.tolerance)]
     assumptions = list_assumptions(plan.job)
     choice = None if task.start is None else task.start.posture_choice
     if choice is not None:
@@ -115,7 +115,7 @@ def write_plan_page(plan: Plan, file: Path) -> None:
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str]]:
-    facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", plan.judge)]
+    facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", plan.evaluated_by)]
     if plan.job is not None:
         facts += [("job", str(plan.job.file))] if plan.job.file.is_file() else []
         facts.append(("force model", name_force_model(plan.job.process.model)))
@@ -168,8 +168,8 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
         share = np.abs(values) / limits
         joint = plan.robot.joint_names[int(np.argmax(share.max(axis=0)))]
         planned[f"{name} used"] = f"{format_percent(float(share.max()))} ({joint})"
-    if plan.promise is not None:
-        planned["true tip within, with 95\u00a0%"] = format_length(plan.promise.whole)
+    if plan.error_band is not None:
+        planned["true tip within, with 95\u00a0%"] = format_length(plan.error_band.whole)
     assumed = " (assumed masses)" if "assumed" in bending.masses else ""
     planned |= {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
     if np.isfinite(bending.inertia):

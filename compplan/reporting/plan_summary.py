@@ -52,7 +52,7 @@ FIRST_RUN = "Run the program without a part at reduced override, then cut and me
 def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
     """Return the first screen of a plan; programs that stand in a folder already are listed with their checksums."""
     verdict, tone = plan.verdict, TONES[plan.verdict.word]
-    before = None if plan.promise is None else plan.promise.before
+    before = None if plan.error_band is None else plan.error_band.before
     uncorrected = "" if before is None else f" (uncorrected program {format_mm(before[1])})"
     words = f"95 % band{uncorrected}: the true tip stays that close to the path; "
     words += f"the tolerance is {format_set_length(verdict.tolerance)}"
@@ -213,7 +213,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
     """Return what the terminal says of a plan that was written: six lines at most, then each note to settle, whole."""
     step = _name_job(plan, NEXT.get(plan.status) or plan.verdict.change or FIRST_RUN.rstrip("."))
     before, after = (format_mm(run.max_deviation) for run in (plan.before, plan.after))
-    band, sizes = plan.promise, f"deviation {before} -> {after} as modelled"
+    band, sizes = plan.error_band, f"deviation {before} -> {after} as modelled"
     if band is None:
         sizes += "; no 95 % band is stated"
     else:

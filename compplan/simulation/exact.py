@@ -193,12 +193,12 @@ def build_exact_robot(robot: Robot, *, standing: bool = False) -> ExactRobot:
 
 
 def solve_exact_pose(
-    judge: ExactRobot, q: Array, wrench: Array | None = None, tolerance: float = 1e-13, bias: Array | None = None
+    exact_robot: ExactRobot, q: Array, wrench: Array | None = None, tolerance: float = 1e-13, bias: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Solve the exact loaded equilibrium at every pose.
 
     Args:
-        judge: The exact model.
+        exact_robot: The exact model.
         q: Joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
         tolerance: Largest change of an elastic coordinate in the last iteration. [rad or m]
@@ -212,50 +212,54 @@ def solve_exact_pose(
     """
     q = np.atleast_2d(q)
     load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(wrench, (len(q), 6))
-    data = judge.model.createData()
+    data = exact_robot.model.createData()
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
-    thetas = np.zeros((len(q), len(judge.elastic)))
-    more = np.zeros((len(q), len(judge.elastic))) if bias is None else bias
-    theta = before = earlier = np.zeros(len(judge.elastic))
-    rigid = q @ judge.commanded.T + judge.shift
+    thetas = np.zeros((len(q), len(exact_robot.elastic)))
+    more = np.zeros((len(q), len(exact_robot.elastic))) if bias is None else bias
+    theta = before = earlier = np.zeros(len(exact_robot.elastic))
+    rigid = q @ exact_robot.commanded.T + exact_robot.shift
     near = np.r_[False, np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) < NEIGHBOUR].tolist()
     for i in range(len(q)):
         start = theta
         if near[i]:
             start = 3.0 * (theta - before) + earlier if i > 2 and near[i - 1] and near[i - 2] else 2.0 * theta - before
         try:
-            earlier, before, theta = (before, theta, _settle(judge, data, rigid[i], load[i], more[i], start, tolerance))
+            earlier, before, theta = (
+                before,
+                theta,
+                _settle(exact_robot, data, rigid[i], load[i], more[i], start, tolerance),
+            )
         except ConvergenceError as error:
             message = f"{error} at waypoint {i} under {np.linalg.norm(load[i, :3]):.3g} N"
             raise ConvergenceError(
                 f"{message}; the load is near or beyond buckling: check forces, and compliances of the robot",
                 residual=error.residual,
             ) from None
-        placement = data.oMf[judge.tcp]
+        placement = data.oMf[exact_robot.tcp]
         position[i], rotation[i], thetas[i] = placement.translation, placement.rotation, theta
     return position, rotation, thetas
 
 
 def _settle(
-    judge: ExactRobot, data: pin.Data, rigid: Array, wrench: Array, bias: Array, theta: Array, tolerance: float
+    exact_robot: ExactRobot, data: pin.Data, rigid: Array, wrench: Array, bias: Array, theta: Array, tolerance: float
 ) -> Array:
     """Iterate theta <- C tau(theta) until the step vanishes."""
-    model, configuration, elastic = judge.model, rigid.copy(), judge.elastic
+    model, configuration, elastic = exact_robot.model, rigid.copy(), exact_robot.elastic
     step, world, straight = np.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, rigid[elastic]
-    if judge.weighs:
-        judge.turn_gravity(data, configuration)
+    if exact_robot.weighs:
+        exact_robot.turn_gravity(data, configuration)
     for _ in range(MAX_ITERATIONS):
         configuration[elastic] = straight + theta
-        torque = (wrench @ pin.computeFrameJacobian(model, data, configuration, judge.tcp, world))[elastic] + bias
-        if judge.weighs:
-            torque -= judge.weigh(data, configuration)[elastic]
-        update = judge.compliance @ torque
+        torque = (wrench @ pin.computeFrameJacobian(model, data, configuration, exact_robot.tcp, world))[elastic] + bias
+        if exact_robot.weighs:
+            torque -= exact_robot.weigh(data, configuration)[elastic]
+        update = exact_robot.compliance @ torque
         change = update - theta
         step = math.sqrt(change @ change)
         theta = update
         if step < tolerance:
             configuration[elastic] = straight + theta
             pin.forwardKinematics(model, data, configuration)
-            pin.updateFramePlacement(model, data, judge.tcp)
+            pin.updateFramePlacement(model, data, exact_robot.tcp)
             return theta
     raise ConvergenceError(f"equilibrium did not settle, last step {step:.3g} rad", residual=step)

@@ -41,32 +41,32 @@ def fit_parabolas(q: Array, time: Array, rows: NDArray[np.int_]) -> tuple[Array,
 
 
 def load_springs(
-    judge: ExactRobot, q: Array, time: Array, moving: NDArray[np.bool_], rests: NDArray[np.bool_],
+    exact_robot: ExactRobot, q: Array, time: Array, moving: NDArray[np.bool_], rests: NDArray[np.bool_],
     among: NDArray[np.int_] | None = None,
 ) -> Array:  # fmt: skip
     """Return what the inertia of a timed motion puts on each elastic coordinate; nothing at rest. Shape (n, s).
 
     Args:
-        judge: The robot with all its masses and no weight.
+        exact_robot: The robot with all its masses and no weight.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         time: Shape (n,). [s]
         moving: Whether the move that ends at each row cuts. Shape (n,).
         rests: Whether the tool stands still at each row. Shape (n,).
         among: Rows that are looked at; all if left out.
     """
-    found = np.zeros((len(q), len(judge.elastic)))
-    if not sum(inertia.mass for inertia in judge.model.inertias) > 0 or not len(judge.elastic):
+    found = np.zeros((len(q), len(exact_robot.elastic)))
+    if not sum(inertia.mass for inertia in exact_robot.model.inertias) > 0 or not len(exact_robot.elastic):
         return found
     rows = find_inside(time, moving)
     rows = rows[~rests[rows]]
     if among is not None:
         rows = np.intersect1d(rows, among)
     velocity, change = fit_parabolas(q, time, rows)
-    data = judge.model.createData()
-    for row, rate, rise in zip(rows, velocity @ judge.commanded.T, change @ judge.commanded.T, strict=True):
+    data = exact_robot.model.createData()
+    for row, rate, rise in zip(rows, velocity @ exact_robot.commanded.T, change @ exact_robot.commanded.T, strict=True):
         if rise.any() or rate.any():
-            forces = pin.rnea(judge.model, data, judge.commanded @ q[row] + judge.shift, rate, rise)
-            found[row] = -forces[judge.elastic]
+            forces = pin.rnea(exact_robot.model, data, exact_robot.commanded @ q[row] + exact_robot.shift, rate, rise)
+            found[row] = -forces[exact_robot.elastic]
     return found
 
 
@@ -102,22 +102,24 @@ def average_loads(loads: Array, time: Array, runs: list[tuple[int, int]], window
     return found
 
 
-def shift_tip(judge: ExactRobot, q: Array, loads: Array) -> Array:
+def shift_tip(exact_robot: ExactRobot, q: Array, loads: Array) -> Array:
     """Return how far loads on the elastic coordinates move the tip, to first order. Shape (k, 3). [m]."""
-    data, found = judge.model.createData(), np.empty((len(q), 3))
+    data, found = exact_robot.model.createData(), np.empty((len(q), 3))
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for k, (pose, load) in enumerate(zip(q, loads, strict=True)):
-        columns = pin.computeFrameJacobian(judge.model, data, judge.commanded @ pose + judge.shift, judge.tcp, world)
-        found[k] = columns[:3, judge.elastic] @ (judge.compliance @ load)
+        columns = pin.computeFrameJacobian(
+            exact_robot.model, data, exact_robot.commanded @ pose + exact_robot.shift, exact_robot.tcp, world
+        )
+        found[k] = columns[:3, exact_robot.elastic] @ (exact_robot.compliance @ load)
     return found
 
 
-def solve_rigid(judge: ExactRobot, q: Array) -> tuple[Array, Array]:
+def solve_rigid(exact_robot: ExactRobot, q: Array) -> tuple[Array, Array]:
     """Return where the unloaded, stiff arm holds the tool: position (n, 3) [m] and rotation (n, 3, 3)."""
-    model, data = judge.model, judge.model.createData()
+    model, data = exact_robot.model, exact_robot.model.createData()
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
-    for k, coordinates in enumerate(q @ judge.commanded.T + judge.shift):
+    for k, coordinates in enumerate(q @ exact_robot.commanded.T + exact_robot.shift):
         pin.forwardKinematics(model, data, coordinates)
-        place = pin.updateFramePlacement(model, data, judge.tcp)
+        place = pin.updateFramePlacement(model, data, exact_robot.tcp)
         position[k], rotation[k] = place.translation, place.rotation
     return position, rotation

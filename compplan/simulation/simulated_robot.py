@@ -23,7 +23,7 @@ AS_MODELLED = "as modelled"
 MISMATCHES = (1.2, 0.8)
 #: Elastic coordinates are settled to this; half a nanometre at the tip of a large arm. [rad or m]
 TOLERANCE = 1e-10
-JUDGE = "Pinocchio, exact loaded equilibrium at every waypoint"
+EXACT_EVALUATION = "Pinocchio, exact loaded equilibrium at every waypoint"
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class SimulatedRobot:
 
     name: str  #: What it is called in tables; says in what it differs from the planner's model.
     robot: Robot  #: The robot that stands in it, with its tool.
-    judge: ExactRobot  #: The robot as a Pinocchio model.
+    exact_robot: ExactRobot  #: The robot as a Pinocchio model.
     #: From the part frame that a touch with this robot found to where the part stands; None where the frame is
     #: absolute. Shape (4, 4). [m]
     displacement: Array | None = None
@@ -89,7 +89,7 @@ def touch_cell(cell: SimulatedRobot, q: Array, shown: Array) -> SimulatedRobot:
 def _attain(
     cell: SimulatedRobot, q: Array, wrench: Array, step_time: Array | None, bias: Array | None
 ) -> tuple[Array, Array]:
-    position, rotation, _ = solve_exact_pose(cell.judge, q, wrench, TOLERANCE, bias)
+    position, rotation, _ = solve_exact_pose(cell.exact_robot, q, wrench, TOLERANCE, bias)
     if not cell.robot.effects:
         return position, rotation
     steps = np.ones(len(q) - 1) if step_time is None else step_time

@@ -37,7 +37,7 @@ AT_ONCE = 20_000
 class Dynamics:
     """A robot with all its masses as a Pinocchio model, springs as joints."""
 
-    judge: ExactRobot  #: The model; its gravity is zero.
+    exact_robot: ExactRobot  #: The model; its gravity is zero.
     #: The same seen from the ground, where accelerations count; another one only where a positioner carries the part.
     standing: ExactRobot
     compliance: Array  #: Compliance of the elastic coordinates. Shape (s, s).
@@ -45,7 +45,9 @@ class Dynamics:
     @property
     def known(self) -> bool:
         """Tell whether there are masses on springs."""
-        return bool(len(self.judge.elastic)) and sum(inertia.mass for inertia in self.judge.model.inertias) > 0
+        return (
+            bool(len(self.exact_robot.elastic)) and sum(inertia.mass for inertia in self.exact_robot.model.inertias) > 0
+        )
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,12 @@ class ModeShapes:
 def build_dynamics(robot: Robot) -> Dynamics:
     """Build the dynamics of a robot, all bodies of its URDF and the tool included."""
     weightless = replace(robot, gravity=np.zeros(3), weights=())
-    judge = build_exact_robot(weightless)
-    return Dynamics(judge, build_exact_robot(weightless, standing=True) if robot.ground else judge, judge.compliance)
+    exact_robot = build_exact_robot(weightless)
+    return Dynamics(
+        exact_robot,
+        build_exact_robot(weightless, standing=True) if robot.ground else exact_robot,
+        exact_robot.compliance,
+    )
 
 
 def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
@@ -75,12 +81,14 @@ def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
 
 def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[ModeShapes]:
     """Return at most `count` lowest modes at postures, (k, nq), from M v = C^-1 v / w^2."""
-    judge, found = dynamics.judge, []
-    data, world = judge.model.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    for configuration in q @ judge.commanded.T + judge.shift:
-        mass = pin.crba(judge.model, data, configuration)
-        mass = (np.triu(mass) + np.triu(mass, 1).T)[np.ix_(judge.elastic, judge.elastic)]
-        tip = pin.computeFrameJacobian(judge.model, data, configuration, judge.tcp, world)[:3, judge.elastic]
+    exact_robot, found = dynamics.exact_robot, []
+    data, world = exact_robot.model.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for configuration in q @ exact_robot.commanded.T + exact_robot.shift:
+        mass = pin.crba(exact_robot.model, data, configuration)
+        mass = (np.triu(mass) + np.triu(mass, 1).T)[np.ix_(exact_robot.elastic, exact_robot.elastic)]
+        tip = pin.computeFrameJacobian(exact_robot.model, data, configuration, exact_robot.tcp, world)[
+            :3, exact_robot.elastic
+        ]
         square, shapes = np.linalg.eig(dynamics.compliance @ mass)
         order = np.argsort(square.real)[::-1][:count]
         order = order[square.real[order] > 1e-12]
@@ -95,12 +103,12 @@ def inertial_loads(dynamics: Dynamics, q: Array, velocity: Array, acceleration: 
 
     q, velocity and acceleration: shape (k, nq). [rad or m, per s, per s^2]
     """
-    judge, data = dynamics.standing, dynamics.standing.model.createData()
-    rigid = q @ judge.commanded.T + judge.shift
-    rate, change = velocity @ judge.commanded.T, acceleration @ judge.commanded.T
-    loads = np.empty((len(q), len(judge.elastic)))
+    exact_robot, data = dynamics.standing, dynamics.standing.model.createData()
+    rigid = q @ exact_robot.commanded.T + exact_robot.shift
+    rate, change = velocity @ exact_robot.commanded.T, acceleration @ exact_robot.commanded.T
+    loads = np.empty((len(q), len(exact_robot.elastic)))
     for i in range(len(q)):
-        loads[i] = -pin.rnea(judge.model, data, rigid[i], rate[i], change[i])[judge.elastic]
+        loads[i] = -pin.rnea(exact_robot.model, data, rigid[i], rate[i], change[i])[exact_robot.elastic]
     return loads
 
 

@@ -135,10 +135,10 @@ def test_a_part_off_as_a_whole_teaches_where_its_run_alone_does_not_explain_it()
     for off, taken in ((8e-5, True), (2e-5, False)):
         seen = Gathered(np.arange(k), noise + np.array([0.0, off, 0.0]), eye, np.full(k, 1e-10), np.ones(k, int))
         own = state_own(NoiseTable(), tip[0], slopes, ForceSpread(0.0, 0.0, 0.0, "none"), fitted=False)
-        lesson = learn_part(slopes, known, seen, lambda values, force: np.tile(values, (k, 1)), own)
-        assert lesson.taken == taken, lesson.reason
+        model_update = learn_part(slopes, known, seen, lambda values, force: np.tile(values, (k, 1)), own)
+        assert model_update.taken == taken, model_update.reason
         if taken:  # what is left open, and the next run: repeatability along three axes
-            run = lesson.expected**2 - np.mean(np.sum(lesson.open**2, axis=(1, 2)))
+            run = model_update.expected**2 - np.mean(np.sum(model_update.open**2, axis=(1, 2)))
             assert run == pytest.approx(3 * known.repeatability**2, rel=1e-3)
 
 
@@ -209,8 +209,8 @@ def test_the_residual_is_taken_off_the_path_and_joints_csv_is_held_against_what_
     rows = np.arange(len(nominal)) if len(task) == len(nominal) else task.origin
     path = np.stack([np.interp(rows, np.arange(len(nominal)), column) for column in nominal.position.T], axis=1)
     assert task.position == pytest.approx(path - [1e-3, 0.0, 0.0], abs=1e-9)
-    lesson = SimpleNamespace(after=SimpleNamespace(task=task), path=nominal, residual=left)
-    assert LearnedPart.wanted.__get__(lesson) == pytest.approx(path, abs=1e-9)
+    model_update = SimpleNamespace(after=SimpleNamespace(task=task), path=nominal, residual=left)
+    assert LearnedPart.wanted.__get__(model_update) == pytest.approx(path, abs=1e-9)
 
 
 @pytest.mark.parametrize("measured", ["across", "upwards"])
@@ -231,7 +231,7 @@ def test_the_next_program_does_not_move_where_nothing_was_measured(measured: str
         up = {f"dir_{axis}": np.full(len(circle), float(axis == "k")) for axis in "ijk"}
         columns |= {"reading_mm": np.full(len(circle), off[2]), **up}
     learned = learn_from_part(job, replace(load_robot("kuka_kr270"), uncertainty=known), columns, align="datum")
-    assert learned.lesson.taken, learned.lesson.reason
+    assert learned.model_update.taken, learned.model_update.reason
     path, chain, places = learned.path, build_chain(learned.before.robot), []
     at = np.linspace(0.05, 0.95, 60) * path.arc_length[-1]
     for plan in (learned.before, learned.after):

@@ -141,8 +141,10 @@ def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(equipm
     asked = r"moved\.csv:1: .* shift of the whole part by \[0\.09.*was the part there\?.*part_frame_mm"
     with pytest.raises(InputError, match=asked):
         learn_from_part(job, robot, files[0])
-    lesson = learn_from_part(job, robot, files[0], align="datum")
-    assert any("of the whole part" in note and "learned as an error of the robot" in note for note in lesson.notes)
+    model_update = learn_from_part(job, robot, files[0], align="datum")
+    assert any(
+        "of the whole part" in note and "learned as an error of the robot" in note for note in model_update.notes
+    )
     assert not any("of the whole part" in note for note in learn_from_part(job, robot, files[1]).notes)
 
 

@@ -121,9 +121,9 @@ def test_a_lesson_says_how_force_and_robot_go_together() -> None:
     def exact(values: np.ndarray, force: np.ndarray) -> np.ndarray:
         return slopes.model @ values + slopes.shared @ force
 
-    lesson = learn_part(slopes, known, gathered, exact, own)
-    force, _ = learn_force(lesson, spread, None, PUSH, np.eye(3), "circle", np.ones(1, bool))
-    told = known.with_covariance(lesson.covariance)
+    model_update = learn_part(slopes, known, gathered, exact, own)
+    force, _ = learn_force(model_update, spread, None, PUSH, np.eye(3), "circle", np.ones(1, bool))
+    told = known.with_covariance(model_update.covariance)
     share = force.robot / [force.level, 1.0, 1.0, 1.0]
     again = ForceSpread(force.common, force.turn_sigma, 0.0, "told", 0.0, share)
     apart = replace(slopes, shared=slopes.shared * [force.common / spread.level, 1.0, 1.0, 1.0])
@@ -146,13 +146,13 @@ def test_three_parts_tell_their_scatter_and_four_a_clear_trend() -> None:
 def test_a_direction_that_a_turned_part_taught_stands_in_the_axes_that_its_force_keeps(frame: str) -> None:
     turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     own = SimpleNamespace(own=SimpleNamespace(ratio=0.0))
-    lesson = SimpleNamespace(force=np.array([0.2, 1.0, 0.5, -0.3]), force_covariance=1e-4 * np.eye(4), model=own,
+    model_update = SimpleNamespace(force=np.array([0.2, 1.0, 0.5, -0.3]), force_covariance=1e-4 * np.eye(4), model=own,
                              own=np.zeros(1), own_spread=0.1, cross=np.array([[0.0, 3e-6, 0.0, 0.0]]))  # fmt: skip
     push = PUSH.model_copy(update={"frame": frame})
-    force, _ = learn_force(lesson, ForceSpread(0.15, 0.05, 0.0, "assumed"), None, push, turned, "circle",
+    force, _ = learn_force(model_update, ForceSpread(0.15, 0.05, 0.0, "assumed"), None, push, turned, "circle",
                            np.ones(1, bool))  # fmt: skip
     in_base = turned if frame == "part" else np.eye(3)
-    assert in_base @ force.turn == pytest.approx(0.05 * lesson.force[1:])
+    assert in_base @ force.turn == pytest.approx(0.05 * model_update.force[1:])
     assert in_base @ force.robot[0, 1:] == pytest.approx([1.5e-7, 0.0, 0.0])
 
 
@@ -184,8 +184,8 @@ def test_a_plan_and_its_band_read_the_process_file_of_the_robot_folder(job: Job,
     share = np.hypot(0.03 / 1.2, SCATTER)
     spread = read_force_spread(after.job)
     assert spread.level == pytest.approx(share) and spread.scatter == SCATTER
-    assert after.promise.parts["force"].max() < 0.75 * before.promise.parts["force"].max()
-    assert "1 measured part" in after.promise.force.source
+    assert after.error_band.parts["force"].max() < 0.75 * before.error_band.parts["force"].max()
+    assert "1 measured part" in after.error_band.force.source
 
 
 def line(k: int) -> Slopes:
@@ -210,15 +210,15 @@ def test_stretches_that_were_left_out_say_what_travels(lift: float, push: float,
     def exact(values: np.ndarray, force: np.ndarray) -> np.ndarray:
         return slopes.model @ values + slopes.shared @ force
 
-    lesson = learn_part(slopes, known, gathered, exact, own)
-    travel = choose_transfer(lesson.model, gathered)
+    model_update = learn_part(slopes, known, gathered, exact, own)
+    travel = choose_transfer(model_update.model, gathered)
     assert (travel.force, travel.robot) == told
     # one part: the level that all parts share is told apart from this part's own by their variances alone
-    assert lesson.force[0] * 1e-4 == pytest.approx(push * 0.15**2 / (0.15**2 + 0.07**2), rel=0.05)
-    assert lesson.own[0] * own.ratio * 1e-4 == pytest.approx(push * 0.07**2 / (0.15**2 + 0.07**2), rel=0.2)
+    assert model_update.force[0] * 1e-4 == pytest.approx(push * 0.15**2 / (0.15**2 + 0.07**2), rel=0.05)
+    assert model_update.own[0] * own.ratio * 1e-4 == pytest.approx(push * 0.07**2 / (0.15**2 + 0.07**2), rel=0.2)
     # and the band of the next part holds its own force beside what is left of the level
     next_one = 1e-4 * own.ratio * np.sqrt(1.0 + 0.15**2 / (0.15**2 + 0.07**2))
-    assert lesson.band_after[0] == pytest.approx(1.96 * next_one, rel=0.05)
+    assert model_update.band_after[0] == pytest.approx(1.96 * next_one, rel=0.05)
 
 
 def test_a_taught_robot_is_tried_on_paths_that_the_part_did_not_see(job: Job) -> None:

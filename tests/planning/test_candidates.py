@@ -35,14 +35,14 @@ CIRCLE: dict[str, Any] = {
 
 
 def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
-    def judge(preset: str, time: float, band: float, still: float) -> float:
+    def exact_robot(preset: str, time: float, band: float, still: float) -> float:
         return judge_gain(preset, SimpleNamespace(time=time, band=band, still=still), base)
 
     base = SimpleNamespace(time=1.0, band=1.0, still=1.0)
-    assert judge("fast", 0.8, 3.0, 3.0) == 0.8
-    assert judge("accurate", 1.0, 1.0, 0.9) == 0.95 and judge("error_band", 1.1, 0.5, 0.5) == np.inf
-    assert judge("error_band", 1.0, 0.5, 1.1) == 0.5 and judge("accurate", 1.0, 0.5, 1.1) == 0.8
-    assert judge("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and judge("", 0.5, 1.01, 0.9) == np.inf
+    assert exact_robot("fast", 0.8, 3.0, 3.0) == 0.8
+    assert exact_robot("accurate", 1.0, 1.0, 0.9) == 0.95 and exact_robot("error_band", 1.1, 0.5, 0.5) == np.inf
+    assert exact_robot("error_band", 1.0, 0.5, 1.1) == 0.5 and exact_robot("accurate", 1.0, 0.5, 1.1) == 0.8
+    assert exact_robot("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and exact_robot("", 0.5, 1.01, 0.9) == np.inf
 
 
 def test_reversals_count_ways_of_a_stroke_and_more() -> None:
@@ -118,7 +118,7 @@ def test_a_tube_that_is_given_makes_a_wavy_run_shorter_and_its_deviation_is_judg
     assert 0.2e-3 < plan.after.max_deviation <= 6.41e-3
     off = plan.task.position - plan.task.programmed
     assert plan.after.deviation[plan.task.cut] == pytest.approx(off[plan.task.cut], abs=2e-6)
-    assert plan.promise is not None and plan.promise.greatest > plan.after.max_deviation
+    assert plan.error_band is not None and plan.error_band.greatest > plan.after.max_deviation
 
 
 def test_the_shipped_job_on_a_rail_is_solved_with_its_speed_eased_and_a_narrower_band_than_the_graphs_run() -> None:

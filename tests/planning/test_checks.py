@@ -93,7 +93,7 @@ def test_own_weight_is_no_bending_by_the_process() -> None:
 
 def test_the_torque_that_holds_a_wrench_is_its_virtual_work_with_the_sign_turned() -> None:
     robot = load_robot("ur20")
-    judge, q, wrench = (
+    exact_robot, q, wrench = (
         build_exact_robot(robot),
         np.array([0.3, -1.2, 1.4, -0.9, 0.7, 0.2]),
         np.array([40.0, -70.0, 90.0]),
@@ -101,7 +101,7 @@ def test_the_torque_that_holds_a_wrench_is_its_virtual_work_with_the_sign_turned
     step = 1e-6 * np.vstack([np.eye(6), -np.eye(6)])
     place = locate_frames(build_chain(robot), q + step).tcp_position
     work = (place[:6] - place[6:]) @ wrench / 2e-6
-    held = hold_load(judge, np.array([q, q]), np.array([np.r_[wrench, 0, 0, 0], np.zeros(6)]))
+    held = hold_load(exact_robot, np.array([q, q]), np.array([np.r_[wrench, 0, 0, 0], np.zeros(6)]))
     assert held[0] - held[1] == pytest.approx(-work, abs=1e-4)
     assert abs(held[1, 1]) > 50.0  # the weight alone
 

@@ -88,8 +88,8 @@ def test_the_judge_reads_the_table_from_its_files_and_finds_the_same(tmp_path: P
     assert read_robot_folder(tmp_path).base == "plate"
     q, wrench = draw(2, 12)
     found = solve_equilibrium(build_chain(table()), q, wrench)
-    for judge in (read_exact_robot(tmp_path), build_exact_robot(table())):
-        position, rotation, _ = solve_exact_pose(judge, q, wrench)
+    for exact_robot in (read_exact_robot(tmp_path), build_exact_robot(table())):
+        position, rotation, _ = solve_exact_pose(exact_robot, q, wrench)
         np.testing.assert_allclose(position, found.position, atol=1e-11)
         np.testing.assert_allclose(rotation, found.rotation, atol=1e-11)
 

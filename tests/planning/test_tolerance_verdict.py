@@ -44,8 +44,8 @@ def test_a_wide_tolerance_is_kept_and_a_narrow_one_may_not_be() -> None:
     for tolerance in (30.0, 0.02):
         plan = plan_job(check_job({**JOB, "plan": {"tolerance_mm": tolerance, "inertia": True}}, "job.toml"))
         verdicts[tolerance] = plan.verdict
-        assert plan.promise is not None
-        assert plan.promise.whole >= plan.promise.greatest
+        assert plan.error_band is not None
+        assert plan.error_band.whole >= plan.error_band.greatest
     assert verdicts[30.0].word == "keeps"
     assert verdicts[30.0].beyond_share == 0.0
     assert verdicts[30.0].change == ""
@@ -62,7 +62,7 @@ def test_a_plan_that_leaves_the_limits_never_keeps() -> None:
     assert "correction" in plan.verdict.largest_cause
     assert plan.verdict.sentence.startswith("Do not start: there is no solution. May not keep 30 mm: ")
     assert "No 95 % band is stated, waypoints are out of reach." in plan.verdict.sentence
-    assert plan.promise is None and plan.verdict.band is None and plan.verdict.where == ()
+    assert plan.error_band is None and plan.verdict.band is None and plan.verdict.where == ()
     assert "error_band_mm" not in plan.to_dict() and plan.to_dict()["verdict"]["band_mm"] is None
     assert dict(plan.summary())["95 % band"] == "no 95 % band is stated, waypoints are out of reach"
 
@@ -98,12 +98,12 @@ def test_the_verdict_is_the_first_line_and_stands_in_plan_json_and_in_the_progra
 
 
 def test_a_band_beyond_ten_times_what_is_compensated_says_why() -> None:
-    promise: Any = SimpleNamespace(
+    error_band: Any = SimpleNamespace(
         greatest=1e-3, causes={"process force": 2e-4, "geometry of the robot": 9e-4},
         leading=(("joint_offset joint_1", 0.8),),
     )  # fmt: skip
-    assert explain_width(promise, 1.1e-4) == ""
-    said = explain_width(promise, 0.9e-4)
+    assert explain_width(error_band, 1.1e-4) == ""
+    said = explain_width(error_band, 0.9e-4)
     assert "1 mm where the uncorrected program is off by 0.09 mm" in said
     assert said.endswith("most of it comes from geometry of the robot, above all joint_offset joint_1 (80 %).")
 
@@ -111,10 +111,10 @@ def test_a_band_beyond_ten_times_what_is_compensated_says_why() -> None:
 def test_no_campaign_is_asked_for_where_the_first_joints_zero_makes_the_band() -> None:
     robot: Any = SimpleNamespace(actuated=[SimpleNamespace(name="joint_1")])
     for name, asked in (("joint_offset joint_1", True), ("joint_offset joint_2", False)):
-        promise: Any = SimpleNamespace(leading=((name, 0.8),), known=SimpleNamespace(grade="measured"), ladder=())
-        assert (find_change(robot, promise, "geometry of the robot") == TOUCH_OFF) == asked
-        promise.known.grade = "literature"  # it has more to learn from poses than that zero
-        assert find_change(robot, promise, "geometry of the robot") == MEASURE
+        error_band: Any = SimpleNamespace(leading=((name, 0.8),), known=SimpleNamespace(grade="measured"), ladder=())
+        assert (find_change(robot, error_band, "geometry of the robot") == TOUCH_OFF) == asked
+        error_band.known.grade = "literature"  # it has more to learn from poses than that zero
+        assert find_change(robot, error_band, "geometry of the robot") == MEASURE
 
 
 def test_the_share_of_a_cut_goes_by_length() -> None:

@@ -224,7 +224,7 @@ def test_a_real_plan_and_comparison_get_their_pages_with_what_their_job_assumes(
     assert plan.task.start.posture_choice is not None
     assert "Rotation about the tool axis against path length" in html
     assert "errors of 10 % of the wrench" in html
-    assert f"<dd>{plan.judge}</dd>" in html
+    assert f"<dd>{plan.evaluated_by}</dd>" in html
     comparison = compare_job(plan.job)
     html = own_part(render_comparison(comparison))
     for cell in comparison.cells:

@@ -21,7 +21,7 @@ from compplan.reporting.charts import SEQUENTIAL
 from compplan.reporting.scenes import Shape, locate_links
 from compplan.reporting.view.recording import GapRecording, PlanRecording, ViewCell, read_cell, read_recording
 from compplan.reporting.view.scene import (
-    PROMISE,
+    ERROR_BAND,
     GapScene,
     PlanScene,
     bend_arm,
@@ -71,7 +71,7 @@ def test_the_folder_tells_the_deviations_of_the_plan(plan: Plan, folder: Path, s
     assert np.linalg.norm(record.deviation["uncorrected"][cut], axis=1).max() == pytest.approx(
         plan.before.max_deviation, abs=1e-9
     )
-    assert np.nanmax(record.promise) == pytest.approx(plan.promise.radius[plan.promise.cut].max(), abs=1e-9)
+    assert np.nanmax(record.error_band) == pytest.approx(plan.error_band.radius[plan.error_band.cut].max(), abs=1e-9)
     softer = np.linalg.norm(record.deviation["softer"], axis=1)
     assert np.nanmax(softer) == pytest.approx(plan.mismatch.max_deviation, abs=1e-9)
     manifest = (folder / "manifest.json").read_text()
@@ -140,8 +140,8 @@ def test_rings_of_the_promise_stand_off_the_path_by_its_radius(scene: PlanScene)
     record = scene.recording
     ring = scene.draw_error_band(3.0).points[:, 0]
     distance = np.linalg.norm(ring[:, None] - record.tip[None].astype(np.float32), axis=2).min(axis=1)
-    assert distance.max() <= 3.0 * np.nanmax(record.promise) + 1e-6
-    assert PROMISE in scene.ways
+    assert distance.max() <= 3.0 * np.nanmax(record.error_band) + 1e-6
+    assert ERROR_BAND in scene.ways
 
 
 def test_a_row_tells_joints_force_deviation_and_posture(scene: PlanScene) -> None:
@@ -160,7 +160,7 @@ def stretch(record: PlanRecording, rows: int) -> PlanRecording:
         record,
         time=np.arange(times * len(record.time), dtype=float), q=np.tile(record.q, (times, 1)),
         tip=np.tile(record.tip, (times, 1)), wrench=np.tile(record.wrench, (times, 1)),
-        move=np.tile(record.move, times), promise=np.tile(record.promise, times),
+        move=np.tile(record.move, times), error_band=np.tile(record.error_band, times),
         deviation={way: np.tile(values, (times, 1)) for way, values in record.deviation.items()},
     )  # fmt: skip
 

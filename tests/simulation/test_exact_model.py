@@ -42,12 +42,12 @@ def draw(robot, count=6):
 @pytest.mark.parametrize("name", over_robots())
 def test_the_judges_own_reading_of_a_shipped_folder_agrees_with_the_planners(name, tool):
     robot = load_robot(name)
-    judge = read_exact_robot(robot_folders()[name], tool)
+    exact_robot = read_exact_robot(robot_folders()[name], tool)
     if tool is not None:
         table = ToolTable(**tool)
         robot = robot.with_tool(table.pose, table.mass_kg, np.array(table.centre_of_mass_mm) * 1e-3)
     q, wrench = draw(robot)
-    ours, theirs = solve_exact_pose(judge, q, wrench), solve_exact_pose(build_exact_robot(robot), q, wrench)
+    ours, theirs = solve_exact_pose(exact_robot, q, wrench), solve_exact_pose(build_exact_robot(robot), q, wrench)
     assert ours[0] == pytest.approx(theirs[0], abs=1e-12)
     assert ours[1] == pytest.approx(theirs[1], abs=1e-12)
 
@@ -83,8 +83,8 @@ def test_a_tool_lighter_than_the_one_the_springs_were_identified_with_lifts_the_
     mounted = robot.with_tool(table.pose, mass, np.array(table.centre_of_mass_mm) * 1e-3)
     q, wrench = draw(robot)
     ours = attain_pose(build_chain(mounted), q, wrench, slope=False).position
-    for judge in (build_exact_robot(mounted), read_exact_robot(robot.folder, tool)):
-        assert solve_exact_pose(judge, q, wrench)[0] == pytest.approx(ours, abs=1e-11)
+    for exact_robot in (build_exact_robot(mounted), read_exact_robot(robot.folder, tool)):
+        assert solve_exact_pose(exact_robot, q, wrench)[0] == pytest.approx(ours, abs=1e-11)
     bare = attain_pose(build_chain(robot.with_tool(table.pose)), q, wrench, slope=False).position
     assert 2e-6 < np.linalg.norm(ours - bare, axis=1).max() < 4e-4
 

@@ -48,10 +48,10 @@ def test_loaded_jacobian_agrees_with_finite_differences_of_the_judge(name, gravi
     robot = replace(load_robot(name), gravity=gravity)
     chain, (q, wrench) = build_chain(robot), random_poses(robot, 4, 6)
     attained = attain_pose(chain, q, wrench)
-    judge, step = build_exact_robot(robot), 1e-5
+    exact_robot, step = build_exact_robot(robot), 1e-5
     for j, unit in enumerate(np.eye(chain.nq)):
-        ahead = solve_exact_pose(judge, q + step * unit, wrench)
-        behind = solve_exact_pose(judge, q - step * unit, wrench)
+        ahead = solve_exact_pose(exact_robot, q + step * unit, wrench)
+        behind = solve_exact_pose(exact_robot, q - step * unit, wrench)
         assert np.allclose(attained.jacobian[:, :3, j], (ahead[0] - behind[0]) / (2 * step), atol=1e-8)
         turn = (ahead[1] - behind[1]) @ attained.rotation.transpose(0, 2, 1) / (2 * step)
         spin = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]], axis=1)

@@ -180,7 +180,7 @@ def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_fa
         there = np.linalg.norm(moved - other, axis=(1, 2)) < np.linalg.norm(moved, axis=(1, 2))
         assert there.mean() == pytest.approx(0.3, abs=0.07)
         assert moved[there].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
-        # the promise draws robots from the same two clouds
+        # the error band draws robots from the same two clouds
         still = replace(task.robot.uncertainty, repeatability=0.0)
         sure = ForceSpread(0.0, 0.0, 0.0, "known")
         drawn = np.moveaxis(draw_paths(linearise_path(scene, still, sure, np.ones(len(task), bool)), still), 2, 0)

@@ -67,29 +67,29 @@ class Sampled(NamedTuple):
     oracle: Array  #: Distance that holds them with 95 %, as who knows the truth of all draws has it. Shape (k,). [m]
 
 
-def sample_promise(
-    scene: ForwardModel, promise: ErrorBand, draws: int, seed: int, most: int = 24, *, true: Uncertainty | None = None,
-    hide: Callable[[np.random.Generator], Iterable[Effect]] = lambda random: (),
+def sample_band(
+    scene: ForwardModel, error_band: ErrorBand, draws: int, seed: int, most: int = 24, *,
+    true: Uncertainty | None = None, hide: Callable[[np.random.Generator], Iterable[Effect]] = lambda random: (),
 ) -> Sampled:  # fmt: skip
-    """Draw robots (of `true`) with `hide` unknown to the promise, solve each exactly, count tips in the band."""
-    rows, known = pick_rows(promise.cut, most), true or promise.known
+    """Draw robots (of `true`) with `hide` unknown to the band, solve each exactly, and count tips in the band."""
+    rows, known = pick_rows(error_band.cut, most), true or error_band.known
     rest = solve_model_poses(select_model_rows(scene, rows)).position
     random = np.random.default_rng(seed + 1)
     distance = np.zeros((draws, len(rows)))
     for number, values in enumerate(draw_values(known, draws, seed)):
         here = select_model_rows(vary_model(scene, known.unknowns, values), rows)
-        here = replace(here, wrench=draw_wrench(here.wrench, promise, random))
+        here = replace(here, wrench=draw_wrench(here.wrench, error_band, random))
         here = apply_effects(here, list(hide(random)))
         tip = solve_model_poses(here).position + draw_field(known, seed, number).at(rest)
         tip = tip + (known.repeatability or 0.0) * random.standard_normal(3)
         distance[number] = np.linalg.norm(tip - rest, axis=1)
-    held = distance <= promise.radius[rows]
+    held = distance <= error_band.radius[rows]
     return Sampled(float(held.mean()), held.mean(axis=0), rows, distance, np.quantile(distance, LEVEL, axis=0))
 
 
-def draw_wrench(wrench: Array, promise: ErrorBand, random: np.random.Generator) -> Array:
+def draw_wrench(wrench: Array, error_band: ErrorBand, random: np.random.Generator) -> Array:
     """Draw the wrench that really acts. Shape (k, 6). [N, N m]."""
-    force = promise.force
+    force = error_band.force
     turn = Rotation.from_rotvec(force.direction * random.standard_normal(3))
     level = 1.0 + force.level * random.standard_normal() + force.path * random.standard_normal((len(wrench), 1))
     return np.asarray(level * turn_wrench(wrench, turn))

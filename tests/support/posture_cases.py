@@ -56,7 +56,7 @@ class Case:
     job: Job
     robot: Robot
     nominal: Toolpath
-    judge: ExactRobot
+    exact_robot: ExactRobot
     angle: float
 
 
@@ -80,26 +80,26 @@ def make_case(robot: str, path: str, angle: float) -> Case:
     return Case(f"{path}, {robot}, {angle:g} deg", job, loaded, load_nominal(job), build_exact_robot(loaded), angle)
 
 
-def judge_columns(judge: ExactRobot, q: Array, wrench: Array) -> tuple[Array, Array]:
+def judge_columns(exact_robot: ExactRobot, q: Array, wrench: Array) -> tuple[Array, Array]:
     """Return by Pinocchio what the errors leave at the tip, (n, 3, errors) [m], and joint Jacobians (n, 6, nq)."""
-    data, elastic = judge.model.createData(), judge.elastic
-    linear = np.empty((len(q), 6, judge.model.nv))
+    data, elastic = exact_robot.model.createData(), exact_robot.elastic
+    linear = np.empty((len(q), 6, exact_robot.model.nv))
     for i in range(len(q)):
-        configuration = judge.commanded @ q[i] + judge.shift
+        configuration = exact_robot.commanded @ q[i] + exact_robot.shift
         linear[i] = pin.computeFrameJacobian(
-            judge.model, data, configuration, judge.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            exact_robot.model, data, configuration, exact_robot.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
     springs = linear[:, :, elastic]
-    bend = np.einsum("nij,ni->nj", springs, wrench) @ judge.compliance
+    bend = np.einsum("nij,ni->nj", springs, wrench) @ exact_robot.compliance
     by_spring = springs[:, :3] * bend[:, None]
-    yielding = springs[:, :3] @ judge.compliance @ np.swapaxes(springs, 1, 2)
+    yielding = springs[:, :3] @ exact_robot.compliance @ np.swapaxes(springs, 1, 2)
     by_wrench = yielding * wrench[:, None]
-    return ERROR * np.concatenate([by_spring, by_wrench], axis=2), linear @ judge.commanded
+    return ERROR * np.concatenate([by_spring, by_wrench], axis=2), linear @ exact_robot.commanded
 
 
 def mean_square(case: Case, q: Array, rows: Array, share: Array) -> float:
     """Return the expected square of the remaining deviation over the cut. [mm^2]"""
-    columns = judge_columns(case.judge, q[rows], _wrench(case)[rows])[0]
+    columns = judge_columns(case.exact_robot, q[rows], _wrench(case)[rows])[0]
     return float(1e6 * (share * (columns**2).sum(axis=(1, 2))).sum())
 
 
@@ -128,9 +128,9 @@ def brute_force(case: Case, rows: Array, share: Array) -> float:
     cost = np.full(q.shape[:2], np.inf)
     node = np.nonzero(np.isfinite(q[..., 0]))
     station = node[0] // count
-    columns, joints = judge_columns(case.judge, q[node], wrench[rows[station]])
+    columns, joints = judge_columns(case.exact_robot, q[node], wrench[rows[station]])
     scaled = joints.copy()
-    scaled[:, :3] /= _balance(case.judge, robot)
+    scaled[:, :3] /= _balance(case.exact_robot, robot)
     singular = np.linalg.svd(scaled, compute_uv=False)
     dexterity = 6.0 / np.sqrt((singular**2).sum(axis=1) * (1.0 / np.maximum(singular, 1e-12) ** 2).sum(axis=1))
     cost[node] = np.where(dexterity > SINGULAR, 1e6 * (columns**2).sum(axis=(1, 2)), np.inf)
@@ -156,9 +156,9 @@ def _inside(q: Array, robot: Robot) -> Array:
     return np.where(good[..., None], q, np.nan)
 
 
-def _balance(judge: ExactRobot, robot: Robot) -> float:
+def _balance(exact_robot: ExactRobot, robot: Robot) -> float:
     """Return the length that balances linear and angular rows over random postures."""
     low, high = np.clip(robot.lower, -np.pi, np.pi), np.clip(robot.upper, -np.pi, np.pi)
     q = low + (high - low) * np.random.default_rng(0).random((64, robot.nq))
-    joints = judge_columns(judge, q, np.zeros((64, 6)))[1]
+    joints = judge_columns(exact_robot, q, np.zeros((64, 6)))[1]
     return float(np.sqrt((joints[:, :3] ** 2).sum() / (joints[:, 3:] ** 2).sum()))

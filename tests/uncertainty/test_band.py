@@ -1,4 +1,4 @@
-"""The promise: the band against closed forms, and against robots drawn and solved exactly."""
+"""The error band against closed forms, and against robots drawn and solved exactly."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from arms import one_joint_arm
 from commandline import run_command
-from drawn_robots import sample_promise
+from drawn_robots import sample_band
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -74,10 +74,10 @@ def test_a_soft_joint_moves_the_tip_by_load_times_lever_squared(tmp_path: Path) 
     robot = replace(one_joint_arm(tmp_path, length=1.5), uncertainty=soft_joint(1e-8))
     wrench = np.tile([0.0, 0, 100.0, 0, 0, 0], (4, 1))
     scene = build_path_model(robot, np.zeros((4, 1)), wrench)
-    promise = estimate_band(robot, scene, np.ones(4, bool), SURE)
-    assert promise.radius == pytest.approx(1.959964 * 1e-8 * 100.0 * 1.5**2, rel=2e-3)
-    assert promise.parts["force"] == pytest.approx(0.0, abs=1e-12)
-    assert promise.leading[0] == ("joint_stiffness joint_1", pytest.approx(1.0))
+    error_band = estimate_band(robot, scene, np.ones(4, bool), SURE)
+    assert error_band.radius == pytest.approx(1.959964 * 1e-8 * 100.0 * 1.5**2, rel=2e-3)
+    assert error_band.parts["force"] == pytest.approx(0.0, abs=1e-12)
+    assert error_band.leading[0] == ("joint_stiffness joint_1", pytest.approx(1.0))
 
 
 def test_the_parts_of_the_band_are_what_makes_it(tmp_path: Path) -> None:
@@ -87,10 +87,10 @@ def test_the_parts_of_the_band_are_what_makes_it(tmp_path: Path) -> None:
     robot = replace(robot, uncertainty=known)
     wrench = np.tile([0.0, 0, 200.0, 0, 0, 0], (3, 1))
     scene = build_path_model(robot, np.zeros((3, 1)), wrench)
-    promise = estimate_band(robot, scene, np.ones(3, bool), ForceSpread(0.1, 0.0, 0.0, "made up"))
-    assert promise.parts["force"] == pytest.approx(1.959964 * 0.1 * 1e-6 * 200.0, rel=2e-3)
-    assert promise.parts["unexplained"] == pytest.approx(2.795483 * 3e-5 / np.sqrt(3.0), rel=1e-6)
-    assert promise.parts["repeatability"] == pytest.approx(2.795483e-5, rel=1e-6)
+    error_band = estimate_band(robot, scene, np.ones(3, bool), ForceSpread(0.1, 0.0, 0.0, "made up"))
+    assert error_band.parts["force"] == pytest.approx(1.959964 * 0.1 * 1e-6 * 200.0, rel=2e-3)
+    assert error_band.parts["unexplained"] == pytest.approx(2.795483 * 3e-5 / np.sqrt(3.0), rel=1e-6)
+    assert error_band.parts["repeatability"] == pytest.approx(2.795483e-5, rel=1e-6)
 
 
 def test_what_a_fitted_base_frame_hides_keeps_its_width_from_before_the_log() -> None:
@@ -127,9 +127,9 @@ def test_a_part_that_was_touched_off_moves_with_the_first_joint_zero() -> None:
     tip = linearise_path(scene, robot.uncertainty, SURE, np.ones(4, bool)).tip
     touched = TouchedPart(robot, q[:3], tip[:3], None)
     for found, share in ((None, 1.0), (touched, 0.0)):
-        promise = estimate_band(robot, scene, np.ones(4, bool), SURE, touched=found)
+        error_band = estimate_band(robot, scene, np.ones(4, bool), SURE, touched=found)
         reach = np.linalg.norm(tip[:, :2], axis=1)
-        assert promise.radius == pytest.approx(share * 1.959964 * turn * reach, rel=2e-3, abs=1e-8)
+        assert error_band.radius == pytest.approx(share * 1.959964 * turn * reach, rel=2e-3, abs=1e-8)
 
 
 def test_lost_motion_counts_by_the_direction_of_travel(tmp_path: Path) -> None:
@@ -150,8 +150,8 @@ def test_the_band_holds_the_tips_of_drawn_robots(name: str) -> None:
     bent = middle + np.array([0.0, 0.4, 0.6, 0.2, 0.5, 0.1]) + 0.1 * np.sin(phase + np.arange(6))
     wrench = np.tile([300.0, -200.0, 500.0, 0, 0, 0], (40, 1))
     scene = build_path_model(robot, bent, wrench)
-    promise = estimate_band(robot, scene, np.ones(40, bool), ForceSpread(0.15, 0.05, 0.05, "made up"))
-    sampled = sample_promise(scene, promise, 200, seed=11, most=8)
+    error_band = estimate_band(robot, scene, np.ones(40, bool), ForceSpread(0.15, 0.05, 0.05, "made up"))
+    sampled = sample_band(scene, error_band, 200, seed=11, most=8)
     assert 0.92 < sampled.held < 0.98
 
 
@@ -187,10 +187,10 @@ def test_the_oracle_is_the_quantile_of_the_tips_and_unmodelled_ones_leave_the_ba
     """A band of 1.96 sigma is an oracle's; where the truth scatters twice as far the oracle is twice as wide."""
     robot = replace(one_joint_arm(tmp_path, length=1.5), uncertainty=soft_joint(1e-8))
     scene = build_path_model(robot, np.zeros((4, 1)), np.tile([0.0, 0, 100.0, 0, 0, 0], (4, 1)))
-    promise = estimate_band(robot, scene, np.ones(4, bool), SURE)
-    honest = sample_promise(scene, promise, 600, seed=3)
-    assert honest.oracle == pytest.approx(promise.radius[honest.rows], rel=0.06)
-    wider = sample_promise(scene, promise, 600, seed=3, true=soft_joint(2e-8))
+    error_band = estimate_band(robot, scene, np.ones(4, bool), SURE)
+    honest = sample_band(scene, error_band, 600, seed=3)
+    assert honest.oracle == pytest.approx(error_band.radius[honest.rows], rel=0.06)
+    wider = sample_band(scene, error_band, 600, seed=3, true=soft_joint(2e-8))
     assert wider.oracle == pytest.approx(2 * honest.oracle, rel=1e-6)
     assert wider.held == pytest.approx(0.673, abs=0.04)  # P(|z| < 0.98)
 
@@ -219,8 +219,8 @@ def test_a_band_far_wider_than_the_uncorrected_program_is_off_says_why() -> None
         wrench = np.tile([push, 0.0, 0.0, 0.0, 0.0, 0.0], (30, 1))
         nominal = replace(place_toolpath(path, place), wrench=wrench)
         plan = plan_compensation(replace(robot, uncertainty=known), nominal, PlanOptions(inertia=False))
-        assert plan.promise is not None
-        assert (plan.promise.greatest > 10.0 * plan.before.max_deviation) == wide
+        assert plan.error_band is not None
+        assert (plan.error_band.greatest > 10.0 * plan.before.max_deviation) == wide
         said = plan.verdict.sentence
         assert ("The band is wide" in said) == wide, said
         assert not wide or "zero of joint" in said.replace("_", " ") or "joint 1" in said.replace("_", " "), said
@@ -284,20 +284,22 @@ def test_a_nervous_path_moves_no_drive_nervously_and_what_that_leaves_is_in_the_
     (tmp_path / "path.csv").write_text("\n".join(["x_mm,y_mm,z_mm,feed_mm_s", *rows]) + "\n", encoding="utf-8")
     table = {**JOB, "toolpath": "path.csv", "sampling": {"max_step_mm": 1000.0}}
     plan = plan_job(check_job(table, tmp_path / "job.toml"))
-    task, promise = plan.task, plan.promise
-    assert plan.status == "solved" and task.bias is not None and promise is not None and promise.motion is not None
+    task, error_band = plan.task, plan.error_band
+    assert (
+        plan.status == "solved" and task.bias is not None and error_band is not None and error_band.motion is not None
+    )
     raw = load_motion(build_moving_chain(task.robot), task.q_links, plan.timing.time, find_inside(task))
     middle = slice(len(task) // 3, 2 * len(task) // 3)
     jumps, smooth = (np.abs(np.diff(load[middle], axis=0)).max(axis=0) for load in (raw, task.bias))
     assert (jumps > 1.0).any() and (smooth[jumps > 1.0] < 0.3 * jumps[jumps > 1.0]).all()
-    assert np.linalg.norm(promise.motion.mean[plan.task.cut], axis=1).max() > 1e-6
+    assert np.linalg.norm(error_band.motion.mean[plan.task.cut], axis=1).max() > 1e-6
 
 
 def test_a_plan_that_leaves_inertia_alone_has_it_in_its_band_and_its_verdict_says_so() -> None:
     """The same path at the same feed without force: what differs is the inertia of the motion."""
     jobs = {on: check_job({**JOB, "plan": {"tolerance_mm": 0.1, "inertia": on}}, "job.toml") for on in (True, False)}
     plans = {on: plan_job(job) for on, job in jobs.items()}
-    bands = {on: plan.promise for on, plan in plans.items()}
+    bands = {on: plan.error_band for on, plan in plans.items()}
     assert plans[True].task.inertia and plans[True].status == "solved"
     for on in (True, False):
         assert bands[on] is not None and bands[on].motion is not None
@@ -318,10 +320,10 @@ def test_the_place_of_a_part_counts_where_it_is_stated_and_is_listed_where_not()
     )
     assert any("place of the part" in one for one in plain.verdict.left_out)
     assert not any("place of the part" in one for one in placed.verdict.left_out)
-    assert placed.promise is not None and plain.promise is not None
-    assert placed.promise.parts["placement"] == pytest.approx(2.795483 * 5e-4, rel=1e-4)
+    assert placed.error_band is not None and plain.error_band is not None
+    assert placed.error_band.parts["placement"] == pytest.approx(2.795483 * 5e-4, rel=1e-4)
     assert placed.verdict.largest_cause == "place of the part"
-    assert plain.promise.parts["placement"] == pytest.approx(0.0)
+    assert plain.error_band.parts["placement"] == pytest.approx(0.0)
 
 
 def test_the_place_of_a_part_is_stated_in_mm_and_degrees() -> None:

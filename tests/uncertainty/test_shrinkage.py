@@ -282,8 +282,8 @@ def measure_choice(job: Job, robot: Robot) -> float:
     settings = read_settings(job, robot, posture_errors(job, robot))
     posture_choice = choose_posture_path(PostureProblem(robot, nominal, job.tool_x_base, settings))
     scene = build_path_model(robot, posture_choice.q, nominal.wrench)
-    promise = estimate_band(robot, scene, ~nominal.rapid, read_force_spread(job))
-    return float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2)))
+    error_band = estimate_band(robot, scene, ~nominal.rapid, read_force_spread(job))
+    return float(np.sqrt(np.mean(error_band.radius[error_band.cut] ** 2)))
 
 
 @pytest.mark.slow
@@ -294,9 +294,9 @@ def test_a_plan_for_the_promise_says_what_it_counts() -> None:
     assert posture_choice is not None and posture_choice.settings.errors is not None
     told = posture_choice.describe()
     assert "assumed" in told["error_band_from"] and "uncertainty_assumed" not in told
-    assert plan.promise is not None
+    assert plan.error_band is not None
     # what the search counted is what the plan promises: the rms error, and the quantile over errors and waypoints
-    spread = np.sqrt(np.mean(np.trace(plan.promise.covariance[plan.promise.cut], axis1=1, axis2=2)))
+    spread = np.sqrt(np.mean(np.trace(plan.error_band.covariance[plan.error_band.cut], axis1=1, axis2=2)))
     assert told["costs"]["sensitivity_rms_mm"] == pytest.approx(1e3 * spread, rel=0.03)
 
 

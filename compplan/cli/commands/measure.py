@@ -279,7 +279,7 @@ def run_learn(
     lines = [plan.verdict.sentence, f"measured {summary['measured_rms_mm']:.4g} mm rms at {summary['points']} points"]
     lines += update.notes
     wrote = f"wrote {', '.join(summary['files'])} to {folder}"
-    if update.lesson.taken:
+    if update.model_update.taken:
         lines += [
             f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms; its tip within"
             f" {band['p95_max']:.3g} mm with 95 %, within {band['p95_max_in_measured_directions']:.3g} mm in the"

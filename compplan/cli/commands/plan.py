@@ -73,7 +73,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
             plan = note_programs(plan_job(one, progress=announce))
             plans.append(plan.add_checks(state_notes([note]), first=True) if note and not plans else plan)
             announce("95 % band: where the true tip is")
-            _ = plans[-1].promise, plans[-1].mismatch
+            _ = plans[-1].error_band, plans[-1].mismatch
         if len(jobs) == 1:
             announce("write: programs, joints.csv, report.html")
             plan, files = deliver_plan(plans[0], folder)
@@ -256,7 +256,7 @@ def _describe_strategies(comparison: Comparison) -> list[str]:
     return [
         *format_table(rows, columns, title, max(80, 26 * (len(columns) + (drawn is not None)))),
         *([] if drawn is None else [f"drawn robots: {drawn.source}"]),
-        f"deviation computed by {comparison.judge}; robot model: {comparison.task.robot.grade}",
+        f"deviation computed by {comparison.evaluated_by}; robot model: {comparison.task.robot.grade}",
     ]
 
 

@@ -78,7 +78,7 @@ class Diagnosis(Shown):
     robot: Robot
     updated: Robot
     fit: Fit
-    doubt: RevisedProbabilities
+    revised: RevisedProbabilities
     verdict: Verdict
     gap: Gap
     candidates: tuple[Candidate, ...]

@@ -150,8 +150,8 @@ class PosteriorMotion:
         posterior: Posterior | None = None,
     ) -> None:  # fmt: skip
         equations, posterior = (
-            equations or diagnosis.doubt.search.equations,
-            posterior or diagnosis.doubt.model.posterior,
+            equations or diagnosis.revised.search.equations,
+            posterior or diagnosis.revised.model.posterior,
         )
         source = equations.source[0]
         chosen = np.arange(len(source.rows))[:: -(-len(source.rows) // SAMPLE)]
@@ -244,8 +244,8 @@ class PosteriorMotion:
 
 def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
     """List the parts of the posterior's motion."""
-    verdict, doubt = diagnosis.verdict, diagnosis.doubt
-    equations, nothing = doubt.search.equations, np.zeros(0, int)
+    verdict, revised = diagnosis.verdict, diagnosis.revised
+    equations, nothing = revised.search.equations, np.zeros(0, int)
     parts: list[Part] = []
     for finding, moved in motion.conventions:
         place = locate_effect(finding.effect.name, finding.effect.joint)
@@ -261,7 +261,7 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
             parts.append(motion.part(name, columns))
         else:
             parts.append(motion.part(name, columns, place, finding.probability, rivals))
-    claimed, background = equations.join_columns(doubt.model.signatures), diagnosis.fit.search.prior.background
+    claimed, background = equations.join_columns(revised.model.signatures), diagnosis.fit.search.prior.background
     for name in dict.fromkeys(s.name for s in equations.signatures):
         columns = equations.columns_named(name)
         columns = columns[columns < len(background)]

@@ -127,21 +127,23 @@ class Verdict:
     structure: Structure
 
 
-def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
+def reach_verdict(fit: Fit, revised: RevisedProbabilities) -> Verdict:
     """Judge a finished fit."""
-    structure = measure_structure(fit, doubt)
-    spurious, similar = rate_spurious_fits(fit, doubt), rate_similarities(fit, doubt)
-    findings = [evaluate_claim(fit, doubt, c, (spurious[c], similar[c]), structure) for c in doubt.model.claims]
+    structure = measure_structure(fit, revised)
+    spurious, similar = rate_spurious_fits(fit, revised), rate_similarities(fit, revised)
+    findings = [evaluate_claim(fit, revised, c, (spurious[c], similar[c]), structure) for c in revised.model.claims]
     findings = sorted(findings, key=lambda f: -rank_number(f.explained))
     small = NAMING.nameable * structure.floor
-    minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, doubt, f))
+    minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, revised, f))
     # what claims of a size beyond all bounds explain is left
     structure = replace(structure, left=structure.left or any(f.beyond for f in findings if f not in minor))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
-    equations = doubt.search.equations
+    equations = revised.search.equations
     columns = equations.join_columns(f.signature for f in named)
-    structure = replace(structure, explained=motion_of(fit.search, columns, doubt.model.posterior.values(equations.p)))
+    structure = replace(
+        structure, explained=motion_of(fit.search, columns, revised.model.posterior.values(equations.p))
+    )
     if named:
         status = "partly_explained" if structure.left else "explained"
     else:
@@ -171,17 +173,17 @@ def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
 
 
 def evaluate_claim(
-    fit: Fit, doubt: RevisedProbabilities, claim: Claim, checks: tuple[float, float], structure: Structure
+    fit: Fit, revised: RevisedProbabilities, claim: Claim, checks: tuple[float, float], structure: Structure
 ) -> Finding:  # fmt: skip
     """Compare the model with the best ones that lack a claim, among errors that no effect makes."""
-    values = doubt.model.posterior.values(doubt.search.equations.p)
+    values = revised.model.posterior.values(revised.search.equations.p)
     rivals = find_alternatives(fit, claim.signature, values[: fit.search.equations.p])
     alike = {r.place for r in rivals if r.alike}
-    margin = margin_of(doubt.search, doubt.model.claims, doubt.model.posterior.hyper, claim, alike)
+    margin = margin_of(revised.search, revised.model.claims, revised.model.posterior.hyper, claim, alike)
     plain = margin
     if claim in fit.model.claims:
         plain = margin_of(fit.search, fit.model.claims, fit.model.posterior.hyper, claim, alike)
-    equations = doubt.search.equations
+    equations = revised.search.equations
     columns = equations.columns(claim.signature)
     signature = equations.signatures[claim.signature]
     explained = motion_of(fit.search, columns, values)
@@ -221,66 +223,66 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
     return float(np.clip(whole.score - best, -NAMING.most_margin, NAMING.most_margin)) if np.isfinite(best) else 0.0
 
 
-def only_in_readings(fit: Fit, doubt: RevisedProbabilities, finding: Finding) -> bool:
+def only_in_readings(fit: Fit, revised: RevisedProbabilities, finding: Finding) -> bool:
     """Tell whether an effect does not move the target at all, but shows plainly in the encoders."""
     equations = fit.search.equations
     columns = equations.columns(finding.signature)
-    values = doubt.model.posterior.values(doubt.search.equations.p)[columns]
+    values = revised.model.posterior.values(revised.search.equations.p)[columns]
     moves = [rms_length(d[..., columns] @ values) for d in equations.designs]
     return bool(moves[0] < ROUNDING and max(moves) ** 2 > BELOW_NOISE)
 
 
-def measure_structure(fit: Fit, doubt: RevisedProbabilities) -> Structure:
+def measure_structure(fit: Fit, revised: RevisedProbabilities) -> Structure:
     """Measure what claims and small errors leave, and what it follows."""
-    equations, posterior, source = doubt.search.equations, doubt.model.posterior, doubt.search.equations.source[0]
+    equations, posterior, source = revised.search.equations, revised.model.posterior, revised.search.equations.source[0]
     values = posterior.values(equations.p)
-    foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
+    foreign = np.concatenate([np.zeros(0, int), *revised.members]).astype(int)
     values[foreign] = 0.0
     left = (
         equations.observed[0] - equations.designs[0][..., np.flatnonzero(values)] @ values[values != 0]
     ) * source.sigma
     told = float(source.told.sum())
-    used = told - count_used(doubt, foreign)
+    used = told - count_used(revised, foreign)
     rms = float(np.sqrt(told / len(left) * np.sum(left**2) / max(used, NAMING.left_to_noise * told)))
     floor = noise_floor(fit)
-    claimed = equations.join_columns(doubt.model.signatures)
+    claimed = equations.join_columns(revised.model.signatures)
     frames = equations.columns_named(REGISTRATION)
     small = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
     beyond = float(np.sqrt(max(rms**2 - floor**2, 0.0)))
-    free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=STEPS)
+    free = fit.search.model(revised.model.claims, fit.model.posterior.hyper, steps=STEPS)
     gain = float(posterior.log_evidence - free.posterior.log_evidence)
-    plain = gain > beats_chance(len(doubt.classes)) and beyond > NAMING.structure_size * floor
+    plain = gain > beats_chance(len(revised.classes)) and beyond > NAMING.structure_size * floor
     gap = rms_length(take_out_frames(equations, equations.observed[0]) * source.sigma)
     structure = Structure(
         gain, beyond, gap, motion_of(fit.search, small, values), 0.0,  # nothing is named yet
         bool(rms > FLOORS_LEFT * floor or plain), floor,
     )  # fmt: skip
-    return replace(structure, dependences=find_dependences(doubt, structure))
+    return replace(structure, dependences=find_dependences(revised, structure))
 
 
-def count_used(doubt: RevisedProbabilities, foreign: NDArray[np.int_]) -> float:
+def count_used(revised: RevisedProbabilities, foreign: NDArray[np.int_]) -> float:
     """Count the degrees of freedom that claims and small errors take: sum of 1 - posterior over prior variance."""
-    posterior, prior = doubt.model.posterior, doubt.search.prior_of(doubt.model.claims)
+    posterior, prior = revised.model.posterior, revised.search.prior_of(revised.model.claims)
     variance = prior.variance(posterior.hyper.log_tau)[posterior.columns]
     share = 1.0 - np.diag(posterior.covariance) / np.maximum(variance, 1e-300)
     return float(np.sum(share[~np.isin(posterior.columns, foreign)]))
 
 
-def find_dependences(doubt: RevisedProbabilities, structure: Structure) -> tuple[Finding, ...]:
+def find_dependences(revised: RevisedProbabilities, structure: Structure) -> tuple[Finding, ...]:
     """Say what the errors without a name follow, where structure is left."""
     if not structure.left:
         return ()
-    equations = doubt.search.equations
-    values = doubt.model.posterior.values(equations.p)
+    equations = revised.search.equations
+    values = revised.model.posterior.values(equations.p)
     found = []
-    for driver in dict.fromkeys(doubt.classes):
-        columns = np.concatenate([m for m, d in zip(doubt.members, doubt.classes, strict=True) if d == driver])
-        motion = motion_of(doubt.search, columns, values)
+    for driver in dict.fromkeys(revised.classes):
+        columns = np.concatenate([m for m, d in zip(revised.members, revised.classes, strict=True) if d == driver])
+        motion = motion_of(revised.search, columns, values)
         if motion < NAMING.spoken_of * max(structure.rms, structure.floor):
             continue
         owners = [n for n, s in enumerate(equations.signatures) if s.name == UNMODELLED]
         owners = [n for n in owners if np.isin(equations.columns(n), columns).all()]
-        moves = {n: motion_of(doubt.search, equations.columns(n), values) for n in owners}
+        moves = {n: motion_of(revised.search, equations.columns(n), values) for n in owners}
         largest = equations.signatures[max(moves, key=lambda n: rank_number(moves[n]))]
         effect = Effect(UNMODELLED, largest.joint, driver if largest.joint is None else str(largest.axis))
         found.append(Finding(effect, CLAIMED, motion, structure.gain, (), 1.0, -1))

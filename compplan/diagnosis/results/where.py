@@ -209,13 +209,13 @@ class Trace:
 
 def trace_findings(diagnosis: Diagnosis) -> tuple[Trace, ...]:
     """Trace the errors of the joints that a diagnosis names."""
-    doubt, at = diagnosis.doubt, diagnosis.fit.at
-    equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
+    revised, at = diagnosis.revised, diagnosis.fit.at
+    equations, values = revised.search.equations, revised.model.posterior.values(revised.search.equations.p)
     source = equations.source[0]
     left = equations.left(values)[0] * source.sigma
     traces = []
     for finding in diagnosis.verdict.findings:
-        if finding.signature not in doubt.model.signatures or finding.effect.joint not in at.robot.joint_names:
+        if finding.signature not in revised.model.signatures or finding.effect.joint not in at.robot.joint_names:
             continue
         columns = equations.columns(finding.signature)
         part = left + equations.designs[0][..., columns] @ values[columns] * source.sigma

@@ -231,7 +231,7 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     """Shorten a step until the exact model gains by it; returns the state and its exact score, or None.
 
     The score is the log posterior with the squares that the exact model leaves in the place of those that its
-    derivatives promise. A row that was left out counts as the least that is left out, so that scores can be compared.
+    derivatives predict. A row that was left out counts as the least that is left out, so that scores can be compared.
     """
     equations, posterior = fit.search.equations, fit.model.posterior
     here = np.array([fit.state.values.get(name, 0.0) for name in equations.names]) / equations.scale

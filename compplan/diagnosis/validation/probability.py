@@ -101,11 +101,11 @@ def calibrate_probability(evidence: Evidence) -> float:
     return float(np.clip(expit(odds), 0.0, MAP.most_sure))
 
 
-def rate_similarities(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
+def rate_similarities(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, float]:
     """Return the residual similarity of every claim."""
-    equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
-    foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
-    result = dict.fromkeys(doubt.model.claims, 0.0)
+    equations, values = revised.search.equations, revised.model.posterior.values(revised.search.equations.p)
+    foreign = np.concatenate([np.zeros(0, int), *revised.members]).astype(int)
+    result = dict.fromkeys(revised.model.claims, 0.0)
     group = group_poses(fit.problem.campaign)
     for channel, design, rest in zip(equations.source, equations.designs, equations.left(values), strict=True):
         if rest.shape[1] == 1:
@@ -134,22 +134,22 @@ def measure_similarity(left: Array, motion: Array, pose: NDArray[np.int_]) -> fl
     return float(np.sqrt(max(beyond, 0.0) / np.sum(motion[moves] ** 2)))
 
 
-def rate_spurious_fits(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
+def rate_spurious_fits(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, float]:
     """Return the spurious-fit probability of every claim."""
-    if not doubt.model.claims:
+    if not revised.model.claims:
         return {}
-    equations = doubt.search.equations
+    equations = revised.search.equations
     total, p = equations.channels[0].total, equations.p
     drawn, length = draw_errors(fit), np.maximum(np.sqrt(np.diag(total.gram)), 1e-12)
     # products of the columns, of unit length, with the drawn errors and, last, the observations
     against = np.column_stack([equations.designs[0].reshape(-1, p).T @ drawn, total.against]) / length[:, None]
     squares = np.diag(np.append(np.sum(drawn**2, axis=0), total.square))
     gram = np.block([[total.gram / np.outer(length, length), against], [against.T, squares]])
-    blocks = [equations.columns(number) for number in doubt.search.candidates]
+    blocks = [equations.columns(number) for number in revised.search.candidates]
     values = np.array([len(block) for block in blocks])[:, None]
     frames, result = equations.columns_named(REGISTRATION), dict[Claim, float]()
-    for claim in doubt.model.claims:
-        others = equations.join_columns(n for n in doubt.model.signatures if n != claim.signature)
+    for claim in revised.model.claims:
+        others = equations.join_columns(n for n in revised.model.signatures if n != claim.signature)
         beside = np.union1d(others, frames).astype(int)
         left = project_out(gram, beside)
         squares, count = np.maximum(np.diag(left), 0.0), total.count - len(beside)

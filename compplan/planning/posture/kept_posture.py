@@ -1,6 +1,6 @@
 """Keep how an arm stands along a path: branch, rotation about the tool axis, full turns and extra axes.
 
-A robot folder that a diagnosis or a lesson wrote is the same machine: its plan keeps the posture that the job's own
+A robot folder that a diagnosis or an update wrote is the same machine: its plan keeps the posture that the job's own
 robot chooses, and a program that exists already is kept on request. The joints are solved anew around the posture that
 is kept; where that fails a posture is chosen, and the change is told.
 """

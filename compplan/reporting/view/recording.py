@@ -74,7 +74,7 @@ class PlanRecording:
         wrench: Predicted wrench of the environment on the tool. Shape (n, 6). [N, N m]
         move: "cut", "rapid", "approach" or "retract". Shape (n,).
         deviation: Attained minus wanted tip by way, NaN where it is not known. Shape (n, 3) each. [m]
-        promise: Distance that holds the true tip with 95 %, NaN where none is stated. Shape (n,). [m]
+        error_band: Distance that holds the true tip with 95 %, NaN where none is stated. Shape (n,). [m]
     """
 
     cell: ViewCell
@@ -86,7 +86,7 @@ class PlanRecording:
     wrench: Array
     move: NDArray[np.str_]
     deviation: Mapping[str, Array]
-    promise: Array
+    error_band: Array
 
 
 @dataclass(frozen=True, eq=False)

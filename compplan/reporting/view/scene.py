@@ -27,7 +27,7 @@ POINTS, RINGS, CORNERS = 20_000, 300, 16
 #: A corner of the part takes the colour of the path within this distance of it. [m]
 NEAR = 0.025
 #: The way of showing the tip that is a band.
-PROMISE = "error_band"
+ERROR_BAND = "error_band"
 #: A length of deviation.csv that reads 0 is below this. [m]
 TINY = 1e-12
 #: Length of the greatest drawn deviation as a share of the path's extent, greatest magnification, and the share of the
@@ -137,8 +137,8 @@ class PlanScene:
         softer = f"as planned, robot softer than modelled ({factor}, assumed)"
         names = {"uncorrected": "without correction", "planned": "as planned, robot as modelled", "softer": softer}
         known = {way: name for way, name in names.items() if np.isfinite(self.recording.deviation[way]).any()}
-        if np.isfinite(self.recording.promise).any():
-            known[PROMISE] = "95 % band of the true tip"
+        if np.isfinite(self.recording.error_band).any():
+            known[ERROR_BAND] = "95 % band of the true tip"
         return known
 
     @property
@@ -161,7 +161,7 @@ class PlanScene:
         """Deviation by way; NaN where it is not known. Shape (n,) each. [m]"""
         lengths = {way: np.linalg.norm(values, axis=1) for way, values in self.recording.deviation.items()}
         return {way: np.where(self.cut, size, np.nan) for way, size in lengths.items()} | {
-            PROMISE: self.recording.promise
+            ERROR_BAND: self.recording.error_band
         }
 
     def top(self, way: str) -> float:
@@ -200,7 +200,9 @@ class PlanScene:
     def place(self, way: str, magnify: float, rows: Rows = slice(None)) -> Array:
         """Return where the loaded tip is drawn at rows, deviations magnified. Shape (k, 3), or (3,) of one row. [m]"""
         tip = self.recording.tip[rows]
-        return np.asarray(tip if way == PROMISE else tip + magnify * np.nan_to_num(self.recording.deviation[way][rows]))
+        return np.asarray(
+            tip if way == ERROR_BAND else tip + magnify * np.nan_to_num(self.recording.deviation[way][rows])
+        )
 
     @cached_property
     def rows(self) -> NDArray[np.int_]:
@@ -218,7 +220,7 @@ class PlanScene:
 
     def draw_error_band(self, magnify: float) -> Lines:
         """Draw rings about the path that hold the true tip with 95 %, magnified."""
-        radius, tip = self.recording.promise, self.recording.tip
+        radius, tip = self.recording.error_band, self.recording.tip
         known = np.flatnonzero(np.isfinite(radius))
         rows = known[np.unique(np.linspace(0, len(known) - 1, RINGS).astype(int))] if len(known) else known
         along = np.gradient(tip, axis=0)[rows]
@@ -227,7 +229,7 @@ class PlanScene:
         ring = np.cos(angle) * aside + np.sin(angle) * np.cross(along, aside)
         points = tip[rows] + magnify * radius[rows][:, None] * ring
         ends = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3).astype(np.float32)
-        colours = np.tile(paint_sizes(radius[rows], self.top(PROMISE) / LAST), (CORNERS, 1))
+        colours = np.tile(paint_sizes(radius[rows], self.top(ERROR_BAND) / LAST), (CORNERS, 1))
         return Lines(ends, np.repeat(colours[:, None], 2, axis=1))
 
     def paint_solid(self, solid: Shape, way: str) -> Bytes:

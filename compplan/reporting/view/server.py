@@ -19,7 +19,7 @@ from compplan.io.quantities import format_length, format_set_length
 from compplan.reporting.charts import SEQUENTIAL
 from compplan.reporting.provenance import GRADE_MEANING
 from compplan.reporting.view.recording import GapRecording, ViewCell, read_recording
-from compplan.reporting.view.scene import PROMISE, GapScene, Lines, PlanScene, pick_point
+from compplan.reporting.view.scene import ERROR_BAND, GapScene, Lines, PlanScene, pick_point
 from compplan.robot import Array
 
 HOST = "127.0.0.1"
@@ -180,7 +180,7 @@ class PlanViewer(Viewer):
         gui, scene, facts = self.server.gui, self.scene, self.scene.recording.cell.facts
         grade = GRADE_MEANING[facts["grade"]]
         gui.add_markdown(f"**{scene.recording.name}** \n\n{facts['robot']}, robot model {grade}")
-        shown = next(way for way in ("uncorrected", PROMISE, "planned", "softer") if way in scene.ways)
+        shown = next(way for way in ("uncorrected", ERROR_BAND, "planned", "softer") if way in scene.ways)
         self.way = gui.add_dropdown("show the tip", list(scene.ways.values()), initial_value=scene.ways[shown])
         first = int(scene.magnification(shown))
         self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1, initial_value=first)
@@ -223,7 +223,7 @@ class PlanViewer(Viewer):
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
             self.draw("/path", self.scene.draw_path(way, magnify), 6.0)
-            if way == PROMISE:
+            if way == ERROR_BAND:
                 self.draw("/error_band", self.scene.draw_error_band(magnify), 1.5)
             else:
                 self.server.scene.remove_by_name(f"{self.root}/error_band")

@@ -114,8 +114,8 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     )  # fmt: skip
 
     def arm_with(tool: Mapping[str, Any] | None) -> StiffArm:
-        judge = read_exact_robot(Path(robot), tool, geometry="controller.urdf")
-        return StiffArm(bool(judge.ground), partial(solve_rigid, judge))
+        exact_robot = read_exact_robot(Path(robot), tool, geometry="controller.urdf")
+        return StiffArm(bool(exact_robot.ground), partial(solve_rigid, exact_robot))
 
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     found = compare_written(folder, tables, Path(robot), wanted, arm_with)

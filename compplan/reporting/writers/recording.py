@@ -80,8 +80,8 @@ def write_deviation(plan: Plan, path: Path, kept: NDArray[np.bool_]) -> None:
     n, wrong = len(plan.task), plan.mismatch
     softer, band = np.full((n, 3), np.nan), np.full((n, 1), np.nan)
     softer[wrong.cut] = wrong.deviation[wrong.cut]
-    if plan.promise is not None:
-        band[plan.promise.cut, 0] = plan.promise.radius[plan.promise.cut]
+    if plan.error_band is not None:
+        band[plan.error_band.cut, 0] = plan.error_band.radius[plan.error_band.cut]
     ends = ((len(plan.approach.q), len(plan.retract.q)), (0, 0))
     sides = {"uncorrected": plan.before.deviation, "planned": plan.after.deviation, "softer": softer}
     columns: dict[str, object] = {}
