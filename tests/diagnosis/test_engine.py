@@ -55,7 +55,7 @@ def test_what_no_robot_can_have_is_not_named_goes_into_no_folder_and_the_reason_
 ) -> None:
     """With a bound of a thousandth the softer joint is beyond it."""
     monkeypatch.setattr(bounds, "MOST_BENT", 0.001 * bounds.MOST_BENT)
-    verdict = reach_verdict(diagnosis.fit, diagnosis.doubt)
+    verdict = reach_verdict(diagnosis.fit, diagnosis.revised)
     assert [f.effect.place for f in verdict.findings] == [SECOND.place]
     (soft,) = (f for f in verdict.doubtful if f.effect.place == CAUSE.place)
     assert soft.signature not in {claim.signature for claim in possible_claims(diagnosis.fit, verdict)}
