@@ -17,6 +17,8 @@ DEEPEST = 11
 MOST_JUMPS = 200_000
 #: Greatest number of letters of blocks that are carried out again by jumps and calls (assumed).
 MOST_LETTERS = 4_000_000
+#: Longest name of a program that is searched beside a file (assumed).
+LONGEST_NAME = 100
 #: What a line returns where its program ends.
 END = -1
 
@@ -131,7 +133,8 @@ class Flow:
 
     def find_beside(self, name: str) -> bool:
         """Look for NAME.SPF beside the file; return whether the program is known then."""
-        for candidate in () if name in self.programs else (f"{name}.SPF", f"{name}.spf", f"{name.lower()}.spf"):
+        searched = name not in self.programs and len(name) <= LONGEST_NAME
+        for candidate in (f"{name}.SPF", f"{name}.spf", f"{name.lower()}.spf") if searched else ():
             beside = self.file.with_name(candidate)
             if beside.is_file():
                 lines = split_lines(read_bounded(beside))

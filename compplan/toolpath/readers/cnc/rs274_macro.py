@@ -236,7 +236,7 @@ class MacroFlow:
         code = "G65" if macro else "M97" if local else "M98"
         called = values.get("P", -1.0)
         times = values.get("L", 1.0 if macro else values.get("K", 1.0))
-        if called != int(called) or called < 0 or times != int(times):
+        if not (called.is_integer() and times.is_integer()) or called < 0:
             raise InputError(f"subprogram call {code} names no program, expected P and its number")
         number, programs = str(int(called)), self.flow.programs
         if not macro and not local and len(number) > 4 and number not in programs:
