@@ -31,7 +31,7 @@ from compplan.statics.stiffness import ComplementaryInfluence, complementary_inf
 ZONES_DEG = {"Z1": ((0, 110), (-245, -170)), "Z2": ((0, 25), (0, 29)), "Z3": ((100, 146), (0, 29))}
 #: Table II: errors of the joint stiffnesses, joint 1 not determined. [%]
 ERRORS_PERCENT = (None, 8.0, 9.0, 2.0, 2.0, 5.0)
-TESTS, VALIDATION, REPEATS = 23, 25, 60
+TESTS, REPEATS = 23, 60
 WEIGHT_N, LEVER_M = (750.0, 1500.0), 0.3
 SIGMA_POSITION, SIGMA_ROTATION, SIGMA_WEIGHT_N, SIGMA_JOINT = 0.03e-3, 1e-4, 0.1 * 9.81, np.radians(0.01)
 SIMULATION = (

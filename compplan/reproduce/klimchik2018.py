@@ -20,8 +20,8 @@ from compplan.statics.encoders import combined_gain, control_equilibrium
 #: Table 1: mean, standard deviation and maximum of the error. The 0.79 mm printed as the secondary deviation are 19.5 %
 #: of 4.03 mm, the mean that the stiffness model leaves; the deviation is 44.8 % of 2.28 mm. [mm]
 PRIMARY, SECONDARY = (4.03, 2.28, 9.17), (1.81, 0.448 * 2.28, 4.63)
-#: Tables 1 and 2: the error that a stiffness model leaves, of the mean and the maximum. [%]
-MODEL_WORKSPACE, MODEL_SET = (19.5, 24.7), (15.7, 15.9)
+#: Table 1: the error that a stiffness model leaves, of the mean and the maximum. [%]
+MODEL_WORKSPACE = (19.5, 24.7)
 #: Table 1: shares of mean, maximum and deviation that the secondary encoders leave. [%]
 SECONDARY_LEFT = (44.7, 50.4, 44.8)
 LOAD_N, POSES, SEED = 100 * 9.81, 3000, 0

@@ -44,8 +44,8 @@ WHOLE = 0.9
 #: Probability up to which a plan may be worse with what is in doubt than without it (assumed: one plan of twenty), and
 #: that quantile in standard deviations (theory).
 WORSE, SAFE = 0.05, 1.645
-#: Rounding of the share's covariance. Lengths of less weight than the second number are left out.
-ROUNDING, NO_WEIGHT = 1e-9, 1e-3
+#: Rounding of the share's covariance.
+ROUNDING = 1e-9
 
 
 def shrink_robot(robot: Robot, q: Array, wrench: Array) -> tuple[Robot, float]:

@@ -261,12 +261,6 @@ def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple
     return gram, against, square, weights.log_det(hyper.log_noise, hyper.log_shared)
 
 
-def posterior_mean(gram: Array, against: Array, variance: Array) -> Array:
-    """Return the values of columns with some whitened products and prior variances. Shape (a,)."""
-    root = np.sqrt(variance)
-    return np.asarray(root * np.linalg.solve(np.eye(len(root)) + root[:, None] * gram * root, root * against))
-
-
 def _loose(prior: Prior, hyper: Hyper) -> NDArray[np.bool_]:
     """Tell which classes are loose. Shape (classes,)."""
     return prior.loose if len(prior.loose) else np.zeros(len(hyper.log_tau), bool)

@@ -2,6 +2,6 @@
 
 A set of claims is scored by its log evidence, log prior odds of place and form, and log probability of the sizes, minus
 a penalty where claims move the target further than the whole gap and cancel each other. Claims are added, exchanged and
-removed while that rises by more than `WORTHWHILE`; the best set enters the exact forward model, which is linearized
-there and searched again until no observation moves by more than `SETTLED` of its noise.
+removed while that rises by more than `SEARCH.worthwhile`; the best set enters the exact forward model, which is
+linearized there and searched again until no observation moves by more than `SEARCH.settled` of its noise.
 """
