@@ -19,7 +19,7 @@ from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.plan import PlanOptions, _state_task, build_task, prepare_job
-from compplan.planning.redundancy import Asked
+from compplan.planning.redundancy import PathRequest
 from compplan.planning.task import PlanTask
 from compplan.robot import Robot
 from compplan.toolpath.toolpath import Toolpath
@@ -140,7 +140,7 @@ def _plan(name: str, way: str, settings: Settings) -> Row | str:
 def _ease(task: PlanTask, robot: Robot, nominal: Toolpath, options: PlanOptions) -> PlanTask:
     """Return a task with the same posture, its speed eased where the arm vibrates most."""
     force = options.force or read_force_spread(None)
-    asked = Asked(robot, nominal, np.asarray(options.tool_x, float), options.feed, force,
+    asked = PathRequest(robot, nominal, np.asarray(options.tool_x, float), options.feed, force,
                   partial(_state_task, robot, task.chain, options))  # fmt: skip
     assert task.start is not None
     first = measure_runs(task.start, asked)[0]

@@ -26,9 +26,9 @@ from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.settings import PostureProblem
-from compplan.planning.posture.start import find_plain, stand
+from compplan.planning.posture.start import build_start, find_plain
 from compplan.planning.posture.summary import Easing, PostureSummary, Start
-from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
+from compplan.planning.redundancy import PathRequest, Prices, Shaped, shape_start
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import INERTIA_WINDOWS, parameter_steps, time_rapids
 from compplan.robot import Array
@@ -85,7 +85,7 @@ class TimedStart(NamedTuple):
     shaped: Shaped | None = None  #: What the program did, None for nothing.
 
 
-def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
+def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> Start:
     """Better a start; the start itself where the feed sets the time, or nothing wins.
 
     A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and
@@ -96,59 +96,61 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     if posture_choice is None:
         return start
     if posture_choice.settings.compares:
-        start = _compare_presets(start, asked)
+        start = _compare_presets(start, request)
         posture_choice = start.posture_choice or posture_choice
     settings = posture_choice.settings
     preset = settings.preset if settings.compares else ""
-    most = max(settings.lead, settings.lean, asked.tube)
+    most = max(settings.lead, settings.lean, request.tube)
     free = settings.free_spin or most > 0.0 or posture_choice.q.shape[1] > 6
     if preset not in PRICES or not free or posture_choice.missed.any() or not shape or settings.start is not None:
         return start
-    task = asked.state(start)
-    if (not preset or (preset == "fast" and len(task) > LONGEST)) and _keeps_feed(task, asked):
+    task = request.state(start)
+    if (not preset or (preset == "fast" and len(task) > LONGEST)) and _keeps_feed(task, request):
         return start
-    runs = measure_runs(start, asked)
+    runs = measure_runs(start, request)
     if not runs:
         return start
     first, origins = runs[0], [(runs[0], task)]
-    base = ease_run(preset, first, first, asked)  # what a candidate is compared with: the same posture, eased as it is
-    plain = find_plain(asked.robot, asked.nominal, asked.tool_x, start) if len(task) <= LONGEST else None
+    base = ease_run(
+        preset, first, first, request
+    )  # what a candidate is compared with: the same posture, eased as it is
+    plain = find_plain(request.robot, request.nominal, request.tool_x, start) if len(task) <= LONGEST else None
     if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=ALIKE):
-        for run in measure_runs(plain, asked):
+        for run in measure_runs(plain, request):
             runs.append(run._replace(origin="programmed"))
             if run.time / first.time + run.band / first.band < 2.0:
-                origins.append((runs[-1], asked.state(plain)))
+                origins.append((runs[-1], request.state(plain)))
 
     def rank(run: TimedStart) -> float:
         return run.time if preset == "fast" else _band_beside(run, base)
 
     prices, others = PRICES[preset]
-    found = [(run, each) for each in origins for run in _shape_runs(*each, asked, prices)]
+    found = [(run, each) for each in origins for run in _shape_runs(*each, request, prices)]
     runs += [run for run, _ in found]
     if found:
         run, where = min(found, key=lambda each: rank(each[0]))
         room = np.inf if preset == "fast" else base.time / run.time
         if run.shaped is not None and room > 1.0 + LEAST_GAIN:
-            runs += _shape_runs(*where, asked, others, room * run.shaped.time)
+            runs += _shape_runs(*where, request, others, room * run.shaped.time)
     best = runs if preset == "fast" else [min(runs, key=rank)]
-    eased = [ease_run(preset, run, base, asked) for run in best if run is not first]
+    eased = [ease_run(preset, run, base, request) for run in best if run is not first]
     taken = _choose_run(preset, [base, *eased], base)
-    if judge_gain(preset, taken, first) >= 1.0 - LEAST_GAIN:
+    if compute_gain(preset, taken, first) >= 1.0 - LEAST_GAIN:
         return start
-    taken = taken._replace(time=asked.time(asked.state(taken.start)))
+    taken = taken._replace(time=request.time(request.state(taken.start)))
     return _take(start, first, taken, least_time(task))
 
 
 def _shape_runs(
-    origin: TimedStart, task: PlanTask, asked: Asked, prices: Prices, most_time: float = np.inf
+    origin: TimedStart, task: PlanTask, request: PathRequest, prices: Prices, most_time: float = np.inf
 ) -> list[TimedStart]:
     """Shape an origin by the program and measure its fastest run; none where nothing follows."""
-    shaped = shape_start(task, origin.start, asked, prices, most_time)
-    runs = [] if shaped is None else measure_runs(shaped[0], asked)
+    shaped = shape_start(task, origin.start, request, prices, most_time)
+    runs = [] if shaped is None else measure_runs(shaped[0], request)
     return [run._replace(origin=origin.origin, shaped=None if shaped is None else shaped[1]) for run in runs]
 
 
-def _compare_presets(start: Start, asked: Asked) -> Start:
+def _compare_presets(start: Start, request: PathRequest) -> Start:
     """Take the best of the finished postures of several presets, by the measure of the preset that was asked for."""
     posture_choice, settings = start.posture_choice, start.settings
     assert posture_choice is not None
@@ -156,7 +158,9 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
     for other in BESIDE[settings.preset]:
         try:
             other_settings = replace(settings, preset=other)
-            found[other] = choose_posture_path(PostureProblem(asked.robot, asked.nominal, asked.tool_x, other_settings))
+            found[other] = choose_posture_path(
+                PostureProblem(request.robot, request.nominal, request.tool_x, other_settings)
+            )
         except InfeasibleError:
             continue
     cost = LEAST[settings.preset]
@@ -164,19 +168,19 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
     def measure(one: PostureSummary) -> float:
         if cost in one.costs:
             return one.costs[cost]
-        stood = stand(one, asked.nominal, settings)
+        built = build_start(one, request.nominal, settings)
         if cost == "driven_s":
-            return asked.time(asked.state(stood))
-        return next((1e3 * run.band for run in measure_runs(stood, asked)), np.inf)
+            return request.time(request.state(built))
+        return next((1e3 * run.band for run in measure_runs(built, request)), np.inf)
 
     compared = {name: measure(one) for name, one in found.items()}
     name = min(compared, key=lambda each: compared[each])
     best = found[name]
-    return stand(replace(best, settings=settings, costs={**best.costs, cost: compared[name]}, compared=compared,
-                         compared_by=cost), asked.nominal, settings)  # fmt: skip
+    return build_start(replace(best, settings=settings, costs={**best.costs, cost: compared[name]}, compared=compared,
+                         compared_by=cost), request.nominal, settings)  # fmt: skip
 
 
-def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
+def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
     """Tell whether a run keeps the programmed feed so calmly that neither time nor vibration can be gained."""
     rate, push = 0.0, 0.0
     if len(task) > MANY * len(task.runs):  # few starts and stops: rates at the programmed feed tell it without a run
@@ -188,39 +192,39 @@ def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
         if rate < 1.0 and push < CALM:
             return True
     try:
-        timing = time_run(task, task.q_start, asked.feed_request)[1]
+        timing = time_run(task, task.q_start, request.feed_request)[1]
     except ConvergenceError:
         return False
     return bool(timing.time[-1] <= AT_FEED * least_time(task) and timing.acceleration_ratio < CALM)
 
 
 def measure_runs(
-    start: Start, asked: Asked, *, window: float = 1.0, beside: TimedStart | None = None,
+    start: Start, request: PathRequest, *, window: float = 1.0, beside: TimedStart | None = None,
     known: TimedStart | None = None,
 ) -> list[TimedStart]:  # fmt: skip
     """Measure the fastest run of a start; beside another run, slower ones too, each with a narrower band.
 
     Args:
         start: The start, without a pace.
-        asked: What is asked of the path.
+        request: What is asked of the path.
         window: Windows of smoothing, share of those that plans have.
         beside: A run whose time is not to be passed, or None.
         known: A run of the same posture, where one has been measured.
     """
     found = list[TimedStart]()
     try:
-        whole = resolve_starts(asked.state(start), asked.feed_request) if known is None else known.task
+        whole = resolve_starts(request.state(start), request.feed_request) if known is None else known.task
         task, spare = replace(whole, smoothing=window * whole.smoothing), (1.0 - SHORT) * smoothing_time(whole)
         slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
         kept, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
         dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
-        still = spread_tip(task, asked.force, rows) if known is None else known.quiet
+        still = spread_tip(task, request.force, rows) if known is None else known.quiet
         calm = band_radius(still, mean=aside)
         for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
             eased = start if count == 0 and window == 1.0 else replace(
                 start, pace=Easing(window, task.origin, slower))  # fmt: skip
             run = replace(task, start=eased)
-            time = time_run(run, run.q_start, asked.feed_request)[1].time
+            time = time_run(run, run.q_start, request.feed_request)[1].time
             rings = _spread_vibration(run, time, rows, dynamics)
             band = band_radius(still + rings, mean=aside)
             widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
@@ -285,7 +289,7 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     chosen = replace(chosen, settings=posture_choice.settings, costs=costs, compared=compared, compared_by=cost)
     upright = run.start.upright
     nominal = run.start.nominal if upright is None else replace(run.start.nominal, axis=upright)
-    stood = stand(chosen, nominal, start.settings)
+    built = build_start(chosen, nominal, start.settings)
     most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
     eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
     eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
@@ -294,17 +298,17 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
         head = f"Posture and speed are chosen together ({ORIGINS[run.origin]})"
     note = (f"{head}: run {first.time:.4g} -> {run.time:.4g} s (the programmed feed takes {least:.4g} s), widest 95 % "
             f"band {1e3 * first.band:.3g} -> {1e3 * run.band:.3g} mm, before correction{eased}.")  # fmt: skip
-    return replace(stood, program=program, aside=run.start.aside, pace=pace, notes=(*stood.notes, note))
+    return replace(built, program=program, aside=run.start.aside, pace=pace, notes=(*built.notes, note))
 
 
-def ease_run(preset: str, run: TimedStart, base: TimedStart, asked: Asked) -> TimedStart:
+def ease_run(preset: str, run: TimedStart, base: TimedStart, request: PathRequest) -> TimedStart:
     """Return the best of a run and of those of its posture that go slower where the arm vibrates, beside a base."""
     beside, runs, windows = (None if preset == "fast" else base), [run], [SHORT]
     late = max(run.time - base.time, 0.0) / run.spare
     if beside is not None and late < 1.0:
         windows = [1.0 - (1.0 - SHORT) * late, SHORT]
     for window in windows:
-        eased = measure_runs(run.start, asked, window=window, beside=beside, known=run)
+        eased = measure_runs(run.start, request, window=window, beside=beside, known=run)
         runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
     for each in runs:
         LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", run.origin, ", program" if run.shaped else "",
@@ -314,7 +318,7 @@ def ease_run(preset: str, run: TimedStart, base: TimedStart, asked: Asked) -> Ti
 
 def _choose_run(preset: str, runs: list[TimedStart], base: TimedStart) -> TimedStart:
     """Choose the run that a preset is for, of those that differ from it by less than counts the shortest."""
-    gains = [judge_gain(preset, run, base) for run in runs]
+    gains = [compute_gain(preset, run, base) for run in runs]
     alike = [run for run, gain in zip(runs, gains, strict=True) if gain <= min(gains) + LEAST_GAIN]
     return min(alike, key=lambda run: run.time)
 
@@ -328,7 +332,7 @@ def _band_beside(run: TimedStart, base: TimedStart) -> float:
     return float(np.sqrt(run.still**2 + max(ring, 0.0))) if run.time - run.spare <= base.time else np.inf
 
 
-def judge_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
+def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
     """Return what a preset ("" for none) makes less, as a share; infinite where that is bought with what it may not."""
     time, band, still = run.time / base.time, run.band / base.band, run.still / base.still
     if preset == "fast":

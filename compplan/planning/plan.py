@@ -33,7 +33,7 @@ from compplan.planning.posture.kept_posture import Kept, find_kept_start, read_l
 from compplan.planning.posture.settings import PostureSettings, read_settings
 from compplan.planning.posture.start import check_clearance
 from compplan.planning.posture.summary import Start
-from compplan.planning.redundancy import Asked
+from compplan.planning.redundancy import PathRequest
 from compplan.planning.result import Plan
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.planning.stability import explain_buckling
@@ -192,11 +192,11 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
     if options.lock is None and settings.search:
-        asked = Asked(
+        request = PathRequest(
             robot, nominal, tool_x, options.feed, options.force or read_force_spread(None),
             partial(_state_task, robot, chain, options), options.tube,
         )  # fmt: skip
-        start = better_start(start, asked, shape=options.strategy == "nlp")
+        start = better_start(start, request, shape=options.strategy == "nlp")
     task = _state_task(robot, chain, options, start)
     faded, share = shrink_robot(robot, start.q, task.wrench)
     if faded is robot:

@@ -31,7 +31,7 @@ from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.planning.posture.follow import REACHED, turn_about_axis
 from compplan.planning.posture.motion import find_torn
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
-from compplan.planning.posture.start import stand
+from compplan.planning.posture.start import build_start
 from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
 from compplan.planning.problem import Cost, Limit, PlanningProblem
 from compplan.planning.task import PlanTask
@@ -83,7 +83,7 @@ class Free(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Asked:
+class PathRequest:
     """What is asked of a redundant path."""
 
     robot: Robot  #: The robot.
@@ -103,18 +103,18 @@ class Asked:
             return np.inf
 
 
-def find_free(task: PlanTask, posture_choice: PostureSummary, asked: Asked) -> Free | None:
+def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathRequest) -> Free | None:
     """Find what a posture leaves free; None where nothing is, or where the path has no run to shape."""
     settings, arm, robot = posture_choice.settings, build_arm(task.robot), task.robot
     leans = {"lead": settings.lead, "lean": settings.lean}
     names = [*(["spin"] if settings.free_spin else []), *(name for name, most in leans.items() if most > 0.0)]
-    rows = _pick_rows(task, FEW_IN_TUBE if asked.tube > 0.0 else FEW)
-    tube = _allow_tube(task, rows, asked.tube)
+    rows = _pick_rows(task, FEW_IN_TUBE if request.tube > 0.0 else FEW)
+    tube = _allow_tube(task, rows, request.tube)
     names += [*(robot.joint_names[j] for j in arm.held), *(name for name, size in tube.items() if size.any())]
     if not names or len(arm.arm) != 6 or len(rows) < 3 or not settings.free_spin:
         return None
     room = np.column_stack([*tube.values(), *(np.full(len(rows), np.sin(most)) for most in leans.values())])
-    return Free(rows, tuple(names), path_axes(divide_toolpath(asked.nominal, task.origin[rows])), room)
+    return Free(rows, tuple(names), path_axes(divide_toolpath(request.nominal, task.origin[rows])), room)
 
 
 def state_problem(
@@ -170,7 +170,7 @@ def state_problem(
 
 
 def shape_start(
-    task: PlanTask, start: Start, asked: Asked, prices: Prices, most_time: float = np.inf
+    task: PlanTask, start: Start, request: PathRequest, prices: Prices, most_time: float = np.inf
 ) -> tuple[Start, Shaped] | None:
     """Solve the program of posture and speed around the start of a task; None where nothing is free or follows.
 
@@ -179,10 +179,10 @@ def shape_start(
     posture_choice, settings = start.posture_choice, start.settings
     if posture_choice is None or task.missed.any():
         return None
-    if (free := find_free(task, posture_choice, asked)) is None:
+    if (free := find_free(task, posture_choice, request)) is None:
         return None
-    band = read_band(task, asked.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
-    problem = state_problem(task, free, prices, band, asked.time(task), most_time, torque=asked.feed_request.torque)
+    band = read_band(task, request.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
+    problem = state_problem(task, free, prices, band, request.time(task), most_time, torque=request.feed_request.torque)
     scene, clear = settings.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):
@@ -196,7 +196,7 @@ def shape_start(
                   solution.iterations, solution.cpu, solution.time, most_time, solution.band)  # fmt: skip
         if solution.violation > REACHED:
             return None
-        found = _follow(task, posture_choice, asked, free, solution, settings)
+        found = _follow(task, posture_choice, request, free, solution, settings)
         if scene is None or found is None or _keeps_clear(scene, found.q, settings.clearance):
             break
         share, found = 1.0, None  # linearise anew on the way to the solution, as far as the arm keeps clear
@@ -207,11 +207,11 @@ def shape_start(
 
 
 def _follow(
-    task: PlanTask, posture_choice: PostureSummary, asked: Asked, free: Free, solution: Solution,
+    task: PlanTask, posture_choice: PostureSummary, request: PathRequest, free: Free, solution: Solution,
     settings: PostureSettings,
 ) -> Start | None:  # fmt: skip
     """Follow the free coordinates of a solution at every waypoint; None where that tears or leaves a joint's range."""
-    robot, arm, nominal = task.robot, build_arm(task.robot), asked.nominal
+    robot, arm, nominal = task.robot, build_arm(task.robot), request.nominal
     place, every, nq = task.origin[free.rows], np.arange(len(nominal)), task.robot.nq
     moved, room, path = solution.q - task.q_start[free.rows], free.room[:, :3], nominal
     if room.any():  # a tube: where in it the loaded tip goes
@@ -241,10 +241,10 @@ def _follow(
     angles = leans * np.arccos(upright) / np.maximum(np.sqrt(1.0 - upright**2), 1e-12)
     rows = posture_choice.map.waypoint
     picture = replace(posture_choice.map, chosen=spin[rows], held=q[rows][:, arm.held])
-    costs = summarise_costs(PostureProblem(robot, nominal, asked.tool_x, settings), q)
+    costs = summarise_costs(PostureProblem(robot, nominal, request.tool_x, settings), q)
     better = replace(posture_choice, q=q, rotation=rotation, costs=costs, map=picture, spin=spin, lead=angles[:, 0],
                      lean=angles[:, 1])  # fmt: skip
-    return replace(stand(better, path, settings), aside=aside)
+    return replace(build_start(better, path, settings), aside=aside)
 
 
 def _keeps_clear(scene: CollisionScene, q: Array, wanted: float) -> bool:

@@ -77,7 +77,7 @@ class ExactRobotBuilder:
         self.blocks: list[Array] = []
         self.hung: dict[int, list[tuple[float, Array, Array]]] = {}
 
-    def stand(self) -> None:
+    def set_ground(self) -> None:
         """Let gravity count in the axes of the frame that has been reached."""
         frame = pin.Frame("ground", self.parent, 0, self.pending, pin.FrameType.OP_FRAME)
         self.ground = self.model.addFrame(frame)
@@ -184,7 +184,7 @@ def build_exact_robot(robot: Robot, *, standing: bool = False) -> ExactRobot:
                 builder.spring(axis, slides if own else spring.axis[0] == "t", spring.compliance, spring.offset)
         builder.hang(masses, joint.child)
         if joint.child == robot.ground:
-            builder.stand()
+            builder.set_ground()
         far = pin.SE3(robot.joints[count + 1].placement) if count + 1 < len(robot.joints) else pin.SE3.Identity()
         for block in robot.link_elasticities:
             if block.link == joint.child:

@@ -64,7 +64,7 @@ def read_exact_robot(
             builder.drive(name, tree.axis[name], tree.kind[name] == "prismatic", name, -1.0, 0.0)
         builder.move(tree.placement[name].inverse())
     if back:
-        builder.stand()
+        builder.set_ground()
     builder.hang(masses, tree.root(names))
     for count, name in enumerate(names):
         builder.move(tree.placement[name])

@@ -209,7 +209,7 @@ def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
                 row.move(translation(-spring.offset))
         row.add_bodies(bodies.get(joint.child, []))
         if joint.child == robot.ground:
-            row.stand()
+            row.set_ground()
         following = robot.joints[count + 1] if count + 1 < len(robot.joints) else None
         for block in (b for b in robot.link_elasticities if b.link == joint.child):
             far_end = np.eye(4) if following is None else following.placement

@@ -46,7 +46,7 @@ class ElementRow:
         self.link_share: list[float] = []
         self.ground, self.ground_rotation = -1, np.eye(3)
 
-    def stand(self) -> None:
+    def set_ground(self) -> None:
         """Set the current frame as the frame of gravity."""
         self.ground, self.ground_rotation = len(self.elements) - 1, self.pending[:3, :3].copy()
 

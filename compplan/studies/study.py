@@ -228,11 +228,11 @@ def evaluate_points(study: Study, points: Array) -> ChunkResult:
         ConvergenceError: If a cell buckles under its load.
     """
     size = max(1, BATCH // len(study.task))
-    batches = [_judge_batch(study, points[start : start + size]) for start in range(0, len(points), size)]
+    batches = [_evaluate_batch(study, points[start : start + size]) for start in range(0, len(points), size)]
     return ChunkResult(*(np.concatenate(parts) for parts in zip(*batches, strict=True)))
 
 
-def _judge_batch(study: Study, points: Array) -> ChunkResult:
+def _evaluate_batch(study: Study, points: Array) -> ChunkResult:
     cells = sample_robots(study.surroundings, points)
     distances = np.stack([np.linalg.norm(run_strategy(study, name, cells), axis=0) for name in study.strategies], 1)
     cut = distances[:, :, study.cut]

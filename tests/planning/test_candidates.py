@@ -15,7 +15,7 @@ import pytest
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job, load_job
 from compplan.planning import candidates
-from compplan.planning.candidates import judge_gain
+from compplan.planning.candidates import compute_gain
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.lost_motion import describe_reversals, list_reversals
@@ -36,7 +36,7 @@ CIRCLE: dict[str, Any] = {
 
 def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
     def exact_robot(preset: str, time: float, band: float, still: float) -> float:
-        return judge_gain(preset, SimpleNamespace(time=time, band=band, still=still), base)
+        return compute_gain(preset, SimpleNamespace(time=time, band=band, still=still), base)
 
     base = SimpleNamespace(time=1.0, band=1.0, still=1.0)
     assert exact_robot("fast", 0.8, 3.0, 3.0) == 0.8

@@ -80,7 +80,7 @@ def make_case(robot: str, path: str, angle: float) -> Case:
     return Case(f"{path}, {robot}, {angle:g} deg", job, loaded, load_nominal(job), build_exact_robot(loaded), angle)
 
 
-def judge_columns(exact_robot: ExactRobot, q: Array, wrench: Array) -> tuple[Array, Array]:
+def compute_exact_columns(exact_robot: ExactRobot, q: Array, wrench: Array) -> tuple[Array, Array]:
     """Return by Pinocchio what the errors leave at the tip, (n, 3, errors) [m], and joint Jacobians (n, 6, nq)."""
     data, elastic = exact_robot.model.createData(), exact_robot.elastic
     linear = np.empty((len(q), 6, exact_robot.model.nv))
@@ -99,7 +99,7 @@ def judge_columns(exact_robot: ExactRobot, q: Array, wrench: Array) -> tuple[Arr
 
 def mean_square(case: Case, q: Array, rows: Array, share: Array) -> float:
     """Return the expected square of the remaining deviation over the cut. [mm^2]"""
-    columns = judge_columns(case.exact_robot, q[rows], _wrench(case)[rows])[0]
+    columns = compute_exact_columns(case.exact_robot, q[rows], _wrench(case)[rows])[0]
     return float(1e6 * (share * (columns**2).sum(axis=(1, 2))).sum())
 
 
@@ -128,7 +128,7 @@ def brute_force(case: Case, rows: Array, share: Array) -> float:
     cost = np.full(q.shape[:2], np.inf)
     node = np.nonzero(np.isfinite(q[..., 0]))
     station = node[0] // count
-    columns, joints = judge_columns(case.exact_robot, q[node], wrench[rows[station]])
+    columns, joints = compute_exact_columns(case.exact_robot, q[node], wrench[rows[station]])
     scaled = joints.copy()
     scaled[:, :3] /= _balance(case.exact_robot, robot)
     singular = np.linalg.svd(scaled, compute_uv=False)
@@ -160,5 +160,5 @@ def _balance(exact_robot: ExactRobot, robot: Robot) -> float:
     """Return the length that balances linear and angular rows over random postures."""
     low, high = np.clip(robot.lower, -np.pi, np.pi), np.clip(robot.upper, -np.pi, np.pi)
     q = low + (high - low) * np.random.default_rng(0).random((64, robot.nq))
-    joints = judge_columns(exact_robot, q, np.zeros((64, 6)))[1]
+    joints = compute_exact_columns(exact_robot, q, np.zeros((64, 6)))[1]
     return float(np.sqrt((joints[:, :3] ** 2).sum() / (joints[:, 3:] ** 2).sum()))

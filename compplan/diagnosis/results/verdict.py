@@ -50,7 +50,7 @@ class NamingSettings:
     #: (assumed).
     nameable: float = 0.8
     #: What an unknown error follows is said where it carries this share of it (assumed).
-    spoken_of: float = 0.4
+    mentioned: float = 0.4
     #: Probability of a claim that errors without a name explain as well, and of one whose size no robot can have
     #: (assumed).
     refused: float = 1.0 - SURE
@@ -278,7 +278,7 @@ def find_dependences(revised: RevisedProbabilities, structure: Structure) -> tup
     for driver in dict.fromkeys(revised.classes):
         columns = np.concatenate([m for m, d in zip(revised.members, revised.classes, strict=True) if d == driver])
         motion = motion_of(revised.search, columns, values)
-        if motion < NAMING.spoken_of * max(structure.rms, structure.floor):
+        if motion < NAMING.mentioned * max(structure.rms, structure.floor):
             continue
         owners = [n for n, s in enumerate(equations.signatures) if s.name == UNMODELLED]
         owners = [n for n in owners if np.isin(equations.columns(n), columns).all()]

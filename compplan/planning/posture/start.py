@@ -67,7 +67,7 @@ def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: Posture
         if stated and (followed := _follow_start(problem)):
             return followed
         try:
-            return stand(choose_posture_path(problem), nominal, settings)
+            return build_start(choose_posture_path(problem), nominal, settings)
         except InfeasibleError as error:
             sentence = str(error)
         reason = f"{sentence[0].upper()}{sentence[1:]}."
@@ -121,8 +121,8 @@ def name_along(robot: Robot, q: Array) -> dict[str, str]:
     return CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())] if len(arm.arm) == 6 else {}
 
 
-def stand(posture_choice: PostureSummary, nominal: Toolpath, settings: PostureSettings) -> Start:
-    """Start where the graph stands."""
+def build_start(posture_choice: PostureSummary, nominal: Toolpath, settings: PostureSettings) -> Start:
+    """Build the start of a plan from the posture that the graph chose."""
     leaning = settings.lead > 0 or settings.lean > 0
     path = replace(nominal, axis=posture_choice.axis) if leaning else nominal
     words = tuple(
@@ -167,7 +167,11 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
         return None
     problem = PostureProblem(robot, nominal, tool_x, start.settings)
     posture_choice = solve_default_posture(problem, start.posture_choice)
-    return None if posture_choice is None else stand(replace(posture_choice, instead_of=None), nominal, start.settings)
+    return (
+        None
+        if posture_choice is None
+        else build_start(replace(posture_choice, instead_of=None), nominal, start.settings)
+    )
 
 
 def find_partial(problem: PostureProblem) -> Start | None:
