@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,9 @@ BEYOND = 2.0
 MESH_COLUMNS = 8.0
 #: An axis that leans by less than this from the view stands. [rad]
 UPRIGHT = 1e-6
-#: Cutting moves that are entered at a time, columns of a stock that was cut at an angle or is written, and layers.
+#: Cutting moves that are entered at a time, columns of a stock that was cut at an angle, and layers.
 MOVES_AT_ONCE, MOST_COLUMNS, MOST_LAYERS = 64, 40_000, 400
-#: Columns thinner than this are not written. [m]
+#: Columns thinner than this are none. [m]
 THIN_COLUMN = 1e-6
 
 Corner = Annotated[tuple[Vector3, Vector3], Field(strict=False)]
@@ -171,49 +171,6 @@ def _lay_grid(stock: StockColumns) -> tuple[Array, Array, Array]:
     count = np.maximum(np.ceil(size / np.sqrt(np.prod(size) / MOST_COLUMNS)), 1.0).astype(int)
     x, y = (low[k] + NOTHING + size[k] * np.arange(count[k] + 1) / count[k] for k in (0, 1))
     return x, y, size / count
-
-
-def triangulate_stock(stock: StockColumns) -> Any:
-    """Return the stock as a closed mesh of square columns, in the stock's viewing frame. [m]
-
-    Walls are exact to one column. At most MOST_COLUMNS columns are used; where two bodies touch in a line only, one
-    column there is left out, so that the mesh stays closed.
-    """
-    import trimesh
-
-    x, y, _ = _lay_grid(stock)
-    place = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    low, high = stock.interval(place)
-    node = high - low > THIN_COLUMN
-    quad = node[:-1, :-1] & node[1:, :-1] & node[:-1, 1:] & node[1:, 1:]
-    while True:
-        a, b, c, d = quad[:-1, :-1], quad[1:, 1:], quad[1:, :-1], quad[:-1, 1:]
-        pinched = (a & b & ~c & ~d) | (c & d & ~a & ~b)
-        if not pinched.any():
-            break
-        i, j = np.nonzero(pinched)
-        quad[i, j] = quad[i + 1, j] = False
-    number = np.arange(node.size).reshape(node.shape)
-    i, j = np.nonzero(quad)
-    corner = (number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1])
-    full = np.pad(quad, 1)
-    faces = _split_quads(*corner), _split_quads(*(n + node.size for n in corner[::-1]))
-    sides = []
-    for (p, q), (di, dj) in (((0, 1), (0, -1)), ((1, 2), (1, 0)), ((2, 3), (0, 1)), ((3, 0), (-1, 0))):
-        free = ~full[i + 1 + di, j + 1 + dj]
-        first, second = corner[p][free], corner[q][free]
-        sides.append(_split_quads(second, first, first + node.size, second + node.size))
-    points = np.concatenate([np.column_stack([place.reshape(-1, 2), z.ravel()]) for z in (high, low)])
-    mesh = trimesh.Trimesh(np.where(np.isfinite(points), points, 0.0), np.concatenate([*faces, *sides]), process=False)
-    mesh.remove_unreferenced_vertices()
-    return mesh
-
-
-def _split_quads(
-    a: NDArray[np.int_], b: NDArray[np.int_], c: NDArray[np.int_], d: NDArray[np.int_]
-) -> NDArray[np.int_]:
-    """Return two triangles for each quadrilateral, corners in its order."""
-    return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
 
 def view_along(axis: Array) -> Array:

@@ -42,8 +42,6 @@ from compplan.toolpath.toolpath import WRENCH_HEADERS, Toolpath
 
 #: Largest ratio of measured and predicted force that is learned.
 MOST_LEVEL = 100.0
-#: What is left of the stock: part frame, millimetres.
-STOCK = "stock.stl"
 #: About how many points of a path are drawn in a scene.
 POINTS = 4000
 
@@ -83,7 +81,7 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
 
 
 def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
-    """Write forces.json, forces.csv, report.html, and what a cutter leaves of its stock; return what forces.json holds.
+    """Write forces.json, forces.csv and report.html; return what forces.json holds.
 
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
@@ -92,10 +90,6 @@ def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
     with replace_folder(folder, "forces") as part:
         write_table(part / "forces.csv", _tabulate(found))
         write_text(part / "report.html", _render(found, summary))
-        if found.law.cutting is not None:
-            left = found.law.cutting.leave()
-            left.apply_scale(1e3)
-            (part / STOCK).write_bytes(left.export(file_type="stl"))
         write_json(part / "forces.json", summary)
     return summary
 

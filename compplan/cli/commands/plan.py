@@ -270,9 +270,7 @@ def _describe_strategies(comparison: Comparison) -> list[str]:
     epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.",
 )  # fmt: skip
 def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> CommandResult:
-    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
-
-    stock.stl is what a cutter leaves of the stock, part frame, mm.
+    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html.
 
     Example: compplan forces examples/forces/pocket.toml --out out
     """
@@ -293,8 +291,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
     if table is not None:
         hint = "in a job: its [process.coefficients] in place of material"
         lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
-    left = ", stock.stl" if "engagement" in summary else ""
-    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])
+    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html to {folder}"])
 
 
 def _describe(summary: Mapping[str, Any]) -> Iterator[str]:

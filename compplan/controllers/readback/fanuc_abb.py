@@ -15,6 +15,7 @@ from compplan.controllers.readback.poses import (
     Pose,
     abb_pose,
     fanuc_pose,
+    list_lines,
     mark_actions,
     read_action,
     read_numbers,
@@ -116,7 +117,7 @@ class _Rapid:
     active: set[str] = field(default_factory=set)
 
     def run(self, procedure: str) -> None:
-        for line in filter(None, (text.split("!")[0].strip() for text in self.procedures[procedure].splitlines())):
+        for line in list_lines(self.procedures[procedure], "rapid", "!"):
             if act := read_action(line):
                 self.moves.append(act)
             elif match := _RAPID_MOVE.fullmatch(line):
@@ -155,8 +156,7 @@ def read_rapid(path: Path) -> list[Move]:
     parts = sorted(path.parent.glob("*.mod"))
     modules = "\n".join(file.read_text() for file in parts if file.stem[:-1].rstrip("0123456789").endswith("_"))
     text = path.read_text()
-    marked = mark_actions(modules + text, "rapid")
-    procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", marked, re.S))
+    procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", modules + text, re.S))
     tools, objects, units = {}, {}, {}
     for name, value in re.findall(r"PERS tooldata (\w+):=(.*?);", text):
         numbers = read_numbers(value)

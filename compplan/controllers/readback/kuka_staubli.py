@@ -18,7 +18,7 @@ from compplan.controllers.readback.poses import (
     NUMBER,
     Move,
     kuka_pose,
-    mark_actions,
+    list_lines,
     read_action,
     read_numbers,
     staubli_poses,
@@ -59,8 +59,8 @@ class _Krl:
     def call(self, name: str) -> None:
         file = self.folder / f"{name}.src"
         assert file.read_bytes().count(b"\r\n") > 2, "CR LF"
-        lines = [line.split(";")[0].strip() for line in mark_actions(file.read_text(), "krl").splitlines()]
-        for line in filter(None, lines[lines.index(f"DEF {name}()") + 1 : lines.index("END")]):
+        lines = list_lines(file.read_text(), "krl")
+        for line in lines[lines.index(f"DEF {name}()") + 1 : lines.index("END")]:
             self.step(line)
 
     def step(self, line: str) -> None:
@@ -146,8 +146,7 @@ class _Val3:
     def call(self, name: str) -> None:
         root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
         code = next(element.text or "" for element in root.iter() if _val3_tag(element) == "Code")
-        lines = [line.split("//")[0].strip() for line in mark_actions(code, "val3").splitlines()]
-        lines = [line for line in lines if line]
+        lines = list_lines(code, "val3", "//")
         assert (lines[0], lines[-1]) == ("begin", "end")
         for line in lines[1:-1]:
             self.step(line)
