@@ -290,7 +290,7 @@ def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
         "joints": np.where(np.abs(joints) < ZERO, 0.0, joints), "joint_names": controller.joint_names,
         "rates": np.where(robot.prismatic, 1e3 * limits, np.degrees(limits)) if np.isfinite(limits).all() else None,
         "world": np.eye(4) if robot.ground else controller.world,
-        "words": words, "native": native_words(controller, words), "status": krl_status(controller, robot, q),
+        "words": words, "native": native_words(controller, words), "status": krl_status(controller, words),
         "bent": find_bend(believed, q), "unchecked": controller.unchecked, "controller": controller.name,
     }  # fmt: skip
 
