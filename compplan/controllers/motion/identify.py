@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
-from compplan.controllers.motion.run import hold_direction, lag_command
 from compplan.controllers.motion.windows import (
     CYCLE,
     Window,
     WindowRun,
-    drop_along,
     find_residual,
     measure_left,
-    read_run,
     run_window,
 )
 from compplan.controllers.writers.motion_table import LONGEST_LAG, ServoMotion
@@ -46,8 +42,8 @@ USUAL, SPEED_SPREAD = (3.0, 0.04), (1.0, 0.2)
 WORTH = 0.98
 #: A model is no worse than the programmed path up to this distance. [m]
 EQUAL = 1e-6
-#: Noise of a row [m], how many times it an outlier is, and steps of a fit.
-NOISE, OUTLIER, STEPS = 2e-5, 8.0, 5
+#: Noise of a row [m], how many times it an outlier is, trials of a fit, and step of its slopes in usual spreads.
+NOISE, OUTLIER, STEPS, STEP = 2e-5, 8.0, 20, 0.02
 #: Groups of rows that are left out in turn, at most.
 GROUPS = 3
 
@@ -135,7 +131,7 @@ def search_blend(
     fitted = {}
 
     def left(share: float) -> float:
-        fitted[share] = fit_motion(windows, replace(motion, blend_share=share), free, arm, steps=3)
+        fitted[share] = fit_motion(windows, replace(motion, blend_share=share), free, arm, steps=12)
         gaps = [find_residual(window, run_window(window, fitted[share], arm)) for window in windows]
         return float(np.mean(np.sqrt((np.concatenate(gaps) ** 2).sum(axis=1) + 1e-12)))
 
@@ -148,31 +144,20 @@ def fit_motion(
 ) -> ServoMotion:
     """Fit a model by robust least squares against what is usual; blends stay.
 
-    A joint's parameters change its own column alone, so that one run gives the slopes of all joints. `free` names what
-    may change: speed, common or lag, acceleration, lost.
+    `free` names what may change: speed, common or lag, acceleration, lost.
     """
     nq = len(motion.lag)
-    directions, spread = _list_directions(free, nq), np.r_[SPEED_SPREAD, np.repeat([*SPREAD.values()], nq)]
-    usual = -np.diag(1.0 / spread)
-    usual[2 : 2 + nq, 2 : 2 + nq] += 1.0 / nq / SPREAD["lag"]
-
-    @lru_cache(maxsize=2)
-    def build(change: bytes) -> ServoMotion:
-        return _apply(motion, directions @ np.frombuffer(change))
+    spread = np.r_[SPEED_SPREAD, np.repeat([*SPREAD.values()], nq)]
+    directions = spread[:, None] * _list_directions(free, nq)
 
     def left(change: Array) -> Array:
-        trial = build(change.tobytes())
+        trial = _apply(motion, directions @ change)
         gaps = [_stack_gap(window, run_window(window, trial, arm)) / NOISE for window in windows]
         return np.concatenate([*gaps, _measure_oddness(trial) / spread])
 
-    def slopes(change: Array) -> Array:
-        trial = build(change.tobytes())
-        columns = [_find_columns(window, run_window(window, trial, arm), trial, free, arm) for window in windows]
-        return np.concatenate([*(-part / NOISE for part in columns), usual]) @ directions
-
-    found = least_squares(
-        left, np.zeros(directions.shape[1]), slopes, x_scale="jac", loss="cauchy", f_scale=OUTLIER, max_nfev=4 * steps
-    )
+    step = np.where(directions[1] > 0.0, CYCLE / SPEED_SPREAD[1], STEP)  # the smoothing has whole cycles
+    found = least_squares(left, np.zeros(len(step)), loss="cauchy", f_scale=OUTLIER, diff_step=step,
+                          max_nfev=steps)  # fmt: skip
     return _apply(motion, directions @ found.x)
 
 
@@ -207,49 +192,6 @@ def _stack_gap(window: Window, run: WindowRun) -> Array:
     size = np.maximum(np.linalg.norm(slope, axis=1), 1e-9)
     speed = (window.rate * window.leverage * slope).sum(axis=1) / size - size
     return np.concatenate([across.ravel(), SPEED_WEIGHT * speed])
-
-
-def _find_columns(window: Window, run: WindowRun, motion: ServoMotion, free: tuple[str, ...], arm: Arm) -> Array:
-    """Return the slopes of what a run explains in the numbers of a model; 0 of kinds that are not free.
-
-    Shape (n (nq + 1), 2 + 3 nq).
-    """
-    nq, gap = window.q.shape[1], _stack_gap(window, run)
-    columns, each = np.zeros((len(gap), 2 + 3 * nq)), np.eye(2 + 3 * nq)
-    for k, step in enumerate((0.05, 0.004)):
-        moved = _stack_gap(window, run_window(window, _apply(motion, step * each[k]), arm))
-        columns[:, k] = (gap - moved) / step
-    _, tangent = run.here
-    for kind, name in enumerate(SPREAD):
-        if name not in free and not (name == "lag" and "common" in free):
-            continue
-        slope = _joint_slopes(run, motion, name)
-        here, _ = read_run(slope, run.at)
-        rates = SPEED_WEIGHT * _speed_slopes(slope, run, window)
-        for j in range(nq):
-            part = drop_along(here * window.leverage * (np.arange(nq) == j), tangent * window.leverage)
-            columns[:, 2 + kind * nq + j] = np.concatenate([part.ravel(), rates[:, j]])
-    return columns
-
-
-def _speed_slopes(slope: Array, run: WindowRun, window: Window) -> Array:
-    """Return by how much each joint's parameter changes the speed along the run. Shape (n, nq)."""
-    _, change = read_run(slope, run.at)
-    _, tangent = run.here
-    tangent = tangent * window.leverage
-    size = np.maximum(np.linalg.norm(tangent, axis=1), 1e-12)[:, None]
-    return np.asarray(change * window.leverage * tangent / size / CYCLE)
-
-
-def _joint_slopes(run: WindowRun, motion: ServoMotion, name: str) -> Array:
-    """Return the slopes of all joints of a run in one kind of parameter, each in its own joint's."""
-    if name == "lost":
-        return np.asarray(-0.5 * hold_direction(run.command, CYCLE))
-    base = lag_command(run.command, motion.lag, motion.acceleration_lag, CYCLE)
-    step = 1e-3 if name == "lag" else 1e-5
-    lag, acceleration = motion.lag, motion.acceleration_lag
-    moved = (lag + step, acceleration) if name == "lag" else (lag, acceleration + step)
-    return (lag_command(run.command, *moved, CYCLE) - base) / step
 
 
 def _measure_oddness(motion: ServoMotion) -> Array:

@@ -52,7 +52,7 @@ class Window:
     leverage: Array  #: How far a joint moves the tip, root mean square. Shape (nq,). [m/rad]
     paths: dict[float, Path] = field(default_factory=dict)  #: Executed paths by blend share, as far as they were laid.
     known: dict[float, Array] = field(default_factory=dict)  #: Lengths of the rows along them.
-    #: The model that it was run with last, `motion`, and the `run`.
+    #: What was commanded last, `command`, where the rows are in it, `at`, and the `key` of the model that it is by.
     latest: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -183,8 +183,8 @@ def _slice_nodes(nodes: Nodes, first: int, end: int) -> Nodes:
     return Nodes(cut, nodes.q[part], nodes.position[part], nodes.rotation[part], length)
 
 
-#: Cycle at which windows are run. [s]
-CYCLE = 0.004
+#: Cycle at which windows are run, and the rest behind them. [s]
+CYCLE, REST = 0.004, 0.2
 #: Time to either side among which the nearest point of a run is taken. [s]
 NEAR = 0.04
 
@@ -205,19 +205,16 @@ class WindowRun:
 
 def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
     """Execute a window and find its rows in the run: where the path's length is theirs, then nearest in the joints."""
-    if window.latest.get("motion") is motion:  # a step that was taken is looked at again for its slopes
-        return window.latest["run"]
-    model = replace(motion, cycle=CYCLE)
-    path = window.path(arm, motion.blend_share)
-    schedule = schedule_path(path, model)
-    still = np.arange(1, 1 + int(0.2 / CYCLE))
-    s = np.r_[schedule.s, np.full(len(still), schedule.s[-1])]
-    command = follow_path(path, s)
-    q = follow_command(command, model)
-    at = np.interp(window.lengths(arm, motion.blend_share), s + 1e-9 * np.arange(len(s)), np.arange(len(s)))
-    run = WindowRun(command, q, _match_rows(window, q, at + float(motion.lag.mean()) / CYCLE))
-    window.latest.update(motion=motion, run=run)
-    return run
+    key = motion.blend_share, motion.acceleration, motion.smoothing
+    if window.latest.get("key") != key:
+        schedule = schedule_path(window.path(arm, motion.blend_share), replace(motion, cycle=CYCLE))
+        s = np.r_[schedule.s, np.full(round(REST / CYCLE), schedule.s[-1])]
+        at = np.interp(window.lengths(arm, motion.blend_share), s + 1e-9 * np.arange(len(s)), np.arange(len(s)))
+        command = follow_path(window.path(arm, motion.blend_share), s)
+        window.latest.update(key=key, command=command, at=at)
+    command, at = window.latest["command"], window.latest["at"]
+    q = follow_command(command, replace(motion, cycle=CYCLE))
+    return WindowRun(command, q, _match_rows(window, q, at + float(motion.lag.mean()) / CYCLE))
 
 
 def _match_rows(window: Window, q: Array, at: Array) -> Array:
@@ -246,11 +243,6 @@ def find_residual(window: Window, run: WindowRun) -> Array:
     """Return what rows are beside a run, across it, in joints weighed by their leverage. Shape (n, nq). [m]."""
     here, slope = run.here
     gap, slope = (window.q - here) * window.leverage, slope * window.leverage
-    return drop_along(gap, slope)
-
-
-def drop_along(gap: Array, slope: Array) -> Array:
-    """Take what lies along a direction out of vectors. Shape (n, k)."""
     size = np.maximum((slope**2).sum(axis=1), 1e-16)
     return np.asarray(gap - ((gap * slope).sum(axis=1) / size)[:, None] * slope)
 
