@@ -160,7 +160,7 @@ class _EdgeSolver:
 
     def _in_stock(self, point: Array) -> NDArray[np.bool_]:
         """Tell which points stand in the stock as it was before the first move. Shape (s,)."""
-        solid = point[:, 2] < self.stock.crest(point[:, :2])
+        solid = point[:, 2] < self.stock.bounds()[1, 2]
         bottom, top = self.stock.interval(point[solid, :2])
         solid[solid] = (point[solid, 2] < top - NOTHING) & (point[solid, 2] >= bottom)
         return np.asarray(solid)
@@ -260,7 +260,7 @@ class _PointEdge(_EdgeSolver):
         asked[:, :-1] |= out
         asked[:, 1:] |= out
         place = self._place_knots(rows, angles)
-        asked &= place[..., 2] < self.stock.crest(place[..., :2])  # what stands above the stock is not asked for
+        asked &= place[..., 2] < self.stock.bounds()[1, 2]  # what stands above the stock is not asked for
         n, j, m = np.nonzero(asked)
         asked[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
         low, high = asked[:, :-1] & out, asked[:, 1:] & out

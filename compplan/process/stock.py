@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -35,9 +34,6 @@ class StockColumns(Protocol):
         Shape (..., 2) -> (...) twice. [m]
         """
 
-    def crest(self, place: Array) -> Array:
-        """Return heights that the columns at places do not exceed, cheaper than `interval`. (...) from (..., 2). [m]"""
-
     def bounds(self) -> Array:
         """Return the box around it, rows lowest and highest. Shape (2, 3). [m]"""
 
@@ -66,10 +62,6 @@ class Block:
                 beside |= left < 0.0
         high[beside] = -np.inf
         return low, high
-
-    def crest(self, place: Array) -> Array:
-        """Return heights that the columns do not exceed, see `StockColumns`."""
-        return np.full(place.shape[:-1], self.corners[:, 2].max())
 
     def bounds(self) -> Array:
         """Return the box around it, see `StockColumns`."""
@@ -104,20 +96,6 @@ class HeightMap:
             smooth = sum(w * np.where(np.isfinite(c), c, 0.0) for w, c in zip(weight, corner, strict=True))
             found.append(np.where(inside, np.where(whole, smooth, nearest), none))
         return found[0], found[1]
-
-    def crest(self, place: Array) -> Array:
-        """Return heights that the columns do not exceed, see `StockColumns`."""
-        at = np.floor((place - self.origin) / self.cell + 1.0).astype(int)
-        limit = np.array(self.high.shape)
-        inside = ((at >= 0) & (at <= limit)).all(axis=-1)
-        at = np.clip(at, 0, limit)
-        return np.where(inside, self._crests[at[..., 0], at[..., 1]], -np.inf)
-
-    @cached_property
-    def _crests(self) -> Array:
-        """The highest of the up to four columns around each cell between them. Shape (a + 1, b + 1). [m]"""
-        around = np.pad(self.high, 1, constant_values=-np.inf)
-        return np.asarray(np.max([around[:-1, :-1], around[1:, :-1], around[:-1, 1:], around[1:, 1:]], axis=0))
 
     def bounds(self) -> Array:
         """Return the box around it, see `StockColumns`."""

@@ -74,10 +74,6 @@ class CutStock:
         low, high = self.before.interval(place)
         return low, np.minimum(high, self.surface.lowest(place))
 
-    def crest(self, place: Array) -> Array:
-        """Return heights that the columns do not exceed, see `StockColumns`."""
-        return self.before.crest(place)
-
     def bounds(self) -> Array:
         """Return the box around the stock before, see `StockColumns`."""
         return self.before.bounds()
