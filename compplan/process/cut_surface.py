@@ -161,19 +161,11 @@ class CutSurface:
 
     def uncut(self, point: Array, before: NDArray[np.int_]) -> NDArray[np.bool_]:
         """Tell which points no move took away so far, of those before a number. Shapes (s, 3) and (s,), to (s,)."""
-        left = np.ones(len(point), dtype=bool)
-        near = np.rint((point[:, :2] - self.origin) / self.cell).astype(int)
-        near = np.clip(near, 0, np.array(self.floor.owner.shape) - 1)
-        first = self.floor.owner[near[:, 0], near[:, 1]]  # what cut the nearest column lowest settles most points
-        asked = np.flatnonzero((first >= 0) & (first < before))
-        left[asked] = self.gap(point[asked], first[asked].astype(int)) >= NOTHING
-        others = np.flatnonzero(left)
-        owner = self._owners(point[others, :2])
-        fresh = (owner >= 0) & (owner < before[others]) & (owner != first[others])
+        left, owner = np.ones(len(point), dtype=bool), self._owners(point[:, :2])
+        fresh = (owner >= 0) & (owner < before)
         fresh[1:] &= owner[1:] != owner[:-1]
         k, sample = np.nonzero(fresh)
-        cut = self.gap(point[others[sample]], owner[k, sample].astype(int)) < NOTHING
-        left[others[sample[cut]]] = False
+        left[sample[self.gap(point[sample], owner[k, sample].astype(int)) < NOTHING]] = False
         return left
 
     def gap(self, point: Array, moves: NDArray[np.int_]) -> Array:

@@ -86,9 +86,7 @@ def find_engagement(
     for first in range(0, n, chunk):
         rows = np.arange(first, min(first + chunk, n))
         moves = rows[removing[rows]]
-        near = rows[solver.may_touch(rows)]
-        if len(near):
-            solver.fill(near[cutting[near]], moves)
+        solver.fill(rows[cutting[rows]], moves)
         surface.cut(moves)
     return found
 
@@ -164,16 +162,6 @@ class _EdgeSolver:
         bottom, top = self.stock.interval(point[solid, :2])
         solid[solid] = (point[solid, 2] < top - NOTHING) & (point[solid, 2] >= bottom)
         return np.asarray(solid)
-
-    def may_touch(self, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
-        """Tell where the cutter is near enough to the stock. Shape (r,)."""
-        box, tip, reach = self.stock.bounds(), self.position[rows], self.cutter.radius
-        low = tip[:, 2]
-        if self.surface.tilt is not None:
-            low = low - reach
-            reach = reach + self.cutter.flute
-        beside = (tip[:, :2] > box[0, :2] - reach) & (tip[:, :2] < box[1, :2] + reach)
-        return np.asarray(beside.all(axis=1) & (low < box[1, 2]))
 
     def _list_before(
         self, row: NDArray[np.int_], moves: NDArray[np.int_], live: NDArray[np.bool_]
