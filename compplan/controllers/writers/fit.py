@@ -39,7 +39,6 @@ class Fitted:
 
     program: Program  #: The program at the ends of its moves, with `via` of its arcs.
     rows: NDArray[np.int_]  #: The row of each in the whole program. Shape (m,).
-    kinds: NDArray[np.int_]  #: LINE, or the row that an arc goes by. Shape (m,).
     slowed: int = 0  #: How many moves are driven slower than planned, so that the controller has the time for them.
 
 
@@ -54,8 +53,8 @@ def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
     """
     n = len(program)
     if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
-        return Fitted(program, np.arange(n), np.full(n, LINE))
-    whole, rows = program, np.arange(n)
+        return Fitted(program, np.arange(n))
+    rows = np.arange(n)
     if program.corner_shift is not None:
         rows = np.flatnonzero(np.isfinite(program.corner_shift[:, 0]))
         program = program.take(rows)
@@ -65,18 +64,14 @@ def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
         program = replace(program, tcp=tcp)
     alone, stops = program.alone(linear=True), program.stops(linear=True)
     track = _Track(program, 1e3 * program.tolerance, stops, arcs)
-    if arcs in whole.pieces:
-        ends, kind = whole.pieces[arcs]
-        ends, kind = np.searchsorted(rows, ends), np.where(kind < 0, kind, np.searchsorted(rows, np.maximum(kind, 0)))
-    else:
-        kept = np.flatnonzero(alone | stops | program.corners | _mark_ends(program))
-        pieces: list[tuple[int, int]] = []
-        for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
-            pieces += [(last, LINE)] if alone[last] or track.rests(first, last) else track.divide(first, last)
-        ends = np.array([0, *(end for end, _ in pieces)])
-        kind = np.array([LINE, *(kind for _, kind in pieces)])
+    kept = np.flatnonzero(alone | stops | program.corners | _mark_ends(program))
+    pieces: list[tuple[int, int]] = []
+    for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
+        pieces += [(last, LINE)] if alone[last] or track.rests(first, last) else track.divide(first, last)
+    ends = np.array([0, *(end for end, _ in pieces)])
+    kind = np.array([LINE, *(kind for _, kind in pieces)])
     fewer, slowed = _take_rows(program, track, ends, kind)
-    return Fitted(fewer, rows[ends], np.where(kind < 0, kind, rows[np.maximum(kind, 0)]), slowed)
+    return Fitted(fewer, rows[ends], slowed)
 
 
 def _mark_ends(program: Program) -> NDArray[np.bool_]:

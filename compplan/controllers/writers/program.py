@@ -30,9 +30,6 @@ from compplan.toolpath.events import Event, find_halts
 
 #: Joint positions that are written as zero, without a sign. [deg or mm]
 ZERO = 5e-7
-#: Ends and kinds of fitted moves, by whether they have arcs.
-Pieces = dict[bool, tuple[NDArray[np.int_], NDArray[np.int_]]]
-
 #: What a program holds row by row, joints and words aside: shape of a row of each.
 BY_ROW: dict[str, tuple[int, ...]] = {
     "feed": (), "rapid": (), "exact": (), "time": (), "tcp": (4, 4), "status": (), "bent": (), "free": (),
@@ -118,8 +115,6 @@ class Program:
     asked: Array | None = None  #: Feed that the CAM file asks for, or None. Shape (n,). [mm/s]
     blend_share: float = 1.0  #: Length of the controller's blends over their zones.
     smoothing: float = 0.04  #: Time over which the controller averages the speed. [s]
-    #: Ends and kinds of moves that were fitted to these very rows, by whether they have arcs.
-    pieces: Pieces = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
@@ -144,7 +139,7 @@ class Program:
         events = tuple(
             replace(event, place=new if event.place >= 0 else -1) for event, new in zip(self.events, place, strict=True)
         )
-        return replace(self, **some, words=words, native=native, events=events, pieces={})
+        return replace(self, **some, words=words, native=native, events=events)
 
     @property
     def corners(self) -> NDArray[np.bool_]:
