@@ -21,7 +21,7 @@ from compplan.controllers.readback.poses import (
     list_lines,
     read_action,
     read_numbers,
-    staubli_poses,
+    staubli_pose,
 )
 
 # --------------------------------------------------------------------------------------------------------------- KRL
@@ -140,8 +140,6 @@ class _Val3:
     data: dict[str, list[dict[str, str]]]
     waited: bool = True
     moves: list[Move] = field(default_factory=list)
-    places: dict[str, list[Any]] = field(default_factory=dict)
-    turns: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
 
     def call(self, name: str) -> None:
         root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
@@ -152,18 +150,8 @@ class _Val3:
             self.step(line)
 
     def place(self, name: str, index: int = 0) -> Any:
-        """Return the pose of an element; those of an array are read at once."""
-        if name not in self.places:
-            numbers = np.array([[each[key] for key in PLACE] for each in self.data[name]], float)
-            self.places[name] = list(staubli_poses(numbers))
-        return self.places[name][index]
-
-    def joints(self, name: str, index: int) -> tuple[float, ...]:
-        """Return the joints of an element; those of an array are read at once."""
-        if name not in self.turns:
-            numbers = np.array([[each[f"j{number}"] for number in range(1, 7)] for each in self.data[name]], float)
-            self.turns[name] = list(map(tuple, numbers.tolist()))
-        return self.turns[name][index]
+        """Return the pose of an element."""
+        return staubli_pose(*(float(self.data[name][index][key]) for key in PLACE))
 
     def step(self, line: str) -> None:
         if match := _VAL3_MOVE.fullmatch(line):
@@ -191,7 +179,7 @@ class _Val3:
         self.waited = False
         joints, pose, base = None, None, _STANDING
         if kind == "j":
-            joints = self.joints(points, row)
+            joints = tuple(float(point[f"j{number}"]) for number in range(1, 7))
         else:
             father = point["fatherId"].removesuffix("[0]")
             (frame,) = self.data[father]

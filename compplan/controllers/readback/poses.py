@@ -66,11 +66,8 @@ def _euler_pose(order: str, *numbers: float) -> Pose:
 kuka_pose, fanuc_pose = partial(_euler_pose, "ZYX"), partial(_euler_pose, "xyz")
 #: Kawasaki: O about z, A about the new y, T about the newest z.
 kawasaki_pose = partial(_euler_pose, "ZYZ")
-
-
-def staubli_poses(numbers: Pose) -> Pose:
-    """Staubli: rx about x, ry about the new y, rz about the newest z. Shape (n, 6) -> (n, 4, 4)."""
-    return build_poses(numbers[:, :3], Rotation.from_euler("XYZ", numbers[:, 3:], degrees=True))
+#: Staubli: rx about x, ry about the new y, rz about the newest z.
+staubli_pose = partial(_euler_pose, "XYZ")
 
 
 def turn(axis: str, angle: float) -> Pose:

@@ -160,12 +160,9 @@ def read_sinumerik(path: Path) -> list[Move]:
 # ------------------------------------------------------------------------------------------------------------ INFORM
 
 
-def read_inform(path: Path) -> list[Move]:
+def read_inform(path: Path, frames: dict[str, Pose] | None = None) -> list[Move]:
     """Run an INFORM job and those that it calls."""
-    return _run_job(path, {})
-
-
-def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
+    frames = frames if frames is not None else {}
     head, body = mark_actions(path.read_text(), "inform").split("NOP\n")
     points, stations, variables, kind = {}, {}, {}, ""
     configuration: tuple[int, ...] = ()
@@ -192,7 +189,7 @@ def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
         elif match := re.fullmatch(r"(MFRAME UF#\(\d+\)|SETTOOL TL#\(\d+\)) P(\d{5})( BF)?", line):
             frames[match[1][0]] = variables[match[2]]
         elif match := re.fullmatch(r"CALL JOB:(\w+)", line):
-            moves += _run_job(path.with_name(f"{match[1]}.JBI"), frames)
+            moves += read_inform(path.with_name(f"{match[1]}.JBI"), frames)
         elif not line.startswith("'"):
             other = rf"(?: \+MOVJ EC(\d{{5}})(?: VJ={NUMBER})?)?"
             match = re.fullmatch(rf"S?MOV([JL]) C(\d{{5}}) (VJ|V)=({NUMBER}) PL=(\d){other}", line)

@@ -39,7 +39,6 @@ class Fitted:
 
     program: Program  #: The program at the ends of its moves, with `via` of its arcs.
     rows: NDArray[np.int_]  #: The row of each in the whole program. Shape (m,).
-    slowed: int = 0  #: How many moves are driven slower than planned, so that the controller has the time for them.
 
 
 def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
@@ -70,8 +69,7 @@ def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
         pieces += [(last, LINE)] if alone[last] or track.rests(first, last) else track.divide(first, last)
     ends = np.array([0, *(end for end, _ in pieces)])
     kind = np.array([LINE, *(kind for _, kind in pieces)])
-    fewer, slowed = _take_rows(program, track, ends, kind)
-    return Fitted(fewer, rows[ends], slowed)
+    return Fitted(_take_rows(program, track, ends, kind), rows[ends])
 
 
 def _mark_ends(program: Program) -> NDArray[np.bool_]:
@@ -84,13 +82,12 @@ def _mark_ends(program: Program) -> NDArray[np.bool_]:
     return marked
 
 
-def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> tuple[Program, int]:
-    """Return the program at some of its rows, with the feed that takes the time of the plan; count slowed moves."""
+def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> Program:
+    """Return the program at some of its rows, with the feed that takes the time of the plan, or a cycle."""
     assert program.tcp is not None and program.time is not None
     length = np.array([0.0, *(track.measure(a, b, m) for a, b, m in zip(ends[:-1], ends[1:], kind[1:], strict=True))])
     time, cut = np.diff(track.time[ends], prepend=0.0), ~program.alone(linear=True)[ends]
     cut[0] = False
-    short = cut & (time < program.cycle * (1.0 - 1e-9))
     moved = cut & (length > 0.0) & (time > 0.0)
     feed = program.feed[ends].copy()
     feed[moved] = length[moved] / np.maximum(time, program.cycle)[moved]
@@ -103,8 +100,7 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
     for k in np.flatnonzero(kind >= 0).tolist():
         beside = 1e-3 * shapes.find_via(track.x[ends[k - 1] : ends[k] + 1], int(kind[k] - ends[k - 1]))
         via[k, :3, 3] = program.part[:3, :3] @ beside + program.part[:3, 3]
-    fewer = replace(program.take(ends), feed=feed, via=via, tolerance=0.0)
-    return fewer, int(np.count_nonzero(short))
+    return replace(program.take(ends), feed=feed, via=via, tolerance=0.0)
 
 
 class _Track:

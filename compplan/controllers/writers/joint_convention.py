@@ -25,7 +25,7 @@ from compplan.io.tomlfile import (
     read_toml_model,
     refuse_other_types,
 )
-from compplan.robot import Joint, Robot
+from compplan.robot import Robot
 from compplan.robot.pose import build_pose
 from compplan.robot.urdf import Urdf, read_urdf
 
@@ -214,8 +214,11 @@ def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Arra
         return found
     for joint in robot.joints:
         pose = pose @ joint.placement
-        value = _joint_value(joint, q, column)
-        if value is not None:
+        driver = joint.name if joint.mimic is None else joint.mimic.joint
+        if driver in column:
+            value = q[:, column[driver]]
+            if joint.mimic is not None:
+                value = joint.mimic.multiplier * value + joint.mimic.offset
             move = np.tile(np.eye(4), (len(q), 1, 1))
             if joint.kind == "prismatic":
                 move[:, :3, 3] = value[:, None] * joint.axis
@@ -241,12 +244,6 @@ def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
     poses = locate_links(robot, q, [joint.child for joint in turning[3:]])
     fourth, fifth, sixth = (poses[joint.child][:, :3, :3] @ joint.axis for joint in turning[3:])
     return np.asarray(np.einsum("ni,ni->n", fifth, np.cross(fourth, sixth)) >= 0.0)
-
-
-def _joint_value(joint: Joint, q: Array, column: Mapping[str, int]) -> Array | None:
-    if joint.mimic is not None:
-        return np.asarray(joint.mimic.multiplier * q[:, column[joint.mimic.joint]] + joint.mimic.offset)
-    return q[:, column[joint.name]] if joint.name in column else None
 
 
 def measure_words(controller: Counting, robot: Robot, q: Array) -> dict[str, tuple[NDArray[np.bool_], Array]]:

@@ -70,7 +70,10 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
     number = [*part.parts].index(part.name) + 1
-    events = {row: _wait_for(lines) for row, lines in part.events.items()}
+    events = {  # what does something waits for the arm
+        row: ["waitEndMove()"] * any(not line.startswith("//") for line in lines) + lines
+        for row, lines in part.events.items()
+    }
     code = "".join(f"{line}\n" for line in replace(part, events=events).weave(_format_moves(part, number), "  "))
     return {f"{part.whole}/part{number}.pgx": _format_program(f"part{number}", code)}
 
@@ -121,11 +124,6 @@ def _format_moves(part: ProgramPart, number: int) -> list[list[str]]:
             f"move{'c' if via else 'l'}({via}pPath{number}[{index}],tTool,{how})",
         ])  # fmt: skip
     return lines
-
-
-def _wait_for(lines: list[str]) -> list[str]:
-    """Return lines of what happens beside motion, behind a wait for the arm where they do something."""
-    return ["waitEndMove()"] * any(not line.startswith("//") for line in lines) + lines
 
 
 def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
