@@ -29,8 +29,7 @@ from compplan.io.tables import Array
 from compplan.process.engagement import ROWS, Cutter, Engagement, Slices
 from compplan.process.engagement_search import find_engagement
 from compplan.process.materials import MATERIALS, Coefficients, CoefficientTable
-from compplan.process.stock import StockColumns
-from compplan.process.stock_table import Cut, StockTable, read_stock, take_away, view_along
+from compplan.process.stock import Cut, StockColumns, StockTable, read_stock, take_away, view_along
 from compplan.toolpath.contact import ForceTable
 from compplan.toolpath.toolpath import Toolpath, interpolate
 

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from compplan.io.tables import Array
 from compplan.process.cut_surface import NOTHING, CutSurface, build_cut_surface, lowest_reach
 from compplan.process.engagement import Cutter, Engagement, middle_angles, outward_span
-from compplan.process.stock import StockColumns
-from compplan.process.stock_table import UPRIGHT
+from compplan.process.stock import UPRIGHT, StockColumns
 from compplan.toolpath.contact import last_set
 
 #: Angles round the axis, a multiple of 4. The force of a bin acts at its middle, so that one at the end of an arc, half

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from compplan.controllers.writers.sequence import WHOLE
+from compplan.controllers.writers import WHOLE
 from compplan.io.notes import list_remarks, list_stops
 from compplan.io.palette import BAND, BEFORE
 from compplan.io.quantities import format_length, format_mm, format_mm_change
@@ -72,7 +72,7 @@ def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> 
 
 def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folder: Path, name: str) -> list[Path]:
     """Write the programs that call those of all tools, in the languages that have calls."""
-    from compplan.controllers.writers.sequence import write_sequence
+    from compplan.controllers.writers import write_sequence
 
     job = plans[0].job
     if job is None or not job.output.programs:

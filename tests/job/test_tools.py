@@ -16,8 +16,7 @@ from program_readers import read_krl, read_rapid
 
 import compplan as cp
 import compplan.reporting.writers.plan as outputs
-from compplan.controllers.writers import build_program, write_program
-from compplan.controllers.writers.sequence import write_sequence
+from compplan.controllers.writers import build_program, write_program, write_sequence
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.operations import load_one_job, split_job

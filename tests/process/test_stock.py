@@ -14,8 +14,7 @@ from compplan.job.operations import split_job
 from compplan.job.tool_tables import read_tool_library
 from compplan.process.engagement import Cutter
 from compplan.process.engagement_search import find_engagement
-from compplan.process.stock import StockColumns, build_block
-from compplan.process.stock_table import Cut, take_away
+from compplan.process.stock import Cut, StockColumns, build_block, take_away
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FLAT = Cutter(5e-3, 0.03)
