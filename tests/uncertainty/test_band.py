@@ -99,8 +99,14 @@ def test_band_before_equals_the_band_of_a_plan_that_corrects_nothing(tmp_path: P
     scene = build_path_model(robot, np.zeros((5, 1)), np.tile([0.0, 0, 100.0, 0, 0, 0], (5, 1)))
     error = 3e-5 * np.random.default_rng(4).standard_normal((12, 5, 3))
     motion = Motion(error, np.zeros((5, 3)), np.zeros((5, 3)), "made up")
-    band = estimate_band(robot, scene, np.ones(5, bool), SURE, motion=motion, uncorrected=np.zeros((5, 3)))
-    assert band.before == pytest.approx((band.greatest, band.whole), abs=1e-12)
+    fit = np.full(5, 1e-5)
+    for off in (0.0, 2e-5):
+        band = estimate_band(robot, scene, np.ones(5, bool), SURE, left=fit, written=fit, between=1e-6,
+                             motion=motion, uncorrected=np.full((5, 3), off))  # fmt: skip
+        if off == 0.0:
+            assert band.before == pytest.approx((band.greatest, band.whole), abs=1e-12)
+        else:
+            assert band.before is not None and band.before[1] > band.whole
     assert band.whole > band.greatest
 
 
