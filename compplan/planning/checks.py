@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from compplan.controllers.readback.joint_table import JointTable, read_joints
 from compplan.io.notes import Stop
@@ -63,8 +61,6 @@ LEFT_OUT = "left out: the tool moves rapidly above the holes"
 JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 #: The tool may lean this much besides what loads bend. [rad]
 LEAN = float(np.radians(0.05))
-#: Time between samples in which jerks are looked for. [s]
-SAMPLE = 1e-3
 #: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
 #: Severities: the plan is not confirmed; it has to be settled before the machine moves; a remark.
@@ -206,7 +202,7 @@ def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> 
 def _check_rates(task: PlanTask, q: Array, timing: Timing) -> Check:
     slower = float(find_slowdown(task, q, timing.time).max())
     ratio = max(slower, timing.velocity_ratio, timing.acceleration_ratio**0.5)
-    sentence = f"a joint's velocity, acceleration or jerk passes its limit by a factor of {ratio:.3g} in time"
+    sentence = f"a joint's velocity or acceleration passes its limit by a factor of {ratio:.3g} in time"
     return Check("joint rates, share of their limits", ratio, ROUNDING, sentence)
 
 
@@ -311,31 +307,13 @@ def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job
         checks += _check_each_joint("joint acceleration, share of elasticity.toml", joints, most, ROUNDED * 1.01,
                                     "{joint} accelerates {value:.3g} times as much as elasticity.toml allows"
                                     )  # fmt: skip
-    return [*checks, *_check_jerk(task, q, time, joints)]
+    return checks
 
 
 def _find_moving(task: PlanTask, time: Array) -> NDArray[np.int_]:
     """Return waypoints in motion, rests left out."""
     rows = find_inside(time, np.r_[False, ~task.nominal.rapid[1:]])
     return rows[~task.rests[rows]]
-
-
-def _check_jerk(task: PlanTask, q: Array, time: Array, joints: JointTable) -> list[Check]:
-    """Sampled every millisecond, as a cubic spline over time through each run, no joint passes a limit of the jerk."""
-    cutting, allowed = np.r_[False, ~task.nominal.rapid[1:]], joints.jerk
-    if not np.isfinite(allowed).any():
-        return []
-    ends = np.flatnonzero(task.rests | ~cutting | np.r_[~cutting[1:], True])
-    use = np.zeros(len(allowed))
-    for first, last in pairwise(ends):
-        rows = np.arange(first, last + 1)
-        rows = rows[np.r_[True, np.diff(time[rows]) > 1e-9]]
-        samples = np.arange(time[rows[0]], time[rows[-1]], SAMPLE)
-        if len(rows) > 2 and len(samples) > 3:
-            curve = CubicSpline(time[rows], q[rows], bc_type="clamped")
-            use = np.maximum(use, np.abs(np.diff(curve(samples), 3, axis=0)).max(axis=0) / SAMPLE**3 / allowed)
-    return _check_each_joint("joint jerk, share of its limit", joints, use, ROUNDED,
-                             "{joint} jerks {value:.3g} times as much as is allowed")  # fmt: skip
 
 
 def _check_feed(task: PlanTask, time: Array) -> Check:

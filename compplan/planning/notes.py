@@ -18,7 +18,6 @@ from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.planning.checks import REMARK, SETTLE, Check, state_notes
 from compplan.planning.deflection import Bending
-from compplan.planning.motion_limits import describe_jerk
 from compplan.planning.stability import describe_depth_limit
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
@@ -65,7 +64,6 @@ def list_notes(
     if conflict := command.nlp.get("conflict"):
         last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     last.append(describe_depth_limit(task, command.q))
-    last.append(describe_jerk(task.robot))
     figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task), _check_swing(task)]
     return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
 

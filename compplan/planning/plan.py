@@ -224,7 +224,6 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         step_time=programmed_times(nominal),
         velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
-        jerk_limits=robot.jerk_limits,
         max_correction=options.max_correction,
         tolerance=options.tolerance,
         spin_free=options.spin_free,

@@ -90,7 +90,7 @@ def test_its_run_holds_velocity_and_acceleration_at_every_millisecond(plan: Plan
     runs = task.runs
     use = sample_use(plan.q, plan.timing.time, runs, task.velocity_limits, task.acceleration_limits)
     assert use["velocity"] < 1.001 and plan.timing.acceleration_ratio < 1.001
-    assert use["acceleration"] < 1.04  # a spline overshoots where acceleration, free of a limit of the jerk, jumps
+    assert use["acceleration"] < 1.04  # a spline overshoots where acceleration jumps
 
 
 def test_reversals_are_priced_by_lost_motion_and_lever(plan: Plan) -> None:
