@@ -22,7 +22,6 @@ from compplan.io.quantities import (
     format_set_value,
 )
 from compplan.io.tables import write_text
-from compplan.planning.lost_motion import describe_reversals
 from compplan.planning.notes import describe_causes, mark_slow
 from compplan.planning.posture.costs import ASSUMED
 from compplan.planning.tolerance_verdict import describe_tolerance
@@ -123,7 +122,6 @@ def _list_facts(plan: Plan) -> list[tuple[str, str]]:
     return [
         *facts, ("toolpath", plan.task.nominal.source or "given in memory"),
         *([("configuration", words)] if words else []),
-        ("axes turn back", describe_reversals(plan.reversals)),
         ("rotation about the tool axis", "free" if plan.task.spin_free else "fixed by the job"),
         ("time in the solver", f"{plan.command.solve_time:.3g} s"),
     ]  # fmt: skip
