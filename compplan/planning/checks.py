@@ -227,7 +227,7 @@ def _check_executed(task: PlanTask, executed: ExecutedPath) -> Check:
     use = executed.near / bound_executed(task)
     worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
     sentence = (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
-                f"waypoint {worst}")  # fmt: skip
+                f"waypoint {worst}; lower the feed there")  # fmt: skip
     return Check("executed path, share of the tolerance", float(use[worst]), 1.0, sentence)
 
 

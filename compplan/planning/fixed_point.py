@@ -6,9 +6,8 @@ and no joint passes a limit:
 
     command <- loads,   run <- command,   loads <- run,   slower where a limit is passed.
 
-A settled turn whose tip strays between waypoints divides those moves; one whose tip leaves the tolerance behind
-identified drives slows the run down there. Both go on with the same loop. The nonlinear program is solved for the loads
-that it ends with.
+A settled turn whose tip strays between waypoints divides those moves and goes on with the same loop. The nonlinear
+program is solved for the loads that it ends with.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from compplan.job.output import OutputTable
 from compplan.planning.deflection import follow_links, plan_loads
-from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed, excess_executed, slow_around
+from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.lost_motion import find_crossings, without_play
 from compplan.planning.motion_limits import TorqueRules
@@ -48,8 +47,8 @@ from compplan.toolpath.toolpath import interpolate
 
 #: Stated tolerance: force, feed and motion agree where a turn moves the tip by less than this share of the tolerance.
 SETTLED = 1e-3
-#: Turns between two divisions, divisions of the path, and rounds that slow the run down behind identified drives.
-TURNS, DIVISIONS, SLOWER = 12, 5, 4
+#: Turns between two divisions, and divisions of the path.
+TURNS, DIVISIONS = 12, 5
 #: Shift of the tip that asks for no new correction. [m]
 EXACT = 1e-10
 #: Moves this near to a waypoint that fails are not divided for it.
@@ -127,8 +126,7 @@ def _settle(
     masses = build_moving_chain(task.robot) if task.inertia else None
     task = _divide_ahead(resolve_starts(task, feed_request), feed_request)
     mending, slow, run, command = Mending(), np.ones(len(task)), None, None
-    first: Compensation | None = None
-    turn, divisions, rounds = 0, 0, 0
+    turn, divisions = 0, 0
     while True:
         turn += 1
         if run is None:
@@ -168,22 +166,7 @@ def _settle(
         if strategy == "nlp" and (coupled or not command.nlp):
             progress("compensation: nonlinear program")
             found = _solve_program(found)
-        executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
-        found = replace(found, executed=executed)
-        first = first or found
-        use = (
-            None if feed_request.constant or found.command.status != "solved" else excess_executed(found.task, executed)
-        )
-        if use is None or rounds == SLOWER:
-            break
-        progress("slower where the drives leave the tolerance")
-        command, run, turn, rounds = found.command, None, 0, rounds + 1
-        slow = slow_around(task, timing, use, slow, rounds)
-    if not rounds or use is not None or found.command.status != "solved" or not (found.executed and first.executed):
-        return first
-    note = (f"The run is up to {slow.max():.3g} times slower where the drives as identified would take the tip beyond "
-            f"the tolerance ({1e3 * first.executed.most:.3g} mm, now {1e3 * found.executed.most:.3g}).")  # fmt: skip
-    return replace(found, notes=(*found.notes, note))
+        return replace(found, executed=evaluate_executed(found.task, found.command.q, found.timing.time, output))
 
 
 def _divide_ahead(task: PlanTask, feed_request: FeedRequest) -> PlanTask:

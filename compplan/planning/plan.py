@@ -161,13 +161,12 @@ def plan_task(
     )
     told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
     told += list_notes(task, command, timing, bending, job)
-    plan = Plan(
+    return Plan(
         name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
+        executed=executed,
     )  # fmt: skip
-    plan.__dict__["executed"] = executed
-    return plan
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:

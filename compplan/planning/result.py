@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,7 +19,7 @@ from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, evaluate_mismatch
-from compplan.planning.executed import ExecutedPath, evaluate_executed
+from compplan.planning.executed import ExecutedPath
 from compplan.planning.notes import group_waypoints
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
@@ -57,6 +58,8 @@ class Plan(Shown):
     checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
     clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
     job: Job | None = None  #: The job, or None.
+    #: Where the controller takes the loaded tip, and what programs hold; None where neither is known.
+    executed: ExecutedPath | None = None
     learned: ErrorBand | None = None  #: Uncertainty of the tip learned from measured parts on this path, or None.
 
     @property
@@ -86,10 +89,10 @@ class Plan(Shown):
 
     def add_checks(self, checks: tuple[Check, ...], *, first: bool = False) -> Plan:
         """Return the plan with more checks; what has been worked out from the rest of it stays known."""
-        added = replace(self, checks=(*checks, *self.checks) if first else (*self.checks, *checks))
-        kept = ["error_band", "mismatch", "executed", "command_feed", "correction"]
-        kept += ["verdict"] if added.breaches == self.breaches else []
-        added.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
+        added = copy(self)
+        object.__setattr__(added, "checks", (*checks, *self.checks) if first else (*self.checks, *checks))
+        for name in ("breaches", "notes", "verdict"):
+            added.__dict__.pop(name, None)
         return added
 
     @property
@@ -109,11 +112,6 @@ class Plan(Shown):
         step = np.r_[self.approach.key_gap[-1:] if len(self.approach.key_gap) else 1.0, np.diff(self.timing.time)]
         moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
         return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
-
-    @cached_property
-    def executed(self) -> ExecutedPath | None:
-        """Where the controller takes the loaded tip, and what programs hold; None where neither is known."""
-        return evaluate_executed(self.task, self.q, self.timing.time, None if self.job is None else self.job.output)
 
     @property
     def sent(self) -> Array:
