@@ -191,9 +191,9 @@ def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> 
     found, move = evaluate_between(task, q, between, bench)
     use = found / float(task.move_tolerance[move]) if move >= 0 else 0.0
     sentence = f"the independent check finds the loaded tip {_mm(found)} off the path after waypoint {move}"
-    own = between.driven / task.move_tolerance
+    own = between.most / task.move_tolerance
     worst = int(own.argmax())
-    stray = f"between waypoints the tip strays by {_mm(between.driven[worst])}, after waypoint {worst}"
+    stray = f"between waypoints the tip strays by {_mm(between.most[worst])}, after waypoint {worst}"
     first = Check("tip between waypoints, share of the tolerance", use, 1.0, sentence)
     value = 0.0 if first.fails else float(own[worst])
     return first, Check("tip between waypoints by the planner, share of the tolerance", value, 1.0, stray)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -25,7 +25,7 @@ from compplan.planning.posture.clearance import ClearanceProfile, summarise_clea
 from compplan.planning.sampling import Between
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
-from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance, explain_width
+from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot
 from compplan.simulation.simulated_robot import EXACT_EVALUATION
 from compplan.statics.chain import locate_frames
@@ -134,7 +134,7 @@ class Plan(Shown):
         if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
-        bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
+        bow = max(float(self.between.most.max(initial=0.0)) - self.after.max_deviation, 0.0)
         scene = build_path_model(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output
@@ -165,13 +165,12 @@ class Plan(Shown):
     @cached_property
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
-        found = check_tolerance(
+        return check_tolerance(
             self.task, self.status, self.error_band, left=self.after.distance, inertia=self.bending.inertia,
             failures=self.command.failures, failure=self.explain_failures(),
             compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
-        return replace(found, sentence=found.sentence + explain_width(self.error_band, self.before.max_deviation))
 
     @property
     def solved_by(self) -> str:
@@ -257,7 +256,7 @@ class Plan(Shown):
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
     failures, margins, between, worst = plan.command.failures, plan.margins, plan.between, plan.mismatch
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
     learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
     summary: dict[str, Any] = {
         "schema": 1,

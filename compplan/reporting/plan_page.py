@@ -152,7 +152,7 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
         worst = [format_percent(float(use.max())) for use in uses]
         rows.append(["worst, in shares of its tolerance", *worst])
     rows.append(["tool axis off by up to", *(format_angle(side.max_tilt) for side in sides)])
-    ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
+    ways = {"joints linear": between.joint, "tip linear": between.cartesian}
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:
         drives = "drives as identified" if plan.executed.known else "drives not known"
