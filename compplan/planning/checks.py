@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.joint_table import JointTable, read_joints
@@ -28,7 +27,7 @@ from compplan.planning.stability import find_buckling
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown
 from compplan.robot import Array
-from compplan.simulation.exact import ExactRobot
+from compplan.simulation.exact import ExactRobot, hold_load
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.simulation.inertia import (
     average_loads,
@@ -399,22 +398,6 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
         name = task.robot.joint_names[j]
         found[waypoint] = f"effort limit of {name} ({efforts[j]:.4g} {unit})"
     return found
-
-
-def hold_load(exact_robot: ExactRobot, q: Array, wrench: Array) -> Array:
-    """Return the torque that each commanded joint needs to hold wrench and weight, springs stiff. Shape (n, nq)."""
-    data, model = exact_robot.model.createData(), exact_robot.model
-    rigid = q @ exact_robot.commanded.T + exact_robot.shift
-    torque = np.empty((len(q), model.nv))
-    for i in range(len(q)):
-        columns = pin.computeFrameJacobian(
-            model, data, rigid[i], exact_robot.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
-        torque[i] = -columns.T @ wrench[i]
-        if exact_robot.weighs:
-            exact_robot.turn_gravity(data, rigid[i])
-            torque[i] += exact_robot.weigh(data, rigid[i])
-    return torque @ exact_robot.commanded
 
 
 def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:

@@ -39,7 +39,8 @@ from compplan.planning.strategies import command_path, nlp
 from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
-from compplan.simulation.vibration import build_dynamics, inertial_loads
+from compplan.simulation.exact import load_by_motion
+from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import Chain
 from compplan.statics.inertia import build_moving_chain
 from compplan.statics.stiffness import attain_pose
@@ -268,7 +269,7 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     moves = rests - np.tile([0, 1], len(runs))
     step = np.maximum(np.diff(time)[moves], 1e-12)[:, None]
     push = 2.0 * (task.q_start[moves + 1] - task.q_start[moves]) / step**2 * np.tile([[1.0], [-1.0]], (len(runs), 1))
-    loads, still = inertial_loads(dynamics, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
+    loads, still = load_by_motion(dynamics.standing, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
     bent, plain = (
         attain_pose(task.chain, task.q_start[rests], still, slope=False, torque_bias=bias).position
         for bias in (loads, None)

@@ -13,7 +13,7 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from compplan.robot import Array, Robot
-from compplan.simulation.exact import build_exact_robot
+from compplan.simulation.exact import build_exact_robot, hold_load
 from compplan.statics.chain import build_chain, locate_frames
 
 #: Steps of time below this are none. [s]
@@ -89,9 +89,9 @@ class TorqueRules:
         if robot.ground:
             turn = np.swapaxes(locate_frames(build_chain(robot), q).ground, 1, 2)
             wrench = np.hstack([(turn @ part[..., None])[..., 0] for part in (wrench[:, :3], wrench[:, 3:])])
-        self.model, self.tcp, self.commanded = rigid.model, rigid.tcp, rigid.commanded
+        self.model, self.commanded = rigid.model, rigid.commanded
         self.positions = q @ rigid.commanded.T + rigid.shift
-        static = self.held = self._static(self.positions, wrench)
+        static = self.held = hold_load(rigid, q, wrench)
         efforts = np.where(np.isfinite(robot.effort_limits), robot.effort_limits, 1e9)
         greatest = np.abs(static).max(axis=0)
         self.limits = np.maximum(efforts, STATIC_ROOM * greatest)
@@ -112,15 +112,3 @@ class TorqueRules:
             a[i] = pin.rnea(self.model, data, place[i], still, speed[i]) - weight
             b[i] = pin.rnea(self.model, data, place[i], speed[i], bend[i]) - weight
         return a @ self.commanded, b @ self.commanded, self.held[start : end + 1], self.limits
-
-    def _static(self, place: Array, wrench: Array) -> Array:
-        """Return the torques that hold weight and wrench: shape (k, nq) [N m]."""
-        data = self.model.createData()
-        torque = np.empty((len(place), self.model.nv))
-        for i in range(len(place)):
-            columns = pin.computeFrameJacobian(
-                self.model, data, place[i], self.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-            )
-            weight = pin.computeGeneralizedGravity(self.model, data, place[i])
-            torque[i] = weight - columns.T @ wrench[i]
-        return torque @ self.commanded

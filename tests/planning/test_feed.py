@@ -159,7 +159,9 @@ def test_torque_rows_agree_with_inverse_dynamics() -> None:
     data = rules.model.createData()
     for i in (0, 20, 49):
         q, v = rules.positions[i], rate[i] * np.sqrt(x)
-        columns = pin.computeFrameJacobian(rules.model, data, q, rules.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        columns = pin.computeFrameJacobian(
+            rules.model, data, q, rules.model.getFrameId("tcp"), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
         torque = pin.rnea(rules.model, data, q, v, rate[i] * u + change[i] * x) - columns.T @ wrench[i]
         assert a[i] * u + b[i] * x + c[i] == pytest.approx(torque, abs=1e-6)
 
@@ -168,7 +170,7 @@ def test_tight_torque_limits_slow_the_run_down_and_are_kept() -> None:
     nominal = arc_path(0.3, 1.0)
     task = make_task(nominal)
     rules = TorqueRules(ROBOT, task.q_start, task.wrench)
-    static = np.abs(rules._static(rules.positions, task.wrench)).max(axis=0)
+    static = np.abs(rules.held).max(axis=0)
     weak = replace(
         ROBOT,
         joints=tuple(
