@@ -13,7 +13,7 @@ from compplan.controllers.writers import check_languages
 from compplan.effects import robot_effects
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
-from compplan.job.loading import load_path, refuse_unsettled
+from compplan.job.loading import load_path, name_file, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
@@ -245,11 +245,9 @@ def job_robot(job: Job) -> Robot:
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
     refuse_unsettled(job)
-    try:
+    with name_file(job.file):
         robot = job.positioner.hold(robot)
         return robot if job.tool is None else job.tool.mount(robot)
-    except InputError as error:
-        raise error if error.file else InputError(error.message, file=job.file, where=error.where) from None
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:
