@@ -11,7 +11,6 @@ from compplan.errors import InputError
 from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.noise import describe_noise
-from compplan.planning.result import list_citations
 from compplan.process.force_models import FORCE_MODELS
 from compplan.process.force_models.friction_stir import FrictionStirProcess
 from compplan.process.force_models.isf_regression import (
@@ -80,13 +79,6 @@ def test_every_model_has_the_golden_force(model, tmp_path) -> None:
     force = nominal.wrench[len(nominal) // 2, :3]
     known = [k for k, value in enumerate(expected) if value is not None]
     assert force[known] == pytest.approx([expected[k] for k in known], rel=0.02, abs=0.1)
-
-
-def test_a_plan_cites_whose_equations_its_force_has() -> None:
-    said = {name: list_citations("1", "none", bends=False, chosen_posture=False, force_model=name, sources=())
-            for name in ("end_mill", "grinding", "constant")}  # fmt: skip
-    assert said["end_mill"][-1].startswith("force model end_mill: Y. Altintas")
-    assert "Malkin" in said["grinding"][-1] and not any("force model" in text for text in said["constant"])
 
 
 @pytest.mark.parametrize("file", [f for f in EXAMPLES if f.stem != "finishing"], ids=lambda f: f.stem)
