@@ -318,9 +318,9 @@ def add_residual(
 ) -> tuple[Residual, ModelUpdate]:
     """Add what stays with the path: what the update says of its tip, less what robot folder and process now say there.
 
-    It moves in measured directions alone: elsewhere it interpolates what other places of the path say. What robot
-    folder and process say is a model that stretches left out support, and moves in all of them. The band of the update
-    that is returned counts what is not taken off.
+    It moves at measured places in measured directions alone: elsewhere it would continue what other places say. What
+    robot folder and process say is a model that stretches left out support, and moves everywhere. The band of the
+    update that is returned counts what is not taken off.
 
     old: what was learned before, or None; others: what robot folder and process say now.
     """
