@@ -140,6 +140,17 @@ class Linearization:
                 matrix[spring.joint, spring.coordinate] = spring.sign
         return matrix
 
+    def joint_response(self, index: int, moved: Array, *, spring: bool = False) -> tuple[Array, Array]:
+        """Return motion of the target and change of the link-side readings as a joint moves behind its motor.
+
+        moved: k motions, (n, k) [rad or m]; spring: whether its own spring does it, without mimic joints.
+        """
+        motion = self.spring_motion if spring else self.motion
+        encoder = np.zeros((len(moved), self.robot.nq, moved.shape[1]))
+        if not spring or index not in self.own or self.own[index].actuator:
+            encoder[:, index] = moved
+        return motion[:, :, index, None] * moved[:, None], encoder
+
     def load_response(self, loads: Array) -> tuple[Array, Array]:
         """Return motion of the target and change of the link-side readings under loads on the elastic coordinates.
 
