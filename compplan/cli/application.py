@@ -45,7 +45,7 @@ COMMANDS = {
     "reproduce": "the figures of a paper beside ours",
     "place": "where the part should stand",
     "forces": "engagement and force along the path, and which coefficients fit a measured log",
-    "view": "a plan or a diagnosis in the browser, on this machine alone",
+    "view": "a plan in the browser, on this machine alone",
     "init": "write a commented job, a robot folder from a URDF, or an empty measurement log",
     "doctor": "what is odd about the installation, a robot folder or a log",
 }

@@ -22,7 +22,7 @@ RESULTS = {
     "montecarlo": ("montecarlo.json", "report.html"),
     "map": ("map.json", "map_horizontal.png", "map_vertical.png"),
     "identify": ("identify.json", "report.html", "robot/robot.urdf", "robot/elasticity.toml"),
-    "diagnose": ("diagnosis.json", "report.html", "gap.csv", "robot/robot.urdf"),
+    "diagnose": ("diagnosis.json", "report.html", "robot/robot.urdf"),
     "campaign": ("campaign.json", "campaign.csv", "report.html"),
     "learn": ("learn.json", "plan.json", "joints.csv", "plan.html", "report.html", "robot/robot.urdf"),
     "reproduce": ("reproduction.json", "report.html"),

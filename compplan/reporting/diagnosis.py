@@ -1,4 +1,4 @@
-"""What `compplan diagnose` writes: diagnosis.json, the updated robot folders, gap.csv, and the page.
+"""What `compplan diagnose` writes: diagnosis.json, the updated robot folders, and the page.
 
 The page says where, which, how far in three sentences, then shows the evidence for each, and what to enter.
 """
@@ -36,7 +36,6 @@ from compplan.reporting.gap_figures import (
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, explain_grade
 from compplan.reporting.scenes import describe_magnification
-from compplan.reporting.writers.recording import write_gap
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.simulation.predict import predict_campaign
@@ -88,7 +87,6 @@ def write_diagnosis(
         if registration is not None:
             write_registration(registration, folder / "registration.toml")
         write_text(part / "report.html", render_diagnosis(diagnosis, split, assessment, table))
-        write_gap(diagnosis, split.shares, part)
         write_json(part / "diagnosis.json", table, indent=2)
     return table
 
