@@ -100,11 +100,10 @@ MOST_LOAD, FARTHEST_MM = 1e5, 1e5
     click.option("--azimuth-deg", type=float, default=0.0, show_default=True, help="Direction of the vertical plane."),
     click.option("--points", type=click.IntRange(5, 1000), default=100, show_default=True,
                  help="Points along each side."),
-    click.option("--reduced", help="Robot folder of a reduced model to compare with; by default it is fitted."),
 )  # fmt: skip
 def run_map(
     robot: str, folder: Path, posture: str, force: tuple[float, ...], moment: tuple[float, ...], height_mm: float,
-    azimuth_deg: float, points: int, reduced: str | None,
+    azimuth_deg: float, points: int,
 ) -> CommandResult:  # fmt: skip
     """Draw how far ROBOT yields: under the worst unit force and under a given wrench, over two planes.
 
@@ -127,7 +126,7 @@ def run_map(
     robot_effects(loaded)  # they move no map, but a wrong file is told here too
     with show_progress() as progress:
         progress("maps of two planes")
-        result = map_robot(loaded, settings, None if reduced is None else load_robot(reduced))
+        result = map_robot(loaded, settings)
         progress("pictures and report")
         write_map(result, folder)
     wrote = f"wrote {folder / 'map.json'}, {folder / 'report.html'}"
