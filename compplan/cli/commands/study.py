@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from compplan.cli.options import CommandResult, complete_robots, make_command, make_job_command, out_folder, split_names
+from compplan.cli.options import CommandResult, make_command, make_job_command, out_folder, split_names
 from compplan.cli.terminal import format_table, show_progress
 from compplan.errors import InputError
 from compplan.job.names import ONLINE, STRATEGIES
@@ -89,7 +89,7 @@ MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 
 
 @make_command(
-    click.argument("robot", shell_complete=complete_robots), out_folder,
+    click.argument("robot"), out_folder,
     click.option("--posture", type=click.Choice(["straight", "down", "outward"]), default="down", show_default=True,
                  help="How the tool points; straight: wrist joints at zero."),
     click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,
