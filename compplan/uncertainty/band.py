@@ -245,8 +245,8 @@ def estimate_band(
     if uncorrected is not None:
         off = uncorrected if mean is None else uncorrected + mean
         widest = float(band_radius(total, mean=off)[cut].max(initial=0.0))
-        farthest = np.linalg.norm(drawn + uncorrected[slopes.rows][:, :, None], axis=1).max(axis=0, initial=0.0)
-        before = (widest + between, max(widest, float(np.quantile(farthest, LEVEL))) + between)
+        farther = widen_to_path(drawn + uncorrected[slopes.rows][:, :, None])
+        before = (widest + between, widest * farther + between)
     load = float(np.linalg.norm(scene.wrench[cut, :3], axis=1).max(initial=0.0))
     weight = weigh_poses(robot, known.unknowns, load)
     ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance, weight)
