@@ -65,13 +65,8 @@ class _Fanuc:
         self, word: str, point: str, speed: float, unit: str, ending: str, through: str = "", carried: str | None = None
     ) -> None:
         point, *others = re.split(r"GP[2-9]:", point)
-        between = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", through)}
+        values, between = _read_values(point), _read_values(through)
         via = fanuc_pose(*(between[key] for key in "XYZWPR")) if through else None
-        values = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
-        units = {key[0]: unit for key, _, unit in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
-        right = {**dict.fromkeys("EXYZ", "mm"), **dict.fromkeys("JWPR", "deg")}
-        assert all(right[letter] == unit for letter, unit in units.items())
-        assert len(values) == point.count("=")
         joints = tuple(values[f"J{number}"] for number in range(1, 7)) if "J1" in values else None
         pose = fanuc_pose(*(values[key] for key in "XYZWPR")) if "X" in values else None
         base, configuration = self.frames.get(self.active["UFRAME"]), ()
@@ -90,6 +85,14 @@ class _Fanuc:
             kind, stops, joints, external, pose, feed, percent, configuration, mounted, base, via=via,
             carried=carried is not None,
         ))  # fmt: skip
+
+
+def _read_values(text: str) -> dict[str, float]:
+    """Return the numbers of a position by name: X, W, J1, E1 .."""
+    found = re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", text)
+    assert all((unit == "mm") == (name[0] in "EXYZ") for name, _, unit in found)
+    assert len({name for name, _, _ in found}) == text.count("=")
+    return {name: float(number) for name, number, _ in found}
 
 
 def read_fanuc(path: Path) -> list[Move]:
