@@ -125,7 +125,7 @@ def _fold_lines(lines: list[str]) -> list[str]:
 
 def describe(program: Program) -> list[str]:
     """Return what must be said where joint moves, which know whole percents of the axis rates only, miss the feed."""
-    if not program.writes_joints(linear=program.status is not None):
+    if program.form == "linear" and program.status is not None:
         return []
     percent = joint_percent(program)
     whole = np.maximum(np.round(percent), 1.0)

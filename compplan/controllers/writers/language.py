@@ -109,7 +109,7 @@ class ProgramForm:
         points = most or self.most
         name = self.name_program(program, points)
         texts: dict[str, str] = {}
-        if program.writes_joints(linear=can):
+        if program.form != "linear" or not can:
             texts |= self.format_kind(program, name, points, format_part, format_main, linear=False)
         if can and program.form != "joint":
             fitted = adjust(fit_moves(program, arcs=self.arcs).program)

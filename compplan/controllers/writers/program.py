@@ -192,10 +192,6 @@ class Program:
         line = 0 if self.line_of is None else int(self.line_of[row])
         return f" {sign} CAM line {line}" if line else ""
 
-    def writes_joints(self, *, linear: bool) -> bool:
-        """Tell whether a language that can (`linear`) or cannot write moves of the tool is to write joint moves."""
-        return self.form != "linear" or not linear
-
     @property
     def swings(self) -> NDArray[np.bool_]:
         """Tell the cutting moves in which a configuration word or the wrist's bend changes: a straight move cannot.
