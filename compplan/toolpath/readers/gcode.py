@@ -17,7 +17,7 @@ from compplan.toolpath.readers.cnc.course import UP, OffCircleError
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
-from compplan.toolpath.readers.cnc.origins import Layers, Origins
+from compplan.toolpath.readers.cnc.origins import Layers, Origins, change_frame
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
@@ -109,7 +109,7 @@ class Rs274:
     """Carry out a program of the RS-274 family."""
 
     tip_word = ""
-    frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
+    frames: tuple[str, ...] = ("shift", "plane", "rotation", "scale", "mirror", "program", "origin")
     ends = ENDS
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
 
@@ -177,6 +177,9 @@ class Rs274:
         state.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
         if not state.unit_stated and values:
             self._ask_for_unit(block)
+        if block.names:
+            change_frame(it, block.names[0], block)
+            return False
         takes = self._run_codes(block) if codes else ""
         if "F" in values and 4.0 not in codes:
             state.set_feed(values["F"])

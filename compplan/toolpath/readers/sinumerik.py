@@ -15,11 +15,11 @@ from compplan.toolpath.readers.cnc import sinumerik_lexer as lexer
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
-from compplan.toolpath.readers.cnc.origins import Origins
+from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
 from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, PLANE_AXES, PLANE_NORMALS, CncBlock, State
-from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
+from compplan.toolpath.readers.cnc.state import AXES, INCH, PLANE_AXES, PLANE_NORMALS, CncBlock, State
+from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.gcode import BEGINNING
 from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
@@ -68,7 +68,6 @@ LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
 SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "RNDM", "FA", "DISCL", "FGREF", "TOFFL",
                     "TOFFR", "OMA", "STOLF", "TCARR", *VALUES, *CORNERS))  # fmt: skip
 OF_ARCS = frozenset(("CR", "AR", "TURN", *MIDDLES))
-FRAME_WORDS = frozenset(("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR"))
 #: Moves in machine coordinates, which are left out: their places need not be known.
 HOME = re.compile(r"\bSUPA\b|\bG0*1?53\b|\bG7[45]\b")
 TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
@@ -179,7 +178,9 @@ class Sinumerik:
         if frame := next((word for word in names if word in FRAME_WORDS), None):
             if len(names) > 1 or block.codes or block.calls:
                 raise InputError(f"{frame} stands in a block with other words, expected it alone")
-            self._change_frame(frame, block)
+            if frame.endswith("TRANS"):
+                self.ask_for_unit(values.get(letter) for letter in AXES)
+            change_frame(it, frame, block)
             return False
         modal = "MCALL" in names
         if modal:
@@ -205,7 +206,8 @@ class Sinumerik:
             if called == "TRAORI":
                 it.control_tip(True)
             elif called == "CYCLE800":
-                self._swivel(arguments)
+                swivel(it, [0.0 if not text or text[0] == '"' else self.evaluate(text) for text in arguments])
+                it.course.aim(self.point_square(it.state.plane))
             elif not self.cycles.run(called, arguments, modal=modal):
                 self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
@@ -287,60 +289,6 @@ class Sinumerik:
                     self.values.numbers[variable, ()] = value
                 return
         raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
-
-    def _change_frame(self, word: str, block: CncBlock) -> None:
-        """Carry out TRANS, ROT, SCALE, MIRROR (in place of what was) and ATRANS .. (on top of it)."""
-        values, kind, scale = block.values, word.removeprefix("A"), self.it.state.scale
-        if unknown := values.keys() - {"X", "Y", "Z", "RPL"}:
-            raise InputError(f"{word} with {min(unknown)} is not read, expected X Y Z")
-        numbers = [values.get(letter, 0.0) for letter in AXES]
-        if kind == "TRANS":
-            self.ask_for_unit(numbers)
-            step = shift(*(number * scale for number in numbers))
-        elif kind == "ROT":
-            step = self._find_rotation(values, numbers)
-        elif kind == "SCALE":
-            factors = [values.get(letter, 1.0) for letter in AXES]
-            if len(set(factors)) > 1 or not 1e-6 < abs(factors[0]) < 1e6:
-                raise InputError(f"{word} with different factors of its axes is not read")
-            step = stretch(factors[0], factors[0], factors[0])
-        else:
-            step = stretch(*(-1.0 if letter in values else 1.0 for letter in AXES))
-        self.it.contour.refuse_open()
-        self.it.put(program=self.it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
-
-    def _find_rotation(self, values: dict[str, float], numbers: list[float]) -> Frame:
-        """Return a rotation: in the plane (RPL), or about Z, then the new Y, then the new X."""
-        deep = DEEP_AXIS[self.it.state.plane]
-        if "RPL" in values:
-            if len(values) > 1:
-                raise InputError("RPL beside rotations about axes is not read")
-            return rotate(deep, values["RPL"])
-        if any(numbers[axis] for axis in range(3) if axis != deep) and not self.it.tilted:
-            self.it.note("ROT tilts the coordinates; the tool axis stays until rotary axes or CYCLE800 turn it")
-        return rotate(2, numbers[2]).then(rotate(1, numbers[1])).then(rotate(0, numbers[0]))
-
-    def _swivel(self, arguments: list[str]) -> None:
-        """Carry out CYCLE800(_FR, _TC, _ST, _MODE, X0, Y0, Z0, A, B, C, X1, Y1, Z1, ..): a swivelled plane."""
-        self.it.contour.refuse_open()
-        texts = [*arguments, *[""] * 14]
-        numbers = [0.0 if not text or text.startswith('"') else self.evaluate(text) for text in texts]
-        status, mode = int(numbers[2]), int(numbers[3])
-        x0, y0, z0, a, b, c, x1, y1, z1 = numbers[4:13]
-        if any((a, b, c)) and not 0 < mode < 64:
-            raise InputError(f"CYCLE800 with mode {mode} names angles of rotary axes or projections, which are not "
-                             "read; swivel axis by axis (mode 57, 27 or 39)")  # fmt: skip
-        turn = Frame()
-        for place, angle in enumerate((a, b, c)):
-            axis = ((mode >> (2 * place)) & 3) - 1
-            if angle and axis < 0:
-                raise InputError(f"CYCLE800 with mode {mode} names no axis for one of its angles")
-            turn = turn.then(rotate(axis, angle)) if angle else turn
-        k = self.it.state.scale
-        step = shift(x0 * k, y0 * k, z0 * k).then(turn).then(shift(x1 * k, y1 * k, z1 * k))
-        step = self.it.find_frame().then(step) if status % 10 == 1 else step
-        self.it.put(shift=step if step.plain else None, plane=None if step.plain else step, program=None)
-        self.it.course.aim(self.point_square(self.it.state.plane))
 
 
 def set_motion(dialect: Sinumerik, block: CncBlock, code: float | str) -> None:
