@@ -14,11 +14,11 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.course import UP, OffCircleError
+from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Layers, Origins, change_frame
-from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
 from compplan.toolpath.readers.cnc.state import INCH, LETTERS, CncBlock, State

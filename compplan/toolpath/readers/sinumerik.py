@@ -12,11 +12,11 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc import sinumerik_lexer as lexer
+from compplan.toolpath.readers.cnc.cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
-from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, PLANE_AXES, PLANE_NORMALS, CncBlock, State
 from compplan.toolpath.readers.frames import Frame

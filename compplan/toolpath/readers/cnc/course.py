@@ -53,6 +53,10 @@ class Course:
         """Whether the place of the tool is known."""
         return not self.untold and not self.lost
 
+    def is_unknown(self, axis: int) -> bool:
+        """Tell whether a coordinate of the tool is not known."""
+        return axis in self.lost or axis in self.untold
+
     @property
     def direction(self) -> Point | None:
         """Direction in the part in which the last cut ended, None where nothing was cut right before."""

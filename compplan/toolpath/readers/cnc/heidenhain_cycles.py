@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.contour import Element
-from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid
+from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
@@ -126,8 +126,8 @@ class HeidenhainCycles:
         """
         course, axis, values = self.it.course, self.words.tool_axis, cycle.values
         feed, out = self._find_feeds(cycle)
-        expand = self.it.options.cycles == "expand"
-        if cycle.number in OLD:
+        expand, old = self.it.options.cycles == "expand", cycle.number in OLD
+        if old:
             if expand:
                 course.begin_cut()
             clear = top = course.position[axis]
@@ -142,21 +142,21 @@ class HeidenhainCycles:
             clear, bottom = surface + cycle.get("Q200"), surface + depth
             top = max(clear, surface + values.get("Q204", 0.0))
         with self.it.log.hole():
-            if cycle.number not in OLD:
-                course.rapid(set_level(course.position, axis, clear), (axis,))
+            if not old:
+                go_to_level(course, axis, clear)
             elif not expand:
                 self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
                 return
             if cycle.number == 208 and expand and depth != 0.0:
                 self._mill_bore(values, clear, bottom, feed)
-                course.rapid(set_level(course.position, axis, clear), (axis,))
-                course.rapid(set_level(course.position, axis, top), (axis,))
+                go_to_level(course, axis, clear)
+                go_to_level(course, axis, top)
             elif depth != 0.0:
                 hole = Hole(axis, clear, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
-                drill(course, hole, expand=expand, name=str(cycle.number))
-            elif cycle.number not in OLD:
-                course.rapid(set_level(course.position, axis, top), (axis,))
-        if cycle.number not in OLD:
+                drill(course, hole, str(cycle.number))
+            elif not old:
+                go_to_level(course, axis, top)
+        if not old:
             self.it.state.motion = 0.0
 
     def _find_feeds(self, cycle: Cycle) -> tuple[float, float | None]:
@@ -211,4 +211,4 @@ class HeidenhainCycles:
             self._drill_over(place, Cycle(cycle.number, {**cycle.values, **kept}))
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > course.position[axis]:
-            course.rapid(set_level(course.position, axis, top), (axis,))
+            go_to_level(course, axis, top)

@@ -171,7 +171,7 @@ class Origins:
         found = False
         for axis in block.list_axes():
             value = block.values[AXES[axis]] * self.state.scale
-            if axis in course.lost or axis in course.untold:
+            if course.is_unknown(axis):
                 step[axis] = 0.0 if axis in course.lost else value - position[axis]
                 found = found or axis in course.lost
                 position[axis] = value
@@ -251,7 +251,7 @@ class Layers:
                 if state.incremental:
                     raise InputError("the centre of a rotation or scale in G91 has two meanings, state it in G90")
                 centre[axis] = values[letter] * state.scale
-            elif letter in letters and (axis in course.lost or axis in course.untold):
+            elif letter in letters and course.is_unknown(axis):
                 raise InputError(f"a rotation or scale about the tool's place, whose {letter} is not known; state it")
         return combine(1.0, (centre[0], centre[1], centre[2]), 1.0, self.origins.zero)
 
