@@ -294,9 +294,9 @@ class Klartext:
     def run_word_function(self, rest: str) -> None:
         """FUNCTION: control of the tip, dwells."""
         if rest.startswith("RESET TCPM"):
-            self.words.control_tip(False)
+            self.it.control_tip(False)
         elif rest.startswith("TCPM"):
-            self.words.control_tip(True, spatial="AXIS SPAT" in rest)
+            self.it.control_tip(True, spatial="AXIS SPAT" in rest)
             if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
                 raise InputError("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
         elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({lexer.NUMBER})", rest)):
@@ -317,11 +317,10 @@ class Klartext:
         words, functions = self.words.split(text if text[:1] == "M" or not text or stops else f"M{text}")
         if words.keys() - {"F", "FMAX"}:
             raise InputError(f"cannot read the block {text[:40]!r}")
-        self.words.start_functions(functions)
-        if stops:
-            self.it.log.happen("stop", self.it.flow.line)
-        self._call_cycle(functions & {89, 99})
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            if stops:
+                self.it.log.happen("stop", self.it.flow.line)
+            self._call_cycle(functions & {89, 99})
 
     def _call_cycle(self, functions: set[int]) -> None:
         """Carry out the cycle after a move that calls it: M99 once, M89 from here on."""
@@ -334,30 +333,27 @@ class Klartext:
         """Carry out a motion block; corner: that which the block after it asks for."""
         it, state = self.it, self.it.state
         words, functions = self.words.split(re.sub(r"\([^()]*\)$", "", rest))
-        self.words.start_functions(functions)
-        self.words.take_side(words)
-        rapid = self.words.take_feed(words)
-        if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
-            it.note("axes U V W are not read")
-        block = self.words.read(words)
-        if functions & {91, 92}:
-            it.leave_out_machine_move(block, "M91, M92")
-        else:
-            it.motion.corner = corner
-            if kind[0] == "L":
-                if words.get("R", "+") not in ("+", "-") or "DR" in words:
-                    raise InputError("words of an arc in a straight block")
-                state.motion = 0.0 if rapid else 1.0
-                if kind == "LN":
-                    self._read_vector(words, block)
+        with self.words.functions(functions):
+            self.words.take_side(words)
+            rapid = self.words.take_feed(words)
+            if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
+                it.note("axes U V W are not read")
+            block = self.words.read(words)
+            if functions & {91, 92}:
+                it.leave_out_machine_move(block, "M91, M92")
             else:
-                if rapid:
+                if kind[0] == "L":
+                    if words.get("R", "+") not in ("+", "-") or "DR" in words:
+                        raise InputError("words of an arc in a straight block")
+                    state.motion = 0.0 if rapid else 1.0
+                    if kind == "LN":
+                        self._read_vector(words, block)
+                elif rapid:
                     raise InputError("an arc with FMAX is not read; give it a feed")
-                self._read_arc(kind, words, block)
-            it.motion.move(block)
-            it.motion.corner = None
-        self._call_cycle(functions & {89, 99} or ({89} if self.calls else set()))
-        self.words.stop_functions(functions)
+                else:
+                    self._read_arc(kind, words, block)
+                it.motion.move(block, corner)
+            self._call_cycle(functions & {89, 99} or ({89} if self.calls else set()))
 
     def _read_vector(self, words: Words, block: CncBlock) -> None:
         """Read the tool axis of LN: its vector TX TY TZ, or with tip control its normal NX NY NZ; A B C say nothing."""
@@ -407,8 +403,8 @@ class Klartext:
             base = start[axis] if not named or letter in block.relative else 0.0
             place[axis] = base + block.values.get(letter, 0.0)
         state.pole, state.pole_plane = (place[0], place[1], place[2]), plane
-        self.words.start_functions(functions)
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            pass
 
     def call_cycle(self, rest: str) -> None:
         """CYCL CALL, CYCL CALL POS, CYCL CALL PAT, CYCL DEF: cycles."""
@@ -420,16 +416,15 @@ class Klartext:
         if pattern and not self.points:
             raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
         found, functions = self.words.split(words.removeprefix("PAT").removeprefix("POS"))
-        self.words.start_functions(functions - {89, 99})
-        self.words.take_feed(found)
-        if pattern or words.startswith("POS"):
-            for place in self.points if pattern else [self.it.motion.target(self.words.read(found))[0]]:
-                self.cycles.call_at(place)
-        else:
-            self.cycles.call()
-        if not pattern:
-            self.calls = (self.calls or 89 in functions) and 99 not in functions
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            self.words.take_feed(found)
+            if pattern or words.startswith("POS"):
+                for place in self.points if pattern else [self.it.motion.target(self.words.read(found))[0]]:
+                    self.cycles.call_at(place)
+            else:
+                self.cycles.call()
+            if not pattern:
+                self.calls = (self.calls or 89 in functions) and 99 not in functions
 
     def define_pattern(self, text: str) -> None:
         """PATTERN DEF: single positions."""

@@ -101,9 +101,6 @@ class _KrlReader:
         self.feed = 0.0
         #: Speed of the move at hand alone. [mm/s]
         self.own: float | None = None
-        self.base: Array | None = None
-        self.base_name = ""
-        self.placed = False
         #: Positions and frames by name, as texts; values of the counters of loops; the first call that is not read.
         self.positions = {"$NULLFRAME": "{X 0}"}
         self.counters: dict[str, int] = {}
@@ -285,15 +282,19 @@ class _KrlReader:
             raise InputError(f"{target} is set in a loop or a branch; write the program out")
         if target == "$BASE":
             self._use_base(value.strip())
-        elif target == "$TOOL" and self.robot.pose is not None:
+        elif target == "$TOOL":
             self.robot.note_tool()
         elif target == "$IPO_MODE" and "TCP" in value:
             raise InputError("$IPO_MODE=#TCP (the part in the robot's hand) is not read")
         elif target.startswith("$VEL") and re.search(r"\bCP\b", statement):
-            speed = re.search(rf"\bCP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", statement)
-            if not speed and self.options.feed_mm_s is None:
-                raise InputError(f"{statement[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
-            self.feed = float(speed.group(1)) * 1e3 if speed else 0.0
+            self.feed = self._read_speed(statement)
+
+    def _read_speed(self, text: str) -> float:
+        """Return the speed that a text states [mm/s], 0 where it states none and the user does."""
+        speed = re.search(rf"\bCP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", text)
+        if not speed and self.options.feed_mm_s is None:
+            raise InputError(f"{text.strip()[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
+        return float(speed.group(1)) * 1e3 if speed else 0.0
 
     def _set_up(self, word: str, value: str) -> None:
         """Carry out BAS(#word, value)."""
@@ -303,7 +304,7 @@ class _KrlReader:
             self.feed = float(value) * 1e3
         elif word == "BASE":
             self._use_base("$NULLFRAME" if value.strip() == "0" else f"BASE_DATA[{value.strip()}]")
-        elif word == "TOOL" and self.robot.pose is not None:
+        elif word == "TOOL":
             self.robot.note_tool()
 
     def _use_base(self, value: str) -> None:
@@ -312,13 +313,9 @@ class _KrlReader:
         known = None
         if text is not None:
             known = read_pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **self._numbers(text)})
-        if not self.placed:
-            self.base, self.base_name = known, value
-            return
-        if known is None and self.base is None and value == self.base_name:
-            return
-        self.robot.change_frame(self.base, known, f"base changes from {self.base_name or 'the one before'} to {value}")
-        self.base, self.base_name, self.last = known, value, {}
+        if self.robot.placed and not (known is None and value == self.robot.frame_name):
+            self.last = {}
+        self.robot.use_frame(value, known, "base")
 
     def _numbers(self, text: str) -> dict[str, float]:
         """Return the numbers of {X 1,Y 2,..}."""
@@ -358,12 +355,8 @@ class _KrlReader:
         for item in split_fields(extra, "{", "}"):
             if re.match(r"\s*\$(BASE|TOOL|IPO_MODE)\b", item):
                 raise InputError(f"{item.strip()[:30]!r} for one move is not read; write it as a statement")
-            if "$VEL" not in item or "CP" not in item:
-                continue
-            speed = re.search(rf"CP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", item)
-            if not speed:
-                raise InputError(f"{item.strip()[:40]!r} sets no speed in m/s")
-            self.own = float(speed.group(1)) * 1e3
+            if "$VEL" in item and "CP" in item:
+                self.own = self._read_speed(item)
 
     def _pose(self, numbers: dict[str, float]) -> Array:
         """Return a pose; coordinates that are not named stay."""
@@ -374,7 +367,7 @@ class _KrlReader:
         missing = [key for key in (*PLACE, *ANGLES) if key not in full]
         if missing:
             raise InputError(f"position without {' '.join(missing)}, which nothing before it states")
-        self.last, self.placed = full, True
+        self.last, self.robot.placed = full, True
         return read_pose(full)
 
     def _move(self, statement: str) -> None:

@@ -104,9 +104,7 @@ class _RapidReader:
         self.data: dict[tuple[str, str], str] = {}
         self.flow, self.note = self.robot.flow, self.robot.note
         self.flow.run_line = self._run_line
-        self.wobj = self.tool = ""
-        self.first = np.eye(4)
-        self.placed = False
+        self.tool = ""
         self.external: Sequence[float] = ()
         self.share, self.fastest = 1.0, math.inf
 
@@ -211,21 +209,16 @@ class _RapidReader:
         switches = " ".join(fields)
         if re.search(r"\\T\s*:=", switches):
             raise InputError(f"{word} with a time (\\T) is not read; give it a speed")
-        self._use_wobj(switches)
+        found = re.search(r"\\WOBJ\s*:=\s*(\w+)", switches)
+        wobj = found.group(1) if found else "WOBJ0"
+        if wobj != self.robot.frame_name:
+            self.robot.use_frame(wobj, self._work_object(wobj), "work object")
+            self.robot.placed = True
         tool = fields[min(count + 2 + word.startswith("TRIGG"), len(fields) - 1)].partition("\\")[0].strip()
         if self.tool and tool != self.tool:
             self.robot.note_tool()
         self.tool = tool
         poses = [self._target(field) for field in fields[:count]]
-        self._carry_over(word, fields, poses, circle=circle)
-        if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
-            self.robot.ask(f"{word} {','.join(fields[count + 1 :])}")
-        elif word.endswith("DO") and len(fields) >= count + 5:
-            state = float(fields[-1].strip() not in ("0", "LOW"))
-            self.robot.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
-
-    def _carry_over(self, word: str, fields: list[str], poses: list[Array], *, circle: bool) -> None:
-        """Carry out the motion of a move."""
         if word.startswith(("MOVEJ", "TRIGGJ")):
             self.robot.rapid(poses[0])
         elif circle:
@@ -235,20 +228,11 @@ class _RapidReader:
             self.robot.rapid(poses[0])
         else:
             self.robot.straight(poses[0], self._speed(fields[1]))
-
-    def _use_wobj(self, switches: str) -> None:
-        """Put a work object in force; the path stays in the one of the first move."""
-        found = re.search(r"\\WOBJ\s*:=\s*(\w+)", switches)
-        wobj = found.group(1) if found else "WOBJ0"
-        if wobj == self.wobj:
-            return
-        if not self.placed:
-            self.wobj, self.placed = wobj, True
-            self._work_object(wobj)
-            return
-        one, other = self._work_object(self.wobj), self._work_object(wobj)
-        self.robot.change_frame(one, other, f"work object changes from {self.wobj} to {wobj}")
-        self.wobj = wobj
+        if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
+            self.robot.ask(f"{word} {','.join(fields[count + 1 :])}")
+        elif word.endswith("DO") and len(fields) >= count + 5:
+            state = float(fields[-1].strip() not in ("0", "LOW"))
+            self.robot.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
 
     def _work_object(self, wobj: str) -> Array | None:
         """Return the place of a work object, None where the module does not say it."""

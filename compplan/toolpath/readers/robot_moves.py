@@ -44,6 +44,10 @@ class RobotProgram:
         self.log = MoveLog(CHORD_MM, self.flow)
         self.blocks = 0
         self.frame = np.eye(4)
+        #: Name and place of the frame that the program states, None where it is not known; whether a pose stands in it.
+        self.frame_name = ""
+        self.place: Array | None = None
+        self.placed = False
         self.pose: Array | None = None
         self.lost = False
         direction = options.tool_direction or "z"
@@ -84,11 +88,14 @@ class RobotProgram:
             self.log.happen("stop", self.flow.line)
         return found
 
-    def change_frame(self, before: Array | None, after: Array | None, change: str) -> None:
-        """Put another frame in force, whose place and that of the one before have to be known."""
-        if before is None or after is None:
-            raise InputError(f"{change}, and their places are not both known")
-        self.frame = self.frame @ np.linalg.inv(before) @ after
+    def use_frame(self, name: str, place: Array | None, kind: str) -> None:
+        """Put a frame in force; the path stays in that of its first pose, whose place has to be known then."""
+        if self.placed and (name != self.frame_name or not (place is None and self.place is None)):
+            if self.place is None or place is None:
+                raise InputError(f"{kind} changes from {self.frame_name or 'the one before'} to {name}, and their "
+                                 "places are not both known")  # fmt: skip
+            self.frame = self.frame @ np.linalg.inv(self.place) @ place
+        self.frame_name, self.place = name, place
 
     def lose(self, note: str = "joint moves to axis values are left out: where they take the tip is not known") -> None:
         """Leave out a joint move and forget the pose, where it ends."""
@@ -97,7 +104,8 @@ class RobotProgram:
 
     def note_tool(self) -> None:
         """Note that another tool is taken."""
-        self.note("the tool changes on the way: the path is that of the tip of each")
+        if self.pose is not None:
+            self.note("the tool changes on the way: the path is that of the tip of each")
 
     def rapid(self, pose: Array) -> None:
         """Move rapidly to a pose: in joint space, where a program's path is not known."""

@@ -332,7 +332,6 @@ def set_pole(dialect: Sinumerik, block: CncBlock, code: float) -> None:
 
 def control_tip(dialect: Sinumerik, block: CncBlock, code: str) -> None:
     """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
-    dialect.it.contour.refuse_open()
     dialect.it.control_tip(code == "TRAORI")
 
 

@@ -110,26 +110,25 @@ class Approaches:
             it.note("an approach with a depth goes there before it touches the contour; newer controls sink on the way")
         it.contour.wait(lambda element: way.approach(start, first, depth, element.tangent(element.start)), first,
                         it.flow.line)  # fmt: skip
-        self.words.start_functions(functions)
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            pass
 
     def run_departure(self, rest: str) -> None:
         """DEP: leave the contour."""
         it, axis = self.it, self.words.tool_axis
         way, words, functions = self._read_way(rest, "DEP")
-        self.words.start_functions(functions)
-        direction = it.motion.find_direction()
-        it.contour.refuse_open()
-        last, target = it.contour.position, it.motion.target(self.words.read(words))[0]
-        height = target[axis] - last[axis]
-        flat = combine(1.0, target, -height, way.normal) if way.kind == "LCT" else None
-        for element in way.depart(last, flat, direction):
-            it.contour.add(element)
-        if abs(height) > 1e-9:
-            place = combine(1.0, it.contour.position, height, way.normal)
-            it.contour.add(Element(it.contour.position, place, (), way.feed, it.flow.line))
-        self.words.side, it.state.motion = "", 1.0
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            direction = it.motion.find_direction()
+            it.contour.refuse_open()
+            last, target = it.contour.position, it.motion.target(self.words.read(words))[0]
+            height = target[axis] - last[axis]
+            flat = combine(1.0, target, -height, way.normal) if way.kind == "LCT" else None
+            for element in way.depart(last, flat, direction):
+                it.contour.add(element)
+            if abs(height) > 1e-9:
+                place = combine(1.0, it.contour.position, height, way.normal)
+                it.contour.add(Element(it.contour.position, place, (), way.feed, it.flow.line))
+            self.words.side, it.state.motion = "", 1.0
 
     def _read_way(self, rest: str, what: str) -> tuple[Way, Words, set[int]]:
         found = re.match(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from compplan.errors import InputError
@@ -171,12 +172,6 @@ class KlartextWords:
             return number * self.unit * self.it.state.spindle / 60.0
         return number * (1.0 if self.unit == 1.0 else 0.1 * INCH) / 60.0
 
-    def control_tip(self, on: bool, *, spatial: bool = False) -> None:
-        """Let X Y Z be the tip in the part frame, however the rotary axes stand, or not."""
-        self.it.contour.refuse_open()
-        self.it.rotary.spatial, self.it.state.tip_control = spatial, on
-        self.it.set_frame()
-
     def split(self, text: str) -> tuple[Words, set[int]]:
         """Return the words of a block by their letters, and its M functions."""
         functions: set[int] = set()
@@ -216,23 +211,23 @@ class KlartextWords:
         else:
             course.rapid(target)
 
-    def start_functions(self, functions: set[int]) -> None:
-        """Let happen what M functions switch before the move of their block."""
+    @contextmanager
+    def functions(self, functions: set[int]) -> Iterator[None]:
+        """Let happen what M functions switch before and after the move of their block."""
         if not functions:
+            yield
             return
         for number in sorted(functions & REFUSED_M.keys()):
             raise InputError(f"M{number} ({REFUSED_M[number]}) is not read; post-process without it")
         self.it.machine.switch_on(sorted(map(float, functions)), self.it.flow.line)
         if 128 in functions:
-            self.control_tip(True)
+            self.it.control_tip(True)
         if functions & {136, 137}:
             self.per_turn = 136 in functions
             self.set_feed_scale()
-
-    def stop_functions(self, functions: set[int]) -> None:
-        """Let happen what M functions switch after it."""
+        yield
         if 129 in functions:
-            self.control_tip(False)
+            self.it.control_tip(False)
         if self.it.machine.stop(sorted(functions), self.it.flow.line):
             self.it.flow.over = True
 
@@ -283,9 +278,8 @@ class KlartextWords:
             self.turn_axis()
         if "S" in words and it.state.turning:
             it.log.happen(it.state.turning, it.flow.line, value=it.state.spindle)
-        functions = {int(number) for number in re.findall(r"M\s*(\d+)", bare)}
-        self.start_functions(functions)
-        self.stop_functions(functions)
+        with self.functions({int(number) for number in re.findall(r"M\s*(\d+)", bare)}):
+            pass
 
     def take_side(self, words: Mapping[str, str]) -> None:
         """Keep whether the tool runs left or right of the contour; note compensation of its radius, or refuse it."""

@@ -184,11 +184,11 @@ class Interpreter:
         else:
             self.course.unmute(UNKNOWN_MACHINE)
 
-    def control_tip(self, on: bool) -> None:
-        """Begin or end that X Y Z are the tip in the part frame."""
-        if self.state.tip_control != on:
+    def control_tip(self, on: bool, *, spatial: bool = False) -> None:
+        """Begin or end that X Y Z are the tip in the part frame; spatial: A B C are angles of the tool there."""
+        if (self.state.tip_control, self.rotary.spatial) != (on, spatial):
             self.contour.refuse_open()
-            self.state.tip_control = on
+            self.state.tip_control, self.rotary.spatial = on, spatial
             self.set_frame()
 
     def leave_out_machine_move(self, block: CncBlock, words: str) -> None:

@@ -44,8 +44,6 @@ class MotionReader:
                  set_frame: Callable[..., None]) -> None:  # fmt: skip
         self.course, self.contour, self.rotary, self.state, self.dialect = course, contour, rotary, state, dialect
         self.options, self.set_frame = rotary.options, set_frame
-        #: Corner at the end of the block at hand where another block states it.
-        self.corner: Corner | None = None
         self.keeps_polar = True
         #: Arcs that lie on no circle where their I J K count as usual.
         self.proofs: set[tuple[float, ...]] = set()
@@ -127,8 +125,8 @@ class MotionReader:
             named += [first, second]
         return (point[0], point[1], point[2]), tuple(named)
 
-    def move(self, block: CncBlock) -> None:
-        """Carry out the coordinates of a block."""
+    def move(self, block: CncBlock, corner: Corner | None = None) -> None:
+        """Carry out the coordinates of a block; corner: the one at its end where another block states it."""
         state, course, contour = self.state, self.course, self.contour
         arc = state.motion in ROUND
         if not arc and not block.has(STRAIGHT) and not block.has(POLAR):
@@ -144,7 +142,7 @@ class MotionReader:
                 raise InputError("an arc on which the tool or rotary axes turn is not read; post-process it as "
                                  "straight moves")  # fmt: skip
             if not course.leave_out(target, named):
-                self._go_round(block, target, named)
+                self._go_round(block, target, named, corner or self._corner(block))
             return
         before = dict(self.rotary.angles)
         axis, by_axes = self._turn(block, rapid=rapid) if block.has(TURNING) else (None, False)
@@ -160,13 +158,11 @@ class MotionReader:
         if by_axes and axis is not None:
             after = dict(self.rotary.angles)
             element = replace(element, run=lambda: self._cut_turning(element, before, after))
-        contour.add(element, self._corner(block))
+        contour.add(element, corner or self._corner(block))
 
     def _corner(self, block: CncBlock) -> Corner | None:
         """Return the corner that a block asks for at its end."""
         values, state = block.values, self.state
-        if self.corner is not None:
-            return self.corner
         feed = values["FRC"] * state.feed_scale / 60.0 if values.get("FRC") else None
         for address, kind in CORNERS.items():
             if values.get(address):
@@ -252,7 +248,7 @@ class MotionReader:
             raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
         return normalise(self.course.frame.invert().turn(self.course.direction))
 
-    def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...]) -> None:
+    def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...], corner: Corner | None) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise, seen from the positive end of the plane's normal."""
         state, values, start = self.state, block.values, self.contour.position
         about_pole = "CC" in block.names or (block.has(POLAR) and not block.has(CENTRES))
@@ -266,8 +262,7 @@ class MotionReader:
             found = find_tangent_arc(start, self.find_direction(" (CT)"), target, normal)
             if found is None:
                 feed = self.feed(math.dist(start, target), block)
-                straight = Element(start, target, named, feed, self.line, normal=normal)
-                self.contour.add(straight, self._corner(block))
+                self.contour.add(Element(start, target, named, feed, self.line, normal=normal), corner)
                 return
             centre, right_hand = found
         elif "CR" in values:
@@ -290,10 +285,8 @@ class MotionReader:
             raise InputError(f"arc of {turns:g} further turns, expected a whole number less than {MOST_TURNS}")
         count = int(turns) + 1
         way = arc_about(start, target, centre, normal, right_hand=right_hand, turns=count).length
-        self.contour.add(
-            Element(start, target, named, self.feed(way, block), self.line, centre, normal, right_hand, count),
-            self._corner(block),
-        )
+        feed = self.feed(way, block)
+        self.contour.add(Element(start, target, named, feed, self.line, centre, normal, right_hand, count), corner)
 
     def _prove(self, start: Point, target: Point, block: CncBlock, *, right_hand: bool) -> None:
         """Keep an arc that lies on no circle where its I J K count as usual."""
