@@ -9,7 +9,7 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.sinumerik_lexer import BLOCK_NUMBER, LABEL, SinumerikVariables, cut_comment
+from compplan.toolpath.readers.cnc.sinumerik_lexer import BLOCK_NUMBER, LABEL, SinumerikVariables, cut_comment, find_key
 
 HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
 PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
@@ -146,7 +146,7 @@ class SinumerikFlow:
 
     def _run_for(self, rest: str, program: CncProgram, index: int) -> int:
         variable, first, last = self._match(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)", rest, "FOR I = 1 TO 5")
-        key = ("R", (float(variable[1:]),)) if re.fullmatch(r"R\d+", variable) else (variable, ())
+        key = find_key(variable)
         self.values.names |= {variable} if key[0] != "R" else set()
         counting = self.flow.call.counting
         value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(first)
