@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point
-from compplan.toolpath.readers.cnc.course import UP, OffCircleError
+from compplan.toolpath.readers.arcs import OffCircleError, Point
+from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.arcs import Point, find_arc, sample_arcs
+from compplan.toolpath.readers.arcs import Point, find_arc, sample_arc
 from compplan.toolpath.readers.cnc.flow import Flow
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import FARTHEST, MoveLog
@@ -135,13 +135,13 @@ class RobotProgram:
         through = self.frame[:3, :3] @ via + self.frame[:3, 3]
         arc = find_arc(_point(before), _tuple(through), _point(goal), angle)
         if angle is not None:
-            goal[:3, 3] = sample_arcs([arc], self.log.chord)[0][-1]
+            goal[:3, 3] = sample_arc(arc, self.log.chord)[-1]
         if self._count_pieces(before, goal) == 1:
             self.log.arc(arc, _point(goal), feed)
             self.log.axis = self._axis(goal)
         else:
             length = self.log.length
-            self._follow(sample_arcs([arc], self.log.chord)[0], before, goal, feed)
+            self._follow(sample_arc(arc, self.log.chord), before, goal, feed)
             self.log.counts["arcs"] += 1
             self.log.length = length + arc.length
             self.log.arc_length += arc.length

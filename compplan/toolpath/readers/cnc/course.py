@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle, normalise
+from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, normalise
 from compplan.toolpath.readers.frames import UNIT, Frame
 from compplan.toolpath.readers.moves import HasLine, MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
@@ -20,10 +20,6 @@ TURN_STEP = 1.0
 #: Turns of the tool below this are none. [rad]
 STEADY = 1e-9
 UP: Point = (0.0, 0.0, 1.0)
-
-
-class OffCircleError(InputError):
-    """Tell that start and end of an arc do not lie on one circle."""
 
 
 class Course:
@@ -231,13 +227,7 @@ class Course:
 
     def arc(self, target: Point, named: Iterable[int], centre: Point, normal: Point, feed: float, *,
             right_hand: bool, turns: int = 1) -> None:  # fmt: skip
-        """Cut along an arc or a helix; everything stands in the coordinates of the program.
-
-        Raises:
-            OffCircleError: If start and end lie on no circle about the centre.
-            InputError: If the start is not known, or the frame makes an ellipse of the arc.
-
-        """
+        """Cut along an arc or a helix; everything stands in the coordinates of the program."""
         if self.leave_out(target, named):
             return
         if not self.knows:
@@ -248,9 +238,7 @@ class Course:
         start, end, unit = frame.apply(self.position), frame.apply(target), normalise(frame.turn(normal))
         hand = right_hand != frame.mirrored
         arc = arc_about(start, end, frame.apply(centre), unit, right_hand=hand, turns=turns)
-        if not fits_circle(arc.radius, arc.end_radius):
-            message = f"arc starts {arc.radius:.4f} mm from its centre and ends {arc.end_radius:.4f} mm from it"
-            raise OffCircleError(f"{message}, expected the same radius")
+        arc.check_circle()
         self.log.arc(arc, end, feed)
         self.position, self.way = target, arc
 

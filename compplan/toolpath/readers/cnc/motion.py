@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, fits_circle, normalise, set_level
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, normalise, set_level
 from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_centre, find_tangent_arc
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.rotary import Rotary
@@ -293,7 +293,7 @@ class MotionReader:
         plane, offsets = self.state.plane, tuple(block.values.get(letter, 0.0) for letter in "IJK")
         usual = combine(1.0, start, self.state.scale, (offsets[0], offsets[1], offsets[2]))
         arc = arc_about(start, target, usual, PLANE_NORMALS[plane], right_hand=right_hand)
-        if not fits_circle(arc.radius, arc.end_radius):
+        if not arc.fits_circle:
             ends = [place[axis] for place in (start, target) for axis in PLANE_AXES[plane]]
             self.proofs.add((*(round(number, 3) for number in ends), *offsets))
 
