@@ -110,7 +110,7 @@ class Rs274:
 
     tip_word = ""
     frames: tuple[str, ...] = ("shift", "plane", "rotation", "scale", "mirror", "program", "origin")
-    ends = ENDS
+    ends, moving = ENDS, MOVING
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
@@ -243,13 +243,7 @@ class Rs274:
                 names = " and ".join(f"G{code:g}" for code in said)
                 one = ", expected one motion" if said[0] in MOTIONS else ""
                 raise InputError(f"{names} are in one block{one or ' and contradict each other'}")
-        return self.it.run_words(block, codes, find_code, self.pass_over)
-
-    def pass_over(self, block: CncBlock, code: float | str) -> None:
-        """Note a code that is not known."""
-        if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-            raise InputError(f"G{code:g} with coordinates is not read and may move the tool; post-process without it")
-        self.it.note(f"G{code:g} is not read")
+        return self.it.run_words(block, codes, find_code)
 
     def move(self, block: CncBlock) -> None:
         """Carry out the motion of a block, in the words that all dialects share."""
@@ -345,7 +339,7 @@ def use_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
 def use_haas_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G110 to G129: a work offset of Haas; other controls have moves there."""
     if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-        dialect.pass_over(block, code)
+        dialect.it.pass_over(block, code)
     dialect.origins.use(code + 1000.0 - 109.0)
 
 

@@ -20,6 +20,7 @@ from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
+from compplan.toolpath.readers.cnc.motion import STRAIGHT
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
 from compplan.toolpath.readers.frames import stretch
 from compplan.toolpath.readers.lines import count_lines
@@ -77,7 +78,7 @@ class Klartext:
 
     tip_word = "M128"
     frames: tuple[str, ...] = ("unit", "datum", "plane", "shift", "mirror", "rotation", "scale")
-    ends = frozenset({2.0, 30.0})
+    ends, moving = frozenset({2.0, 30.0}), STRAIGHT
     silent = SILENT
 
     def __init__(self, file: Path, options: CamTable) -> None:

@@ -100,7 +100,7 @@ class Sinumerik:
 
     tip_word = "TRAORI"
     frames: tuple[str, ...] = ("shift", "plane", "program", "origin")
-    ends = frozenset({2.0, 17.0, 30.0})
+    ends, moving = frozenset({2.0, 17.0, 30.0}), MOVING
     silent = frozenset(map(float, (6, 40, 41, 42, 43, 44, 45, 70, 19, 10, 11, 21, 22)))
 
     def __init__(self, file: Path, options: CamTable) -> None:
@@ -197,7 +197,7 @@ class Sinumerik:
             it.call(f"L{values.pop('L'):g}", values.pop("P", 1.0))
         if len(MOTIONS.intersection(block.codes)) > 1:
             raise InputError("two motions stand in one block, expected one")
-        takes = it.run_words(block, (*block.codes, *names), find_word, self._pass_over)
+        takes = it.run_words(block, (*block.codes, *names), find_word)
         if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
         if values and self._move(block, takes):
@@ -211,14 +211,6 @@ class Sinumerik:
             elif not self.cycles.run(called, arguments, modal=modal):
                 self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
-
-    def _pass_over(self, block: CncBlock, word: float | str) -> None:
-        """Note a G code that is not known; refuse it where it may claim coordinates, and any other word."""
-        if isinstance(word, str):
-            raise InputError(f"word {word[:24]} is not read and may move the tool; post-process without it")
-        if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-            raise InputError(f"G{word:g} with coordinates is not read and may move the tool")
-        self.it.note(f"G{word:g} is not read")
 
     def _move(self, block: CncBlock, takes: str) -> bool:
         """Carry out the coordinates of a block; return whether it moves the tool."""

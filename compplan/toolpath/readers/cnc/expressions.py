@@ -26,13 +26,9 @@ FUNCTIONS: Mapping[str, tuple[int, Callable[..., float]]] = {
 
 @dataclass(frozen=True)
 class Grammar:
-    """Say what an expression may hold.
+    """Say what an expression may hold: functions and how many arguments each takes, operators and how they bind.
 
-    Args:
-        functions: Functions by name, and how many arguments each takes.
-        operators: Operators by their sign or word: how tightly each binds (greater: tighter), and what it does.
-        bare: Whether a function of one argument may go without brackets (SIN 30).
-
+    A greater number binds tighter; where `bare`, a function of one argument may go without brackets (SIN 30).
     """
 
     functions: Mapping[str, tuple[int, Callable[..., float]]]

@@ -16,13 +16,9 @@ from compplan.toolpath.readers.cnc.state import PLANE_NORMALS
 
 @dataclass(frozen=True)
 class Way:
-    """Hold what an APPR or DEP block says: its kind LT, LN, CT or LCT, and its feed in mm/s.
+    """Hold what an APPR or DEP block says: its kind LT, LN, CT or LCT, LEN, R (signed), CCA [deg], feeds in mm/s.
 
-    Args:
-        length, radius, angle: LEN of LT and LN; R of CT and LCT, signed; CCA of CT. [deg]
-        side: 1 or -1 where the tool runs left or right of the contour, 0 without compensation.
-        feed_before: Feed of the move to where the approach begins, None where that is rapid. [mm/s]
-
+    The tool runs left (1) or right (-1) of the contour; `feed_before` leads to the approach, None where that is rapid.
     """
 
     kind: str

@@ -34,11 +34,8 @@ LEAST_MILLISECONDS = 100.0
 class CncBlock:
     """Hold the words of a block: numbers by address (X, CR, A3, I1 ..), G codes, M codes, words without a number.
 
-    Args:
-        absolute: Addresses whose number is absolute, whatever the mode; relative: counts from where the tool is.
-        calls: Names with arguments, as texts.
-        assigned: Variables and their values: name, indices, number (None: text).
-
+    Numbers of some addresses are absolute, whatever the mode, or relative to where the tool is. `calls` are names with
+    their arguments as texts, `assigned` variables: name, indices, number (None: text).
     """
 
     values: dict[str, float] = field(default_factory=dict)
@@ -232,23 +229,21 @@ class Machine:
 class Dialect(Protocol):
     """What a dialect gives its interpreter.
 
-    `tip_word` is what it calls control of the tip, where cuts that turn axes without it are not read, else "";
-    `frames` the names of its frames, the outermost first, that of a tilted plane is "plane".
+    `tip_word` is what it calls control of the tip, where cuts that turn axes without it are not read, else ""; `frames`
+    the names of its frames, the outermost first, that of a tilted plane is "plane"; `moving` what makes a move.
     """
 
     tip_word: str
     frames: tuple[str, ...]
     silent: frozenset[float]
     ends: frozenset[float]
+    moving: frozenset[str]
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""
-        ...
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Tell whether rotary words are those of a tilted plane, and the tool axis then."""
-        ...
 
     def run_line(self, program: CncProgram, index: int) -> int:
         """Carry out a line; return the next one, or END."""
-        ...
