@@ -282,62 +282,57 @@ class Sinumerik:
                 return
         raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
 
+    def set_motion(self, block: CncBlock, code: float | str) -> None:
+        """G0 to G3, CIP, CT: the motion of this block and those after it."""
+        self.it.state.motion, self.stated = code, True
 
-def set_motion(dialect: Sinumerik, block: CncBlock, code: float | str) -> None:
-    """G0 to G3, CIP, CT: the motion of this block and those after it."""
-    dialect.it.state.motion, dialect.stated = code, True
+    def set_plane(self, block: CncBlock, code: float) -> None:
+        """G17 to G19: the plane."""
+        self.it.state.plane = int(code)
+        if not self.it.state.tip_control:
+            self.it.course.aim(self.square())
 
+    def set_unit(self, block: CncBlock, code: float) -> None:
+        """G70, G71 (lengths alone), G700, G710 (feeds as well): inches or millimetres."""
+        state, scale = self.it.state, INCH if code in (70.0, 700.0, 20.0) else 1.0
+        if code not in (70.0, 71.0):
+            if state.feed is not None and state.feed_mode != 93:
+                state.feed *= scale / state.feed_scale
+        elif scale != state.feed_scale:
+            basic = "mm" if state.feed_scale == 1.0 else "inch"
+            self.it.note(f"G70 and G71 set lengths only: F counts in {basic}/min, the control's basic system (taken "
+                         "from --unit, else mm)")  # fmt: skip
+        state.set_unit(scale, feeds=code not in (70.0, 71.0))
 
-def set_plane(dialect: Sinumerik, block: CncBlock, code: float) -> None:
-    """G17 to G19: the plane."""
-    dialect.it.state.plane = int(code)
-    if not dialect.it.state.tip_control:
-        dialect.it.course.aim(dialect.square())
+    def set_pole(self, block: CncBlock, code: float) -> None:
+        """G110 (from the tool), G111 (from the origin), G112 (from the last pole): the pole."""
+        state = self.it.state
+        last = state.pole or (0.0, 0.0, 0.0)
+        base = {110.0: self.it.contour.position, 111.0: (0.0, 0.0, 0.0), 112.0: last}[code]
+        point = list(base)
+        for axis in block.list_axes():
+            number = block.values[AXES[axis]] * state.scale
+            point[axis] = number if AXES[axis] in block.absolute else base[axis] + number
+        if block.has(POLAR):
+            raise InputError("a pole in polar coordinates is not read")
+        state.pole = point[0], point[1], point[2]
 
-
-def set_unit(dialect: Sinumerik, block: CncBlock, code: float) -> None:
-    """G70, G71 (lengths alone), G700, G710 (feeds as well): inches or millimetres."""
-    state, scale = dialect.it.state, INCH if code in (70.0, 700.0, 20.0) else 1.0
-    if code not in (70.0, 71.0):
-        if state.feed is not None and state.feed_mode != 93:
-            state.feed *= scale / state.feed_scale
-    elif scale != state.feed_scale:
-        basic = "mm" if state.feed_scale == 1.0 else "inch"
-        dialect.it.note(f"G70 and G71 set lengths only: F counts in {basic}/min, the control's basic system (taken "
-                        "from --unit, else mm)")  # fmt: skip
-    state.set_unit(scale, feeds=code not in (70.0, 71.0))
-
-
-def set_pole(dialect: Sinumerik, block: CncBlock, code: float) -> None:
-    """G110 (from the tool), G111 (from the origin), G112 (from the last pole): the pole."""
-    state = dialect.it.state
-    last = state.pole or (0.0, 0.0, 0.0)
-    base = {110.0: dialect.it.contour.position, 111.0: (0.0, 0.0, 0.0), 112.0: last}[code]
-    point = list(base)
-    for axis in block.list_axes():
-        number = block.values[AXES[axis]] * state.scale
-        point[axis] = number if AXES[axis] in block.absolute else base[axis] + number
-    if block.has(POLAR):
-        raise InputError("a pole in polar coordinates is not read")
-    state.pole = point[0], point[1], point[2]
-
-
-def control_tip(dialect: Sinumerik, block: CncBlock, code: str) -> None:
-    """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
-    dialect.it.control_tip(code == "TRAORI")
+    def control_tip(self, block: CncBlock, code: str) -> None:
+        """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
+        self.it.control_tip(code == "TRAORI")
 
 
-MOTION, PLANE, UNIT, POLE = Code(set_motion, 1), Code(set_plane), Code(set_unit), Code(set_pole, 2, "once")
 OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code))
 WORDS: dict[float | str, Code] = {
     **COMMON,
-    **dict.fromkeys((*MOTIONS, "CIP", "CT"), MOTION),
-    17.0: PLANE, 18.0: PLANE, 19.0: PLANE,
-    **dict.fromkeys((70.0, 71.0, 700.0, 710.0, 20.0, 21.0), UNIT),
+    **dict.fromkeys((*MOTIONS, "CIP", "CT"), Code(Sinumerik.set_motion, 1)),
+    **dict.fromkeys((17.0, 18.0, 19.0), Code(Sinumerik.set_plane)),
+    **dict.fromkeys((70.0, 71.0, 700.0, 710.0, 20.0, 21.0), Code(Sinumerik.set_unit)),
     **dict.fromkeys((74.0, 75.0, "SUPA"), ignore("machine")),
-    25.0: ignore("once"), 26.0: ignore("once"), 110.0: POLE, 111.0: POLE, 112.0: POLE,
+    25.0: ignore("once"), 26.0: ignore("once"),
+    **dict.fromkeys((110.0, 111.0, 112.0), Code(Sinumerik.set_pole, 2, "once")),
     **dict.fromkeys((54.0, 55.0, 56.0, 57.0, 500.0, *(float(code) for code in range(505, 600))), OFFSET),
-    "TRAORI": Code(control_tip), "TRAFOOF": Code(control_tip),
+    **dict.fromkeys(("TRAORI", "TRAFOOF"), Code(Sinumerik.control_tip)),
     # nothing of the path
     **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
                                 451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),
