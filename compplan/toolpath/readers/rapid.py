@@ -28,10 +28,14 @@ DATA = re.compile(
 )
 MOVE = re.compile(r"(MOVE(?:L|J|C)(?:DO|SYNC|AO|GO)?|TRIGG[LJC]|MOVEABSJ|MOVEEXTJ)\s*\\?\s*(.*)$")
 ASSIGN = re.compile(r"(\w+)\s*([.{].*?)?\s*:=\s*(.+)$")
-OUTPUT = re.compile(r"(?:SETDO\s*(?:\\[^,]*,)?\s*(\w+)\s*,\s*([01])|(SET|RESET)\s+(\w+))$")
-WAITS = re.compile(rf"WAITTIME\s*(?:\\INPOS\s*,)?\s*({NUMBER})$")
-#: Statements that a robot program of another language cannot repeat: the operator is asked.
-ASKED = re.compile(r"(WAIT\w*|SET[A-Z]O\w*|SET|RESET|PULSEDO|INVERTDO|TRIGGIO|TRIGGEQUIP|TRIGGINT)\b")
+#: Statements that set a signal, wait or stop, and those that a program of another language cannot repeat.
+SWITCHES = {
+    "output": re.compile(
+        r"(?:(?P<on>SET|RESET)\s+|SETDO\s*(?:\\[^,]*,)?\s*)(?P<signal>\w+)(?(on)|\s*,\s*(?P<level>[01]))$"
+    ),
+    "wait": re.compile(rf"WAITTIME\s*(?:\\INPOS\s*,)?\s*({NUMBER})$"), "halt": re.compile(r"STOP\b"),
+    "asked": re.compile(r"(WAIT\w*|SET[A-Z]O\w*|SET|RESET|PULSEDO|INVERTDO|TRIGGIO|TRIGGEQUIP|TRIGGINT)\b"),
+}  # fmt: skip
 #: Number by which two robots move together (\\ID:=20), after a target.
 POINT_ID = re.compile(r"\\\s*ID\s*:=\s*\w+")
 VELSET = re.compile(rf"VELSET\s+({NUMBER})\s*,\s*({NUMBER})$")
@@ -168,19 +172,13 @@ class _RapidReader:
 
     def _switch(self, statement: str) -> bool:
         """Carry out a statement that waits, stops or sets a signal or the speed; return whether it is one."""
-        output, waits, velset = (pattern.match(statement) for pattern in (OUTPUT, WAITS, VELSET))
         if statement.startswith("VELSET"):
+            velset = VELSET.match(statement)
             if velset is None or self.robot.blocks:
                 raise InputError(f"{statement[:30]!r} changes the speed and is not read, expected two numbers in a row")
             self.share, self.fastest = float(velset.group(1)) / 100.0, float(velset.group(2))
             return True
-        signal = None
-        if output:
-            signal = output.group(1) or output.group(4), output.group(2) == "1" or output.group(3) == "SET"
-        return self.robot.switch(
-            statement, output=signal, wait=float(waits.group(1)) if waits else None,
-            halts=re.match(r"STOP\b", statement) is not None, asked=ASKED.match(statement) is not None,
-        )  # fmt: skip
+        return self.robot.switch(statement, SWITCHES)
 
     def _assign(self, statement: str) -> bool:
         """Carry out an assignment; return whether it is one."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -74,19 +76,25 @@ class RobotProgram:
         where = "in a loop or a branch: " if self.blocks else ""
         self.log.happen("call", self.flow.line, text=f"{where}{statement}")
 
-    def switch(self, statement: str, *, output: tuple[str, bool] | None, wait: float | None, halts: bool,
-               asked: bool) -> bool:  # fmt: skip
-        """Carry out a statement that sets a signal, waits, stops or asks; return whether it is one."""
-        found = bool(output or wait is not None or halts or asked)
-        if found and (self.blocks or (asked and not output and wait is None and not halts)):
+    def switch(self, statement: str, switches: Mapping[str, re.Pattern[str]]) -> bool:
+        """Carry out a statement that sets a signal, waits, halts or is asked of the operator; return whether it is one.
+
+        An output has the groups `signal` and `on` or `level`.
+        """
+        output, wait, halt = (switches[kind].match(statement) for kind in ("output", "wait", "halt"))
+        known = bool(output or wait or halt)
+        if not known and not switches["asked"].match(statement):
+            return False
+        if self.blocks or not known:
             self.ask(statement)
         elif output:
-            self.log.happen("output", self.flow.line, value=float(output[1]), text=output[0])
-        elif wait is not None:
-            self.log.happen("dwell", self.flow.line, value=max(wait, 0.0))
-        elif halts:
+            on = output["on"] in ("TRUE", "SET") or output.groupdict().get("level") == "1"
+            self.log.happen("output", self.flow.line, value=float(on), text=output["signal"])
+        elif wait:
+            self.log.happen("dwell", self.flow.line, value=max(float(wait.group(1)), 0.0))
+        else:
             self.log.happen("stop", self.flow.line)
-        return found
+        return True
 
     def use_frame(self, name: str, place: Array | None, kind: str) -> None:
         """Put a frame in force; the path stays in that of its first pose, whose place has to be known then."""
