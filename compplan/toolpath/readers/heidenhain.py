@@ -23,7 +23,7 @@ from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import STRAIGHT
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
 from compplan.toolpath.readers.frames import stretch
-from compplan.toolpath.readers.lines import count_lines
+from compplan.toolpath.readers.lines import count_lines, match_form
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, refuse_unit
 
@@ -107,10 +107,8 @@ class Klartext:
         blocks, flow = list(lexer.split_blocks(text)), self.it.flow
         for index, block in enumerate(blocks):
             if block.text.startswith("LBL"):
-                found, flow.line = lexer.LABEL.match(block.text), block.line
-                if not found:
-                    raise InputError(f"label {block.text[:30]!r} is not read, expected LBL and a number or a name")
-                word = found.group(1)
+                flow.line = block.line
+                word = match_form(lexer.LABEL, block.text, "label: LBL and a number or a name").group(1)
                 if word in self.labels:
                     raise InputError(f"label {word} occurs twice, first in line {blocks[self.labels[word]].line}")
                 if word != "0":
@@ -171,17 +169,11 @@ class Klartext:
         flow = self.it.flow
         if not text.startswith("CALL"):
             flow.count_jump()
-            found = lexer.JUMP.search(text)
-            if not found:
-                raise InputError(f"jump {text[:40]!r} is not read, expected IF .. EQU .. GOTO LBL ..")
-            one, how, other, label = found.groups()
+            one, how, other, label = match_form(lexer.JUMP, text, "jump: IF .. EQU .. GOTO LBL ..").groups()
             a, b = self._formula(one), self._formula(other)
             jumps = {"EQU": a == b, "NE": a != b, "GT": a > b, "LT": a < b}[how]
             return self._label(label) if jumps else index
-        found = lexer.CALL.match(text)
-        if not found:
-            raise InputError(f"call {text[:40]!r} is not read, only labels of the program are called")
-        label, times = found.groups()
+        label, times = match_form(lexer.CALL, text, "call: a label of the program").groups()
         start = self._label(label)
         if times is None:
             self.it.contour.refuse_open()
@@ -228,12 +220,11 @@ class Klartext:
         if index >= program.last or program.lines[index].text[:3] not in ("RND", "CHF"):
             return None
         block = program.lines[index]
-        found = CORNER.fullmatch(block.text)
-        if not found:
-            self.it.flow.line = block.line
-            raise InputError(f"corner {block.text[:30]!r} is not read, expected RND or CHF, a number and F")
-        feed = None if found.group(3) is None else self.words.to_mm_s(self.value(found.group(3)))
-        return Corner("ROUND" if found.group(1) == "RND" else "LEG", self.value(found.group(2)), feed, block.line)
+        here, self.it.flow.line = self.it.flow.line, block.line
+        kind, size, speed = match_form(CORNER, block.text, "corner: RND or CHF, a number and F").groups()
+        self.it.flow.line = here
+        feed = None if speed is None else self.words.to_mm_s(self.value(speed))
+        return Corner("ROUND" if kind == "RND" else "LEG", self.value(size), feed, block.line)
 
     def check_corner(self, rest: str) -> None:
         """RND, CHF: the move before them has taken them, unless there is none."""
@@ -256,10 +247,7 @@ class Klartext:
 
     def _assign(self, text: str) -> None:
         """Carry out Q1 = formula."""
-        found = lexer.ASSIGN.fullmatch(text)
-        if not found:
-            raise InputError(f"assignment {text[:40]!r} is not read")
-        target, formula = found.groups()
+        target, formula = match_form(lexer.ASSIGN, text, "assignment").groups()
         if target.startswith("QS") or '"' in formula:
             self.words.forget(target, f"line {self.it.flow.line} gives it text")
         else:
@@ -270,9 +258,7 @@ class Klartext:
 
     def run_function(self, text: str) -> None:
         """FN 0 to 8 and 13: assignments; what others set is not known."""
-        found = lexer.FUNCTION_NUMBER.match(f"FN {text}")
-        if not found:
-            raise InputError(f"function {text[:30]!r} is not read, expected FN, its number and a colon")
+        found = match_form(lexer.FUNCTION_NUMBER, f"FN {text}", "function: FN, its number and a colon")
         number, rest, line = int(found.group(1)), found.group(2).strip(), self.it.flow.line
         if number in (*range(9), 13) and lexer.ASSIGN.match(rest):
             self._assign(rest)

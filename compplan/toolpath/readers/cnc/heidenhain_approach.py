@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
@@ -12,6 +11,7 @@ from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import PLANE_NORMALS
+from compplan.toolpath.readers.lines import match_form
 
 
 @dataclass(frozen=True)
@@ -127,15 +127,12 @@ class Approaches:
             self.words.side, it.state.motion = "", 1.0
 
     def _read_way(self, rest: str, what: str) -> tuple[Way, Words, set[int]]:
-        found = re.match(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest)
-        if not found:
-            raise InputError(f"{what} {rest[:20]!r} is not read, expected LT, LN, CT, LCT")
-        words, functions = self.words.split(found.group(2))
+        kind, text = match_form(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest, f"{what}: LT, LN, CT, LCT").groups()
+        words, functions = self.words.split(text)
         feed_before = None if self.it.state.motion == 0.0 else self.it.motion.feed(0.0)
         self.words.take_side(words)
         if self.words.take_feed(words) and what == "APPR":
             raise InputError("an approach with FMAX is not read; give it a feed")
-        kind = found.group(1)
         need = {"LT": "LEN", "LN": "LEN", "CT": "CCA", "LCT": ""}[kind]
         if need and need not in words:
             raise InputError(f"{what} {kind} has no {need}")

@@ -15,6 +15,7 @@ from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import PLANE_AXES, PLANE_NORMALS
+from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool leaves the hole with the feed; old ones, and the part that states their feed.
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
@@ -52,9 +53,7 @@ class HeidenhainCycles:
 
     def define(self, text: str) -> None:
         """Carry out CYCL DEF."""
-        found = CYCLE.match(text)
-        if not found:
-            raise InputError(f"cycle {text[:30]!r} is not read, expected CYCL DEF and its number")
+        found = match_form(CYCLE, text, "cycle: CYCL DEF and its number")
         number, part, rest = int(found.group(1)), found.group(2), found.group(3).strip()
         at = None if part is None else int(part)
         if self.datums.define(number, at, rest) or number in SILENT:

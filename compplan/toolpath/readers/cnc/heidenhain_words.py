@@ -14,7 +14,7 @@ from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, evalua
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import POLAR
 from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, LETTERS, CncBlock
-from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, cut_comment, split_lines
+from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, cut_comment, match_form, split_lines
 
 NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"
 #: A value of a word: a number or a Q parameter, with or without a sign.
@@ -30,7 +30,7 @@ WORD = re.compile(
 BLOCK_NUMBER = re.compile(r"\s*(\d+)\s*(?=\D|$)")
 FUNCTION_NUMBER = re.compile(r"FN\s*(\d+)\s*:\s*(.*)")
 ASSIGN = re.compile(r"(Q[LRS]?\d+)\s*=\s*(.+)")
-JUMP = re.compile(r"IF\s+(.+?)\s+(EQU|NE|GT|LT)\s+(.+?)\s+GOTO\s+LBL\s*(\".*\"|\d+|QS?\d+)\s*$")
+JUMP = re.compile(r".*?IF\s+(.+?)\s+(EQU|NE|GT|LT)\s+(.+?)\s+GOTO\s+LBL\s*(\".*\"|\d+|QS?\d+)\s*$")
 CALL = re.compile(r"CALL\s+LBL\s*(\"[^\"]*\"|\d+|QS?\d+)\s*(?:REP\s*(\d+|Q[LR]?\d+)(?:\s*/\s*\d+)?)?\s*$")
 LABEL = re.compile(r"LBL\s*(\"[^\"]*\"|\d+)\s*$")
 CYCLE = re.compile(r"CYCL\s+DEF\s*(\d+)(?:\s*\.(\d+))?\s*(.*)")
@@ -243,17 +243,12 @@ class KlartextWords:
         """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
         it = self.it
         if re.match(r"DEF(?![A-Z])", text):
-            found = TOOL_DEF.match(text)
-            if not found:
-                raise InputError(f"tool TOOL {text[:36]!r} is not read")
+            found = match_form(TOOL_DEF, text, "tool TOOL")
             self.old = self.old or found.group(2) is not None
             if found.group(3) is not None:
                 self.radii[found.group(1) or ""] = self.value(found.group(3))
             return
-        found = TOOL.match(text)
-        if not found:
-            raise InputError(f"tool call TOOL {text[:36]!r} is not read")
-        called, axis, rest = found.groups()
+        called, axis, rest = match_form(TOOL, text, "tool call TOOL").groups()
         it.contour.refuse_open()
         words, bare = dict(TOOL_WORD.findall(rest)), TOOL_WORD.sub("", rest)
         if re.sub(r"M\s*\d+|\"[^\"]*\"", "", bare).strip():
