@@ -21,8 +21,8 @@ from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import STRAIGHT
-from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
-from compplan.toolpath.readers.frames import stretch
+from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, stretch
 from compplan.toolpath.readers.lines import count_lines, match_form
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, refuse_unit

@@ -18,8 +18,8 @@ from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, C
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
-from compplan.toolpath.readers.cnc.state import AXES, INCH, PLANE_AXES, PLANE_NORMALS, CncBlock, State
-from compplan.toolpath.readers.frames import Frame
+from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame
 from compplan.toolpath.readers.gcode import BEGINNING
 from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile

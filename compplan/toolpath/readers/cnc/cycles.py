@@ -11,7 +11,8 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, PLANE_AXES, CncBlock
+from compplan.toolpath.readers.cnc.state import AXES, CncBlock
+from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotate
 
 #: Greatest number of holes of one block or pattern, and of pecks of one hole.
 MOST_HOLES = 10_000
@@ -135,14 +136,12 @@ def list_circle(centre: tuple[float, float], radius: float, start: float, step: 
 def list_grid(corner: tuple[float, float], turn: float, steps: tuple[float, float], counts: tuple[int, int],
               first: float = 0.0) -> list[Point]:  # fmt: skip
     """List holes in rows, to and fro; the rows turn about the corner by an angle in degrees."""
-    cosine, sine = math.cos(math.radians(turn)), math.sin(math.radians(turn))
-    places: list[Point] = []
-    _check(counts[0] * counts[1])
-    for row in range(counts[1]):
-        for column in range(counts[0]) if row % 2 == 0 else reversed(range(counts[0])):
-            u, v = first + column * steps[0], row * steps[1]
-            places.append((corner[0] + u * cosine - v * sine, corner[1] + u * sine + v * cosine, 0.0))
-    return places
+    turned = Frame(rotate(2, turn).rows, (*corner, 0.0))
+    columns = range(_check(counts[0] * counts[1]) // counts[1])
+    return [
+        turned.apply((first + column * steps[0], row * steps[1], 0.0))
+        for row in range(counts[1]) for column in (columns if row % 2 == 0 else reversed(columns))
+    ]  # fmt: skip
 
 
 def _check(count: int) -> int:

@@ -10,7 +10,7 @@ from compplan.toolpath.readers.arcs import Point, combine, cross, dot
 from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import PLANE_NORMALS
+from compplan.toolpath.readers.frames import PLANE_NORMALS
 from compplan.toolpath.readers.lines import match_form
 
 

@@ -14,7 +14,7 @@ from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_lev
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import PLANE_AXES, PLANE_NORMALS
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS
 from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool leaves the hole with the feed; old ones, and the part that states their feed.

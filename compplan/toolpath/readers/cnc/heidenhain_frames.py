@@ -8,8 +8,8 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import cross
 from compplan.toolpath.readers.cnc.heidenhain_words import TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES, PLANE_NORMALS
-from compplan.toolpath.readers.frames import NOWHERE, Frame, rotate, shift, stand_on, stretch
+from compplan.toolpath.readers.cnc.state import AXES
+from compplan.toolpath.readers.frames import NOWHERE, PLANE_NORMALS, Frame, rotate, shift, stand_on, stretch
 from compplan.toolpath.readers.lines import match_form
 
 AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")

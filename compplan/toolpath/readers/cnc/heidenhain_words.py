@@ -13,7 +13,8 @@ from compplan.toolpath.readers.arcs import set_level
 from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, evaluate
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import POLAR
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, LETTERS, CncBlock
+from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock
+from compplan.toolpath.readers.frames import DEEP_AXIS
 from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, cut_comment, match_form, split_lines
 
 NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"

@@ -12,7 +12,8 @@ from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_
 from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_centre, find_tangent_arc
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.rotary import Rotary
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, Dialect, State
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, State
+from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, PLANE_NORMALS, rotate, turn_about
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.options import CHORD_MM
 
@@ -311,18 +312,14 @@ class MotionReader:
 
     def _find_opening(self, block: CncBlock, start: Point, target: Point, *, right_hand: bool) -> tuple[Point, Point]:
         """Return centre and end of an arc by its opening angle AR, with its end or its centre."""
-        opening, normal = block.values["AR"], PLANE_NORMALS[self.state.plane]
+        opening, deep = block.values["AR"], DEEP_AXIS[self.state.plane]
         if not 0.0 < opening < 360.0:
             raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
-        angle, flat = math.radians(opening), lambda point: combine(1.0, point, -dot(point, normal), normal)
         if block.has(CENTRES):
             centre = self.state.centre(start, block, self.state.plane)
-            arm = combine(1.0, flat(start), -1.0, flat(centre))
-            turn = angle if right_hand else -angle
-            side = (normal[1] * arm[2] - normal[2] * arm[1], normal[2] * arm[0] - normal[0] * arm[2],
-                    normal[0] * arm[1] - normal[1] * arm[0])  # fmt: skip
-            end = combine(1.0, combine(1.0, centre, math.cos(turn), arm), math.sin(turn), side)
-            return centre, combine(1.0, end, dot(target, normal) - dot(end, normal), normal)
-        radius = 0.5 * math.dist(flat(start), flat(target)) / math.sin(0.5 * angle)
-        signed = radius if angle <= math.pi else -radius
-        return find_centre(start, target, normal, signed, self.contour.unit, right_hand=right_hand), target
+            end = turn_about(centre, rotate(deep, opening if right_hand else -opening)).apply(start)
+            return centre, set_level(end, deep, target[deep])
+        chord = math.dist(start, set_level(target, deep, start[deep]))
+        radius = math.copysign(0.5 * chord / math.sin(math.radians(0.5 * opening)), 180.0 - opening)
+        normal = PLANE_NORMALS[self.state.plane]
+        return find_centre(start, target, normal, radius, self.contour.unit, right_hand=right_hand), target

@@ -13,8 +13,8 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
 from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, LETTERS, CncBlock
-from compplan.toolpath.readers.frames import Frame, rotate, scale_about, shift, stretch, turn_about
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock
+from compplan.toolpath.readers.frames import DEEP_AXIS, Frame, rotate, scale_about, shift, stretch, turn_about
 
 DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"

@@ -9,14 +9,11 @@ from typing import Protocol
 
 from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.flow import CncProgram
+from compplan.toolpath.readers.frames import PLANE_AXES
 from compplan.toolpath.readers.moves import MoveLog
 
 AXES, LETTERS = "XYZ", "ABC"
 INCH = 25.4
-PLANE_NORMALS: dict[int, Point] = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
-#: First and second axis of the planes, and the one that a tool points along.
-PLANE_AXES = {17: (0, 1), 18: (2, 0), 19: (1, 2)}
-DEEP_AXIS = {17: 2, 18: 1, 19: 0}
 
 #: Codes that happen before the move of their block, beside M6, and what they switch on.
 STARTING = {3.0: ("spindle_cw",), 4.0: ("spindle_ccw",), 7.0: ("mist",), 8.0: ("coolant",),
