@@ -21,7 +21,7 @@ from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, P
 from compplan.toolpath.readers.cnc.origins import Layers, Origins, change_frame
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
-from compplan.toolpath.readers.cnc.state import INCH, LETTERS, CncBlock, State
+from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, refuse_unit
@@ -133,11 +133,7 @@ class Rs274:
         """Let rotary axes set the tool square to a tilted plane; where its tip then is nobody knows."""
         if not self.it.tilted:
             return False, None
-        angles = self.it.rotary.angles
-        for letter in LETTERS:
-            if letter in block.values:
-                base = angles.get(letter, 0.0) if self.it.state.incremental else 0.0
-                angles[letter] = block.values[letter] + base
+        self.it.state.turn(self.it.rotary.angles, block)
         self.layers.turn_to_plane(53.1, stays=False)
         return True, self.layers.plane_axis
 

@@ -30,16 +30,6 @@ CHORD_MM = 0.001
 WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
 
 
-def ask_compensation(options: CamTable, word: str) -> str:
-    """Return what is noted of a word that compensates the radius of the cutter, or refuse it."""
-    if options.compensation is None:
-        raise InputError(f"{word} compensates the radius of the cutter: whether the file holds the path of the tool's "
-                         "centre (the control adds wear alone) or the contour of the part is not known; write [cam] "
-                         'compensation = "centre_line" (--compensation) for the first, post-process the second as '
-                         "the centre's path")  # fmt: skip
-    return f"{word} compensates wear alone: the path is that of the tool's centre, as compensation = centre_line says"
-
-
 class MachineAxes(StrictTable):
     """Rotary axes of a machine.
 

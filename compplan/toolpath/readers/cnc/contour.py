@@ -129,8 +129,8 @@ class Contour:
         elif element.centre is None:
             course.line(element.end, element.named, element.feed, element.axis)
         else:
-            course.arc(element.end, element.named, element.centre, element.normal, element.feed,
-                       right_hand=element.right_hand, turns=element.turns)  # fmt: skip
+            about = (element.centre, element.normal, element.right_hand, element.turns)
+            course.arc(element.end, element.named, element.feed, *about)
 
 
 def join_corner(

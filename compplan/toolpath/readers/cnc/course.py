@@ -209,24 +209,20 @@ class Course:
         start, end = self.frame.apply(self.position), self.frame.apply(target)
         angle = 0.0 if axis is None else _angle(self.log.axis, axis)
         if axis is not None and angle > math.radians(TURN_STEP):
-            self._turn_on_line(start, end, feed, axis, math.ceil(math.degrees(angle) / TURN_STEP - 1e-9))
+            counts, before = dict(self.log.counts), self.log.axis
+            pieces = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9)
+            for share in (piece / pieces for piece in range(1, pieces + 1)):
+                point = end if share == 1.0 else combine(1.0 - share, start, share, end)
+                self.log.line(point, feed, _turn_towards(before, axis, share))
+            self.log.count_one(counts)
         else:
             self.log.line(end, feed, axis)
         self.position = target
         if math.dist(start, end) > 1e-9:
             self.way = True
 
-    def _turn_on_line(self, start: Point, end: Point, feed: float, axis: Point, pieces: int) -> None:
-        log, before = self.log, self.log.axis
-        counts = dict(log.counts)
-        for piece in range(1, pieces + 1):
-            share = piece / pieces
-            point = end if piece == pieces else combine(1.0 - share, start, share, end)
-            log.line(point, feed, _turn_towards(before, axis, share))
-        log.count_one(counts)
-
-    def arc(self, target: Point, named: Iterable[int], centre: Point, normal: Point, feed: float, *,
-            right_hand: bool, turns: int = 1) -> None:  # fmt: skip
+    def arc(self, target: Point, named: Iterable[int], feed: float, centre: Point, normal: Point, right_hand: bool,
+            turns: int) -> None:  # fmt: skip
         """Cut along an arc or a helix; everything stands in the coordinates of the program."""
         if self.leave_out(target, named):
             return

@@ -130,17 +130,14 @@ class Parser:
             return float(not self.operand())
         function = self.grammar.functions.get(word)
         if function is None:
-            return self.lookup(word, self._indices())
+            return self.lookup(word, tuple(self._list("]")) if self._accept("[") else ())
         count, rule = function
         values: list[float] = []
         if self.grammar.bare:
             values = [need(self.operand())] if count else []
         else:
             self._expect(self.grammar.brackets[0])
-            values = [need(self.parse())]
-            while self._accept(","):
-                values.append(need(self.parse()))
-            self._expect(self.grammar.brackets[1])
+            values = self._list(self.grammar.brackets[1])
             if word == "ATAN" and len(values) < count and re.match(r"\s*/\s*\[", self.text[self.place :]):
                 self._take()  # ATAN[y]/[x]
                 values.append(need(self.operand()))
@@ -151,14 +148,13 @@ class Parser:
         except ValueError:
             raise ValueError(f"{word} of {', '.join(f'{value:g}' for value in values)} has no value") from None
 
-    def _indices(self) -> tuple[float, ...]:
-        if not self._accept("["):
-            return ()
+    def _list(self, closing: str) -> list[float]:
+        """Return the values of expressions between commas up to a bracket."""
         values = [need(self.parse())]
         while self._accept(","):
             values.append(need(self.parse()))
-        self._expect("]")
-        return tuple(values)
+        self._expect(closing)
+        return values
 
     def _take(self) -> str:
         found = self.grammar.token.match(self.text, self.place)

@@ -19,7 +19,7 @@ from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, Machine, State
 from compplan.toolpath.readers.frames import Frame
-from compplan.toolpath.readers.options import CamTable, ask_compensation
+from compplan.toolpath.readers.options import CamTable
 
 #: Addresses that make a move.
 MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
@@ -208,7 +208,14 @@ class Interpreter:
 
     def compensate_radius(self, word: str) -> None:
         """Note compensation of the cutter's radius, or refuse it."""
-        self.note(ask_compensation(self.options, word))
+        if self.options.compensation is None:
+            raise InputError(f"{word} compensates the radius of the cutter: whether the file holds the path of the "
+                             "tool's centre or the contour of the part is not known; write [cam] compensation = "
+                             '"centre_line" (--compensation) for the first, post-process the second as the centre\'s '
+                             "path")  # fmt: skip
+        self.note(
+            f"{word} compensates wear alone: the path is that of the tool's centre, as compensation = centre_line says"
+        )
 
     def call(self, name: str, times: float) -> None:
         """Carry out a subprogram of the file, or beside it."""

@@ -185,10 +185,7 @@ class MotionReader:
         if taken:
             return axis, False
         turned = rotary.turned
-        for letter in LETTERS:
-            if letter in values:
-                base = rotary.angles.get(letter, 0.0) if state.counts_on(block, letter) else 0.0
-                rotary.angles[letter] = values[letter] + base
+        state.turn(rotary.angles, block)
         if rotary.spatial:
             return self.dialect.square(), False
         self.set_frame(carried=True)

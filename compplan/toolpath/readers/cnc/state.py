@@ -120,6 +120,13 @@ class State:
         """Return whether a number of a block counts from where the tool is."""
         return address in block.relative or (self.incremental and address not in block.absolute)
 
+    def turn(self, angles: dict[str, float], block: CncBlock) -> None:
+        """Take the angles of rotary axes that a block states."""
+        for letter in LETTERS:
+            if letter in block.values:
+                base = angles.get(letter, 0.0) if self.counts_on(block, letter) else 0.0
+                angles[letter] = block.values[letter] + base
+
     def centre(self, start: Point, block: CncBlock, plane: int) -> Point:
         """Return the centre of an arc from I J K, as they count in this program."""
         centre, values = start, block.values
