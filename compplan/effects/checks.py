@@ -32,22 +32,14 @@ WRENCH = {**{f"f{axis}_N": LOAD for axis in "xyz"}, **{f"m{axis}_Nm": LOAD for a
 
 @dataclass(frozen=True)
 class Rule:
-    """Rule of one effect.
+    """Rule of one effect."""
 
-    Args:
-        keys: Its parameters: greatest absolute value, or one of the kinds above.
-        joint: Whether it has a joint: "needed", "free" or "none".
-        axes: Allowed axes.
-        groups: Sets of keys of which one has to be complete.
-        lists: Sets of keys that are lists of one length.
-
-    """
-
+    #: Its parameters: greatest absolute value, or one of the kinds above.
     keys: Mapping[str, float | str | tuple[str, ...]]
-    joint: str = "none"
-    axes: tuple[str, ...] = ()
-    groups: tuple[tuple[str, ...], ...] = ()
-    lists: tuple[tuple[str, ...], ...] = ()
+    joint: str = "none"  #: Whether it has a joint: "needed", "free" or "none".
+    axes: tuple[str, ...] = ()  #: Allowed axes.
+    groups: tuple[tuple[str, ...], ...] = ()  #: Sets of keys of which one has to be complete.
+    lists: tuple[tuple[str, ...], ...] = ()  #: Sets of keys that are lists of one length.
 
 
 RULES: dict[str, Rule] = {
@@ -112,19 +104,12 @@ POSITIVE = ("time_constant_s", "reference_load", "cycles_per_turn", "cycles_per_
 
 
 def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, where: str) -> None:
-    """Refuse a table of effects.toml with a wrong place or parameters.
+    """Refuse a table of effects.toml with a wrong place or parameters; its effect and joint are known to exist.
 
     An effect without a rule in `RULES` or its module is checked for finite numbers alone.
 
-    Args:
-        table: The table; its effect and joint are known to exist.
-        robot: The robot.
-        file: The file, for messages.
-        where: Key of the table.
-
     Raises:
         InputError: With file and key.
-
     """
     parameters = table["parameters"]
     for key, value in parameters.items():
@@ -153,13 +138,7 @@ def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, wher
 
 
 def limit_sizes(robot: Robot, signature: Signature, sizes: Array) -> Array:
-    """Limit parameters of an effect to the bounds of a robot folder.
-
-    Args:
-        robot: The robot that the effect is added to.
-        signature: Place and form of the effect.
-        sizes: The parameters. Shape (k,). [SI]
-    """
+    """Limit parameters, (k,) [SI], of an effect that is added to a robot to the bounds of its folder."""
     rule: Rule | None = RULES.get(signature.name) or getattr(EFFECTS.get(signature.name), "rule", None)
     most = np.full(len(sizes), np.inf)
     for number, key in enumerate(signature.keys):

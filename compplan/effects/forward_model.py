@@ -78,12 +78,8 @@ def build_model(
 ) -> ForwardModel:
     """Build the model of a robot at the rows of a campaign, without effects.
 
-    Args:
-        robot: The robot.
-        campaign: The rows.
-        registration: Frames fitted to the campaign; none if the instrument uses the robot's base frame.
-        later: Whether the effects are from an earlier campaign, so that shifts precede every row.
-
+    registration: frames fitted to the campaign, none if the instrument uses the robot's base frame; later: whether the
+    effects are from an earlier campaign, so that shifts precede every row.
     """
     n, nq = len(campaign), robot.nq
 
@@ -112,14 +108,11 @@ def build_model(
 def solve_model_poses(model: ForwardModel, *, tolerance: float = TOLERANCE, theta: Array | None = None) -> Attained:
     """Solve the loaded equilibrium of a model and return what instrument and encoders should read.
 
-    Args:
-        model: The model.
-        tolerance: Tolerance of the elastic coordinates. [rad or m]
-        theta: Initial elastic coordinates; zero if left out or of another number of springs. Shape (n, s). [rad or m]
+    tolerance: of the elastic coordinates [rad or m]; theta: initial ones, zero if left out or of another number of
+    springs, (n, s) [rad or m].
 
     Raises:
         ConvergenceError: If the robot buckles under the load.
-
     """
     robot = model.robot
     springs = own_springs(robot)
@@ -300,11 +293,7 @@ def own_yield(springs: dict[int, OwnSpring], torque: Array, nq: int) -> Array:
 def payload_wrench(robot: Robot, frames: Frames, payload: Array) -> Array:
     """Return the weight of a mass on the flange, as a wrench at the TCP, base axes. Shape (n, 6). [N, N m].
 
-    Args:
-        robot: The robot; its flange and gravity.
-        frames: Loaded frames.
-        payload: Mass and first moments about the flange, flange axes. Shape (4,). [kg, kg m]
-
+    payload: mass and first moments about the flange, flange axes, (4,). [kg, kg m]
     """
     gravity = frames.ground @ robot.real_gravity
     T_flange_tcp = mounted_tool(robot)

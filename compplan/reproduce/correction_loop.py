@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.signal import lfilter
 
 from compplan.robot import Array
 
@@ -78,17 +79,7 @@ def largest_pole(loop: Loop) -> float:
 
 
 def run_loop(loop: Loop, wanted: Array) -> Array:
-    """Pass wanted corrections through a loop that has been at rest.
-
-    Args:
-        loop: The loop.
-        wanted: Wanted corrections at the loop's period, time last. Shape (..., n).
-
-    Returns:
-        Attained corrections. Shape (..., n).
-    """
-    from scipy.signal import lfilter
-
+    """Return what a loop that has been at rest makes of wanted corrections at its period, time last. Shape (..., n)."""
     top, bottom = loop_fraction(loop)
     return np.asarray(lfilter(top, bottom, wanted, axis=-1))
 
