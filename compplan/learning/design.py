@@ -169,15 +169,6 @@ def first_visits(candidates: Candidates) -> list[int]:
     return found
 
 
-def find_idle(candidates: Candidates, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Tell which contacts are at places that chosen rows meet no more often than the places take. Shape (contacts,)."""
-    assert candidates.sights is not None
-    contact, names = candidates.sights.contact, candidates.sights.names
-    plate = np.unique([name.split("/")[0] for name in names], return_inverse=True)[1].reshape(-1)
-    met, taken = (np.bincount(plate[contact[seen]], minlength=len(names)) for seen in (rows, first_visits(candidates)))
-    return np.asarray((met <= taken)[plate])
-
-
 def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:
     """State the band along the path after none, one, two ... of some measurements."""
     covariance, bands = before, [design.band(before)]

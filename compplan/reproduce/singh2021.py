@@ -105,7 +105,7 @@ def spread_directions(count: int) -> Array:
 
 
 def reach_around(arm: Arm, point: Array, direction: Array) -> tuple[Array, NDArray[np.int_]]:
-    """Return every posture in which the tool reaches a point along directions, (m, 3), and their numbers. Shape (k, 6)."""
+    """Return postures in which the tool reaches a point along directions, (m, 3), and their numbers. Shape (k, 6)."""
     rotation = _roll_frames(direction)
     slots = solve_branches(arm, np.tile(point, (len(rotation), 1)), rotation)
     inside = ((slots >= arm.robot.lower - ON_LIMIT) & (slots <= arm.robot.upper + ON_LIMIT)).all(axis=-1)
