@@ -137,12 +137,9 @@ def command_campaign(
 ) -> Campaign:  # fmt: skip
     """Build a campaign of commanded rows.
 
-    Args:
-        q: Joint positions. Shape (n, nq). [rad or m]
-        wrench: Wrench of the environment on the tool, base axes; none if left out. Shape (n, 6). [N, N m]
-        time: Seconds since the beginning; effects of motion need it. Shape (n,). [s]
-        on_path: Whether the rows are passed in motion.
-        temperature: Temperature of the structure. Shape (n,). [C]
+    q: joint positions, (n, nq) [rad or m]; wrench: on the tool, base axes, none if left out, (n, 6) [N, N m]; time:
+    since the beginning, effects of motion need it, (n,) [s]; on_path: whether the rows are passed in motion;
+    temperature: of the structure, (n,) [C].
     """
     q = np.atleast_2d(np.asarray(q, float))
     load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(np.asarray(wrench, float), (len(q), 6))
