@@ -79,7 +79,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         lede=(
             "Six joint springs fitted to the full model come out within "
             f"{np.abs(own.compliance * 1e6 / TABLE_3 - 1).max():.0%} of the paper's Table 3, and the deflection "
-            f"maps peak at {np.nanmax(planes['horizontal'].best.worst) * 1e6:.2f} µm/N where the paper reads about 4. "
+            f"maps peak at {np.nanmax(planes['horizontal'].worst) * 1e6:.2f} µm/N where the paper reads about 4. "
             "The circles of Tables 4 and 5 need a posture that the paper leaves out: fitted to all twelve means, it "
             f"meets them within {np.abs(circles.misfit()).max():.0%}."
         ),
@@ -129,8 +129,8 @@ def map_planes(full: Robot, reduced: Robot, points: int = GRID) -> dict[str, Def
 
 def compensated_share(full: Robot, reduced: Robot, plane: DeflectionMap) -> Array:
     """Compute which share of the full deflection under its worst force the reduced model takes out, reached points."""
-    reached = plane.best.reached
-    q, force = plane.best.q[reached], plane.best.force[reached]
+    reached = plane.reached
+    q, force = plane.q[reached], plane.force[reached]
     moved, predicted = (_yield_under(robot, q, force) for robot in (full, reduced))
     return np.asarray(1 - np.linalg.norm(moved - predicted, axis=1) / np.linalg.norm(moved, axis=1))
 
@@ -141,8 +141,8 @@ def sweep_wall(full: Robot, wall: float) -> WallStep:
     own = identify_reduced(thick).robot
     plane = map_planes(thick, own, 40)["vertical"]
     share = compensated_share(thick, own, plane)
-    reached = plane.best.reached
-    q, force = plane.best.q[reached], plane.best.force[reached]
+    reached = plane.reached
+    q, force = plane.q[reached], plane.force[reached]
     links, both = (
         np.linalg.norm(_yield_under(robot, q, force), axis=1).mean() for robot in (replace(thick, springs=()), thick)
     )
@@ -187,12 +187,12 @@ def _rows_of_table_3(full: Robot, own: ReducedModel) -> list[Row]:
 def _rows_of_maps(full: Robot, planes: dict[str, DeflectionMap], own: Robot, table_3: Robot) -> list[Row]:
     rows = []
     for name, plane in planes.items():
-        largest = float(np.nanmax(plane.best.worst)) * 1e6
+        largest = float(np.nanmax(plane.worst)) * 1e6
         rows.append(
             compare(f"Fig. 3: largest deflection, {name} plane", 4.0, largest, "µm/N", f"{STRAIGHT}; {ALUMINIUM}")
         )
     for name, plane in planes.items():
-        gap = float(np.nanmax(plane.best.reduced_gap)) * 1e6
+        gap = float(np.nanmax(plane.reduced_gap)) * 1e6
         rows.append(compare(f"Fig. 6: largest full minus reduced, {name} plane", 0.8, gap, "µm/N",
                             f"{STRAIGHT}; reduced model of the paper's Table 3"))  # fmt: skip
     for name, plane in planes.items():
