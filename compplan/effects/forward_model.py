@@ -129,12 +129,10 @@ def solve_model_poses(model: ForwardModel, *, tolerance: float = TOLERANCE, thet
         if model.payload.any():
             wrench = model.wrench + payload_wrench(robot, loaded.frames, model.payload)
         bent = _bend(model, springs, loaded.torque - bent)
-    # the load on a spring contains the nonlinear part of its law
-    lift = np.where(
-        motor_side,
-        drive + own_deflection(springs, loaded.theta, robot.nq),
-        model.drive + own_yield(springs, loaded.torque, robot.nq),
-    )
+    # the load on a spring contains the nonlinear part of its law; where link-side readings control it is locked
+    compliance = np.array([springs[k].compliance if k in springs else 0.0 for k in range(robot.nq)])
+    gear, loads = (own_deflection(springs, part, robot.nq) for part in (loaded.theta, loaded.torque))
+    lift = np.where(motor_side, drive + gear, model.drive + compliance * loads)
     return _observe(model, chain, loaded.frames, q, loaded.theta, wrench, lift)
 
 
@@ -273,20 +271,11 @@ def link_coordinates(robot: Robot) -> list[int]:
 
 
 def own_deflection(springs: dict[int, OwnSpring], theta: Array, nq: int) -> Array:
-    """Return the deflection of every joint between its encoders. Shape (n, nq). [rad or m]."""
+    """Return deflection, or load, between the encoders of every joint: that of its spring, of (n, s). Shape (n, nq)."""
     result = np.zeros((len(theta), nq))
     for index, spring in springs.items():
         if spring.actuator:
             result[:, index] = spring.sign * theta[:, spring.coordinate]
-    return result
-
-
-def own_yield(springs: dict[int, OwnSpring], torque: Array, nq: int) -> Array:
-    """Return the deflection of the same springs where link-side readings control them. Shape (n, nq). [rad or m]."""
-    result = np.zeros((len(torque), nq))
-    for index, spring in springs.items():
-        if spring.actuator:
-            result[:, index] = spring.sign * spring.compliance * torque[:, spring.coordinate]
     return result
 
 
