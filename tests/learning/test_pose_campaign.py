@@ -68,7 +68,7 @@ def test_designed_poses_beat_random_ones_and_never_widen_the_band() -> None:
     assert (postures < robot.upper).all()
     candidates = list_candidates(robot, postures, [0.0, 100.0], 300.0, design.known.unknowns)
     choice = choose_measurements(design, candidates, 6)
-    rows = design.look(candidates)
+    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.sights)
     drawn = [np.random.default_rng(seed).choice(len(rows), size=6, replace=False) for seed in range(9)]
     chance = [grade_choice(design, rows, picked.tolist(), design.start).rms[-1] for picked in drawn]
     assert (np.diff(choice.rms) <= 1e-12).all()
