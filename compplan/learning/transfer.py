@@ -20,7 +20,7 @@ from compplan.job.job import Job
 from compplan.job.loading import find_learned_force
 from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.learning.gathered_points import Gathered
-from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, condition
+from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, learn_without
 from compplan.learning.representable import apply_update
 from compplan.measurement.distance import band_radius
 from compplan.planning.task import PlanTask
@@ -66,15 +66,14 @@ class Transfer:
 def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
     """Ask stretches of a part that were left out what may be told to other paths."""
     part = np.minimum(STRETCHES * np.arange(len(gathered.row)) // max(len(gathered.row), 1), STRETCHES - 1)
+    if not part.any():
+        return Transfer(False, False, "the part was measured at one place alone", (np.inf,) * 3)
     left = np.zeros((3, *gathered.deviation.shape))
-    for number in np.unique(part):
-        test = part == number
-        if test.all():
-            return Transfer(False, False, "the part was measured at one place alone", (np.inf,) * 3)
-        state, rows = condition(model, gathered.take(~test)), gathered.row[test]
+    for test, state in learn_without(model, gathered, part):
+        rows = gathered.row[test]
         own = model.own.part[rows] @ state.own
-        force, robot = state.pushed[rows], state.physics[rows]
-        for k, moved in enumerate((0.0 * own, own + force, own + force + robot)):
+        pushed = own + state.pushed[rows]
+        for k, moved in enumerate((0.0 * own, pushed, pushed + state.physics[rows])):
             seen = np.einsum("bij,bj->bi", gathered.counts[test], moved)
             left[k, test] = gathered.deviation[test] - seen
     rms = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
