@@ -6,9 +6,8 @@ The page shows where the gap lies, which effects cause it, how far it shrinks, a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,23 +114,14 @@ def _measure_gap(diagnosis: Diagnosis, robot: Robot, folder: Path) -> float:
     return float(np.sqrt(np.mean(np.sum(gap[good] ** 2, axis=1))))
 
 
-@dataclass(frozen=True, eq=False)
-class _UsedRows:
-    """The measured rows that count, as charts take them; k rows, base axes.
+class _UsedRows(NamedTuple):
+    """The measured rows that count, as charts take them; k of n rows, base axes."""
 
-    Attributes:
-        used: Rows that count; the others are outliers or incomplete. Shape (n,).
-        q: Joint positions. Shape (k, nq). [rad or m]
-        point: Measured points, base frame. Shape (k, 3). [m]
-        before: Measured minus predicted by the nominal robot. Shape (k, 3). [m]
-        after: Measured minus predicted by the updated robot. Shape (k, 3). [m]
-    """
-
-    used: NDArray[np.bool_]
-    q: Array
-    point: Array
-    before: Array
-    after: Array
+    used: NDArray[np.bool_]  #: Rows that count; the others are outliers or incomplete. Shape (n,).
+    q: Array  #: Joint positions. Shape (k, nq). [rad or m]
+    point: Array  #: Measured points. Shape (k, 3). [m]
+    before: Array  #: Measured minus predicted by the nominal robot. Shape (k, 3). [m]
+    after: Array  #: Measured minus predicted by the updated robot. Shape (k, 3). [m]
 
 
 def render_diagnosis(

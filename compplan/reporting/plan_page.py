@@ -39,7 +39,7 @@ from compplan.reporting.along_path import (
 )
 from compplan.reporting.charts import Figure, draw_curves
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, render_page
-from compplan.reporting.plan_summary import describe_clearance, describe_margin, open_plan
+from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.reporting.scenes import describe_magnification, draw_cell, draw_deviation_paths, place_meshes
 from compplan.robot import Array, Robot
@@ -163,13 +163,10 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     planned[f"largest, {plan.mismatch.cell}"] = format_length(plan.mismatch.max_deviation)
     allowed = format_set_length(task.max_correction)
     planned["largest correction"] = f"{format_length(plan.margins.max_correction)} of {allowed}"
-    planned["smallest joint margin"] = describe_margin(plan)
     for name, values, limits in rates:
         share = np.abs(values) / limits
         joint = plan.robot.joint_names[int(np.argmax(share.max(axis=0)))]
         planned[f"{name} used"] = f"{format_percent(float(share.max()))} ({joint})"
-    if plan.error_band is not None:
-        planned["true tip within, with 95\u00a0%"] = format_length(plan.error_band.whole)
     assumed = " (assumed masses)" if "assumed" in bending.masses else ""
     planned |= {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
     if np.isfinite(bending.inertia):
@@ -178,11 +175,6 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     if np.isfinite(bending.frequencies).all():
         rings = ", ".join(f"{frequency:.3g}" for frequency in bending.frequencies)
         planned[f"lowest natural frequencies{assumed}"] = f"{rings}\u00a0Hz"
-    if clearance := describe_clearance(plan):
-        planned["least clearance"] = clearance
-    length = format_number(1e3 * float(task.nominal.arc_length[-1]), 4)
-    planned["path"] = f"{length} mm in {format_number(len(task))} waypoints"
-    planned["time"] = f"{format_number(float(plan.timing.time[-1]), 4)} s"
     table = DataTable(["", "uncorrected", "planned"], [*rows, *([key, None, value] for key, value in planned.items())])
     cut = plan.after.cut
     kinds = np.where(mark_force(task.wrench, cut), 0, np.where(cut, 1, 2))
@@ -383,15 +375,8 @@ def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
     )
     if band.before is not None:
         text += f" The uncorrected program: within {format_length(band.before[1])} along the whole part."
-    known = band.known
-    if known.grade != "measured":
-        return f"{text} The widths are {'assumed' if known.grade == 'assumed' else 'from literature'}: {known.source}."
-    if known.groups:
-        text += (
-            f" Widths are measured ({known.source}) and widened by {known.calibration:.3g} from {known.groups}"
-            " groups of poses left out of the fit."
-        )
-    return text
+    grade = {"measured": "measured", "assumed": "assumed"}.get(band.known.grade, "from literature")
+    return f"{text} The widths are {grade}: {band.known.source}."
 
 
 def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> list[Section]:

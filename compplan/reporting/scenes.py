@@ -20,7 +20,7 @@ from compplan.robot import Array, Joint, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.pose import move_joint
 from compplan.robot.shapes import read_form, read_origin
-from compplan.robot.solids import as_mesh, read_colour, triangulate_box, triangulate_rod
+from compplan.robot.solids import as_mesh, read_colour, triangulate_rod
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
 MESH_COLOURS = {
@@ -154,12 +154,6 @@ def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> t
     if geometry[0].tag == "mesh" and find_mesh(geometry[0].attrib.get("filename", ""), folder) is None:
         return None
     form = read_form(geometry, folder)
-    if geometry[0].tag == "box":
-        size = np.array(form[1])
-        return triangulate_box(-0.5 * size, 0.5 * size)
-    if geometry[0].tag == "cylinder":
-        end = np.array([0.0, 0.0, 0.5 * form[2]])
-        return triangulate_rod(-end, end, form[1], sections=28)
     mesh = as_mesh(form)
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
 

@@ -165,12 +165,3 @@ def estimate_share(hits: int, n: int) -> Interval:
     low = float(beta.ppf(tail, hits, n - hits + 1)) if hits else 0.0
     high = float(beta.ppf(1.0 - tail, hits + 1, n - hits)) if hits < n else 1.0
     return Interval(hits / n, low, high)
-
-
-def trace_convergence(values: Array, replicates: int) -> list[tuple[int, Interval]]:
-    """Trace how the interval of a mean narrows with the number of samples."""
-    first = 4 * replicates
-    if len(values) <= first:
-        return [(len(values), estimate_mean(values, replicates))]
-    counts = np.unique((np.geomspace(first, len(values), 24) // replicates * replicates).astype(int))
-    return [(int(n), estimate_mean(values[:n], replicates)) for n in counts]

@@ -135,7 +135,7 @@ def run_post(
 
     Example: compplan post part.nc --robot kuka_kr240 --part 1800,0,700 --program krl --out out
     """
-    from compplan.api.given import make_post_job, read_table_of_job
+    from compplan.api.given import make_post_job, read_table
     from compplan.job.output import OutputTable
 
     stated = keep_stated(**of_cam)
@@ -143,7 +143,7 @@ def run_post(
     stands_in = folder.absolute() / f"{camfile.stem}.toml"
     place = None if part is None else _read_part(part)
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
-    written = None if output is None else read_table_of_job("output", output)
+    written = None if output is None else read_table("output", output)
     if written is not None:  # the keys that the command line replaces, too
         check_table(OutputTable, written, file=output)
     try:
@@ -168,14 +168,14 @@ def _name_option(error: InputError, stands_in: Path) -> InputError:
     return InputError(error.message, where=" ".join(filter(None, (OPTIONS.get(table), key))) or None)
 
 
-def _read_part(text: str) -> dict[str, Any]:
+def _read_part(text: str) -> Any:
     """Read the value of --part: three or six numbers, or a file."""
-    from compplan.api.given import read_part, read_table_of_job
+    from compplan.api.given import read_table
 
     if Path(text).suffix == ".toml":
-        return read_table_of_job("part", text)
+        return read_table("part", text)
     try:
-        return read_part([float(word) for word in text.split(",")])
+        return read_table("part", [float(word) for word in text.split(",")])
     except (ValueError, InputError):
         message = f"--part is {text!r}, expected X,Y,Z in mm, or X,Y,Z,RX,RY,RZ with a rotation vector in deg"
         raise InputError(message) from None

@@ -73,25 +73,12 @@ def _look_at_columns(table: Table) -> Iterator[Remark]:
     for key, without in absent.items():
         if key not in table:
             yield Remark("note", "column", f"no column with {without}")
-    seen = {
-        "contacts": len([label for label in table.text.get("contact", []) if label]),
-        "readings along a direction": _count(table, "reading"), "distances of a ball bar": _count(table, "distance"),
-    }  # fmt: skip
-    labels = len({label for label in table.text.get("contact", []) if label})
-    if any(seen.values()):
-        said = ", ".join(f"{count} {what}" for what, count in seen.items() if count)
-        said += f" at {labels} places (unknown)" if labels else ""
-        yield Remark("fine", "instrument", said, "no positions: diagnose, identify and predict take --instrument")
     for name in ("x", "y", "z"):
         if name not in table:
             continue
         lost = int(np.isnan(table.values[name]).sum())
         if lost:
             yield Remark("note", "rows", f"{lost} rows have no {table.headers[name]}")
-
-
-def _count(table: Table, key: str) -> int:
-    return int(np.isfinite(table.values[key]).sum()) if key in table else 0
 
 
 def _look_at_rows(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
