@@ -13,6 +13,7 @@ from compplan.reporting.maps.pictures import deflection_panels, draw_deflection,
 from compplan.reporting.maps.reach import make_plane, reach_plane, working_limits
 from compplan.reporting.maps.survey import DeflectionMap, map_deflection
 from compplan.reproduce.mamedov_circles import (
+    FITTED,
     MAXIMA_BEFORE,
     MEANS_AFTER,
     MEANS_BEFORE,
@@ -20,7 +21,6 @@ from compplan.reproduce.mamedov_circles import (
     RADII,
     CircleErrors,
     compensate_circles,
-    fit_posture,
 )
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, describe_paper, statement
 from compplan.robot import Array, LinkElasticity, Robot
@@ -66,7 +66,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     own = identify_reduced(full)
     planes = map_planes(full, table_3)
     walls = [sweep_wall(full, wall) for wall in (0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.10)]
-    circles = fit_circles(full, table_3)
+    circles = compensate_circles(full, table_3, FITTED)
     rows = [
         *_rows_of_table_3(full, own),
         *_rows_of_maps(full, planes, own.robot, table_3),
@@ -99,13 +99,6 @@ def identify_reduced(
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     wrench = FORCE_N * np.hstack([directions[0], lever * directions[1]])
     return reduce_model(full, q, wrench, rotation_weight=rotation_weight)
-
-
-def fit_circles(full: Robot, reduced: Robot, draws: int = 6) -> CircleErrors:
-    """Fit the posture of the circles from several draws; return the errors of the best one that stays in reach."""
-    fits = [compensate_circles(full, reduced, fit_posture(full, reduced, seed=seed)) for seed in range(draws)]
-    reached = [errors for errors in fits if np.isfinite(errors.after).all()]
-    return min(reached, key=lambda errors: float(np.sum(errors.misfit() ** 2)))
 
 
 def with_material(full: Robot, young: float) -> Robot:

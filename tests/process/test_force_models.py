@@ -11,7 +11,6 @@ from compplan.errors import InputError
 from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.noise import describe_noise
-from compplan.planning.result import list_citations
 from compplan.process.force_models import FORCE_MODELS
 from compplan.process.force_models.friction_stir import FrictionStirProcess
 from compplan.process.force_models.isf_regression import (
@@ -80,6 +79,17 @@ def test_every_model_has_the_golden_force(model, tmp_path) -> None:
     force = nominal.wrench[len(nominal) // 2, :3]
     known = [k for k, value in enumerate(expected) if value is not None]
     assert force[known] == pytest.approx([expected[k] for k in known], rel=0.02, abs=0.1)
+
+
+def test_a_wall_on_the_left_pushes_the_forming_tool_to_the_other_side(tmp_path) -> None:
+    stated = {"model": "isf", **GOLDEN["isf"][0], "wall_side": "left"}
+    nominal, _ = load_path(make_job(tmp_path, stated, SLIDE))
+    assert nominal.wrench[len(nominal) // 2, :3] == pytest.approx([0.0, -50.0, 100.0])
+    sheet = {"model": "isf_regression", **GOLDEN["isf_regression"][0]}
+    cone = ConeTable(diameter_mm=80, depth_mm=20, wall_angle_deg=45, pitch_mm=1, feed_mm_s=20, step_mm=5).generate()
+    right, left = (IsfRegressionProcess(**sheet, wall_side=side).wrench_along(cone) for side in ("right", "left"))
+    assert np.abs(right[:, 1]).max() > 1.0
+    assert left == pytest.approx(right * [1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
 
 
 def test_a_plan_cites_whose_equations_its_force_has() -> None:
