@@ -51,7 +51,7 @@ def list_notes(
     scene = None if task.start is None else task.start.settings.scene
     last = [*(() if scene is None else scene.notes), describe_causes(task, timing)]
     if job is not None:
-        last += [describe_outside(job, task.robot), describe_tool_x(task, job)]
+        last.append(describe_outside(job))
     if not np.isfinite(task.robot.acceleration_limits).any():
         last.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     if conflict := command.nlp.get("conflict"):
