@@ -33,11 +33,7 @@ TASKS = {
 
 
 def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
-    """Write a designed campaign and return what campaign.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write a designed campaign and return what campaign.json holds."""
     with replace_folder(folder, "campaign") as part:
         _write_log(campaign, part / "campaign.csv")
         if campaign.poses.sights is not None:

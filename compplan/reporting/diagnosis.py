@@ -55,9 +55,6 @@ def deliver_diagnosis(
     """Find where the gap lies, what the folders are worth and what to measure next; write all of it.
 
     Returns what diagnosis.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
     """
     progress("where")
     split = split_diagnosis(diagnosis)
@@ -73,11 +70,7 @@ def deliver_diagnosis(
 def write_diagnosis(
     diagnosis: Diagnosis, split: Split, assessment: Assessment, table: Mapping[str, Any], out: Path
 ) -> dict[str, Any]:
-    """Write diagnosis.json, report.html and the updated robot folders; return what diagnosis.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write diagnosis.json, report.html and the updated robot folders; return what diagnosis.json holds."""
     table = {**table, "made_by": describe_origin()}
     with replace_folder(out, "diagnose") as part:
         folder, registration = part / "robot", diagnosis.delivery.state.registration
@@ -91,11 +84,7 @@ def write_diagnosis(
 
 
 def _measure_gap(diagnosis: Diagnosis, robot: Robot, folder: Path) -> float:
-    """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]
-
-    Raises:
-        InputError: If the folder predicts other positions than the model that was judged.
-    """
+    """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]"""
     campaign, delivery = diagnosis.fit.problem.campaign, diagnosis.delivery
     registration = delivery.state.registration
     gap = predict_campaign(robot, campaign, registration=registration, later=False).gap

@@ -83,11 +83,7 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
 
 
 def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
-    """Write forces.json, forces.csv, report.html, and what a cutter leaves of its stock; return what forces.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write forces.json, forces.csv, the page and what a cutter leaves of its stock; return what forces.json holds."""
     summary = {**summarise_forces(found), "made_by": describe_origin()}
     with replace_folder(folder, "forces") as part:
         write_table(part / "forces.csv", _tabulate(found))
@@ -101,11 +97,7 @@ def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
 
 
 def write_coefficients(found: ForcePrediction, file: Path) -> None:
-    """Write the fitted coefficients as the table [process.coefficients] of a later job.
-
-    Raises:
-        InputError: If the force model has no coefficients, or the file cannot be written.
-    """
+    """Write the fitted coefficients as the table [process.coefficients] of a later job."""
     fitted = None if found.fit is None else found.fit.coefficients
     if fitted is None:
         message = f"process.model is {found.job.process.model!r}, --write is for models with cutting coefficients"
@@ -131,9 +123,6 @@ def write_level(found: ForcePrediction, file: Path) -> None:
 
     The level of the log is worth its own error and what differs from part to part; it is weighed against what is known:
     earlier parts, or the prediction with its uncertainty.
-
-    Raises:
-        InputError: If the file does not stand in a robot folder, or nothing was fitted.
     """
     if found.fit is None or not (file.parent / "robot.urdf").is_file():
         raise InputError("process.toml belongs into a robot folder, beside robot.urdf", file=file)

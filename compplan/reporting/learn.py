@@ -35,11 +35,7 @@ SMALL = {
 
 
 def write_learning(update: LearnedPart, folder: Path) -> dict[str, Any]:
-    """Write what was learned from a part and return what learn.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write what was learned from a part and return what learn.json holds."""
     plan = update.after
     with replace_folder(folder, "learn") as part:
         _write_updated(update, part / "robot")

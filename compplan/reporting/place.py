@@ -20,11 +20,7 @@ from compplan.reporting.plan_page import chart_posture
 
 
 def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, Any]:
-    """Write place.json and its page; return what place.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write place.json and its page; return what place.json holds."""
     summary = {**summarise_placement(result, job), "made_by": describe_origin()}
     there, here = summary["sensitivity_mm"], summary["sensitivity_here_mm"] or {"expected_rms": None, "p95": None}
     rows = [

@@ -79,11 +79,7 @@ COSTS = {
 
 
 def write_plan_page(plan: Plan, file: Path) -> None:
-    """Write the page of a plan; programs that stand beside the file are listed with their checksums.
-
-    Raises:
-        InputError: If the folder cannot be written.
-    """
+    """Write the page of a plan; programs that stand beside the file are listed with their checksums."""
     task = plan.task
     stations = place_stations(task.position, plan.timing.time, task.compensated, plan.command.failures)
     rates = [

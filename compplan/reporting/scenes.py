@@ -73,9 +73,6 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
 
     Returns the pose of each link's frame in the robot base frame, by the link's name; where a positioner carries the
     part, in the frame of the ground. Shape (4, 4) each. [m]
-
-    Raises:
-        ShapeError: If q does not have the shape above.
     """
     q = np.asarray(q, float)
     if q.shape != (robot.nq,):

@@ -57,11 +57,7 @@ class Traced:
 
 
 def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> Traced:
-    """Hold logs against their programs, one each in the same order or one for all, and identify the controller.
-
-    Raises:
-        InputError: If a file is not what it has to be, or the numbers of logs and programs differ.
-    """
+    """Hold logs against their programs, one each in the same order or one for all, and identify the controller."""
     if len(programs) not in (1, len(logs)):
         message = f"{len(logs)} logs and {len(programs)} programs, expected one --program a log, in order, or one"
         raise InputError(message)
@@ -132,11 +128,7 @@ def _summarise(ends: tuple[float, float]) -> dict[str, float]:
 
 
 def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
-    """Write trace.json, robot/ and report.html, all or none; return what trace.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written.
-    """
+    """Write trace.json, robot/ and report.html, all or none; return what trace.json holds."""
     summary = summarise_trace(traced)
     with replace_folder(folder, "trace") as part:
         deliver_robot_folder(traced.robot, part / "robot")

@@ -20,17 +20,15 @@ from compplan.cli.options import (
     robot_option,
     take_cam_options,
 )
-from compplan.cli.terminal import format_table, show_progress
+from compplan.cli.terminal import show_progress
 from compplan.controllers.writers import WRITERS
 from compplan.errors import CompplanError, InfeasibleError, InputError
-from compplan.io.quantities import format_length
 from compplan.io.tomlfile import check_table, read_named_table
 from compplan.job.names import ONLINE, STRATEGIES
 from compplan.process.force_models import FORCE_MODELS
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
-    from compplan.planning.compare import Comparison
     from compplan.planning.result import Plan
 
 #: What a plan goes through, as it says it.
@@ -217,28 +215,7 @@ def run_compare(job: Job, folder: Path) -> CommandResult:
     with show_progress() as announce:
         comparison = compare(job, out=folder, progress=announce)
     wrote = f"wrote compare.json, report.html to {folder}"
-    return CommandResult(comparison.to_dict(), [*_describe_strategies(comparison), wrote])
-
-
-def _describe_strategies(comparison: Comparison) -> list[str]:
-    """Return rms and greatest deviation of every strategy in every cell."""
-    drawn, cells = comparison.drawn, [cell.name for cell in comparison.cells]
-    rows = []
-    for strategy, found in comparison.commands.items():
-        runs = [comparison.evaluations[cell][strategy] for cell in cells]
-        figures = [f"{format_length(run.rms_deviation)} / {format_length(run.max_deviation)}" for run in runs]
-        if drawn is not None:
-            ends = " to ".join(f"{1e3 * end:.3g}" for end in drawn.interval[strategy])
-            median, most = (format_length(value) for value in (drawn.median(strategy), drawn.most(strategy)))
-            figures.insert(0, f"{median} ({ends}) / {most}")
-        rows.append([strategy if found.status == "solved" else f"{strategy} (infeasible)", *figures])
-    columns = ["strategy", *([] if drawn is None else ["drawn robots, rms: median (its interval) / 95 %"]), *cells]
-    title = f"{comparison.name}: deviation of the loaded tool, rms / greatest"
-    return [
-        *format_table(rows, columns, title, max(80, 26 * (len(columns) + (drawn is not None)))),
-        *([] if drawn is None else [f"drawn robots: {drawn.source}"]),
-        f"deviation computed by {comparison.evaluated_by}; robot model: {comparison.task.robot.grade}",
-    ]
+    return CommandResult(comparison.to_dict(), [*str(comparison).splitlines(), wrote])
 
 
 @make_job_command(

@@ -25,11 +25,7 @@ NARROW = np.radians(15.0)
 
 
 def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
-    """Look at a measurement log, and at how it goes with the robot that it was taken on where that is given.
-
-    Raises:
-        InputError: If it is no measurement log, or none of this robot.
-    """
+    """Look at a measurement log, and at how it goes with the robot that it was taken on where that is given."""
     try:
         table = read_table(file, log_columns(), unknown="note", rename=rename_title)
     except InputError as error:

@@ -90,11 +90,7 @@ class PlanRecording:
 
 
 def read_recording(folder: Path) -> PlanRecording:
-    """Read a folder that `compplan plan` wrote.
-
-    Raises:
-        InputError: If it is none, or what it holds is not what it has to be.
-    """
+    """Read a folder that `compplan plan` wrote."""
     if not folder.is_dir():
         raise InputError("is no folder; name one that compplan plan wrote", file=folder)
     missing = [name for name in ("joints.csv", "deviation.csv", "cell.json") if not (folder / name).is_file()]
@@ -127,11 +123,7 @@ def read_recording(folder: Path) -> PlanRecording:
 
 
 def read_cell(file: Path) -> ViewCell:
-    """Read cell.json.
-
-    Raises:
-        InputError: If it is not what compplan writes.
-    """
+    """Read cell.json."""
     try:
         cell = build_cell(json.loads(read_text(file)))
         links = {cell.base, "", *(joint.child for joint in cell.joints)}

@@ -37,11 +37,7 @@ FORCE_LENGTH = 0.12
 
 
 def start_server(folder: Path, port: int) -> PlanViewer:
-    """Show a folder of results on loopback; return the viewer, which goes on until it is stopped.
-
-    Raises:
-        InputError: If viser is not installed, the folder holds nothing to show, or the port is taken.
-    """
+    """Show a folder of results on loopback; return the viewer, which goes on until it is stopped."""
     try:
         import viser
     except ImportError:
