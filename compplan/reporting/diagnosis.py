@@ -20,7 +20,7 @@ from compplan.diagnosis.results.shares import CALIBRATION, Share
 from compplan.diagnosis.results.where import Split, split_diagnosis
 from compplan.errors import InputError
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_mm, format_number, format_percent
+from compplan.io.quantities import format_mm, format_percent
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
 from compplan.measurement.registration import write_registration
@@ -220,7 +220,7 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
         kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
         caption = "Small errors in the updated robot, by place and kind."
         blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
-    blocks.append(Fold("By run, direction and region", _list_splits(split)))
+    blocks.append(Fold("By run", [_list_runs(split)]))
     return Section("Where it lies", blocks)
 
 
@@ -228,24 +228,13 @@ def _show_share(share: Share) -> tuple[str, str]:
     return format_percent(share.share), f"{format_percent(share.low)} to {format_percent(share.high)}"
 
 
-def _list_splits(split: Split) -> list[Block]:
-    def tail(entry: Mapping[str, Any]) -> list[Any]:
-        interval = f"{format_percent(entry['low'])} to {format_percent(entry['high'])}"
-        after = float(entry["after_rms_mm"])
-        return [int(entry["rows"]), float(entry["rms_mm"]), after, format_percent(entry["share"]), interval]
-
-    def reach(pair: Sequence[float]) -> str:
-        return f"{format_number(float(pair[0]), 4)} to {format_number(float(pair[1]), 4)}"
-
-    end, spread = ["rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], split.spread
-    regions = [[reach(e["reach_mm"]), reach(e["height_mm"]), *tail(e)] for e in spread.by_region]
-    axes = [[name.replace("_", " "), *_show_share(share)] for name, share in spread.by_axis.items()]
-    return [
-        DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
-        DataTable(["reach [mm]", "height [mm]", *end], regions,
-                   "By region: distance from the axis of the base, and height."),
-        DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
+def _list_runs(split: Split) -> DataTable:
+    rows = [
+        [name, int(run["rows"]), float(run["rms_mm"]), float(run["after_rms_mm"]), format_percent(run["share"]),
+         f"{format_percent(run['low'])} to {format_percent(run['high'])}"]
+        for name, run in split.spread.by_run.items()
     ]  # fmt: skip
+    return DataTable(["run", "rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], rows, scroll=12)
 
 
 def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:

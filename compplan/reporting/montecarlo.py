@@ -136,11 +136,9 @@ def _show_path(run: Run) -> Section:
 def _show_pairs(result: JobStudy) -> Section:
     """Show the paired differences of all strategies from the one that the study looks at."""
     main = result.summary["sensitivity_of"]
-    names, means, ends, rows = [], [], [], []
+    names, means, ends = [], [], []
     for pair in result.summary["paired_differences"]:
         (first, second), mean, interval = pair["strategies"], pair["rms_mm"]["mean"], pair["rms_mm"]["ci95"]
-        share = format_percent(pair["second_better"])
-        rows.append([name_strategy(first), name_strategy(second), _format_mm(mean), _format_interval(interval), share])
         if main in (first, second):
             sign = 1.0 if first == main else -1.0
             names.append(name_strategy(second if first == main else first))
@@ -152,10 +150,8 @@ def _show_pairs(result: JobStudy) -> Section:
         hover="%{x:.4g} mm",
     )  # fmt: skip
     caption = f"rms deviation of each strategy less that of {name_strategy(main)}, cell by cell; 95 % interval of the"
-    heads = ["first", "second", "second less first", "95 % interval", "second closer in"]
-    fold = Fold("All pairs", [DataTable(heads, rows, scroll=14)])
     about = "All strategies meet the same cells, so that differences are paired."
-    return Section("Differences", [Chart(figure, f"{caption} mean.", 90 + 26 * len(names)), fold], about)
+    return Section("Differences", [Chart(figure, f"{caption} mean.", 90 + 26 * len(names))], about)
 
 
 def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:

@@ -31,12 +31,6 @@ if TYPE_CHECKING:
     from compplan.job.job import Job
     from compplan.planning.result import Plan
 
-#: What a plan goes through, as it says it.
-STAGES = (
-    "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
-    "95 % band", "write",
-)  # fmt: skip
-
 
 @make_job_command(out_folder, robot_instead, posture_kept, several=True)
 def run_plan(job: Job, folder: Path) -> CommandResult:
@@ -64,7 +58,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     from compplan.reporting.operations import describe_operations, describe_order
     from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
 
-    with show_progress(STAGES) as announce:
+    with show_progress() as announce:
         done = plan_operations(job, folder, note, announce)
     fault = _explain_failures(done.plans)
     if len(done.plans) == 1:

@@ -223,16 +223,12 @@ def _round_down(value: float) -> float:
 
 
 def _check_toolpath(path: Path) -> None:
-    """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
-    from compplan.job.called_tools import ANY_FEED
+    """Refuse what is no toolpath; it is not read, for it may need what the job says of it."""
     from compplan.toolpath.readers.lines import read_bounded
-    from compplan.toolpath.reading import read_toolpath
 
     if not path.is_file():
         raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
-    if path.suffix.lower() == ".csv":
-        read_toolpath(path, feed=ANY_FEED)
-    elif path.suffix.lower() not in list_suffixes() and find_reader(path, read_bounded(path)) is None:
+    if path.suffix.lower() not in (".csv", *list_suffixes()) and find_reader(path, read_bounded(path)) is None:
         raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
 
 
