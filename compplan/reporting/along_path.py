@@ -31,19 +31,12 @@ COLUMNS, HEIGHT = 3, 190
 
 @dataclass(frozen=True)
 class Stations:
-    """Where the waypoints of a path are, for horizontal axes and for hovering.
+    """Where the waypoints of a path are, for horizontal axes and for hovering."""
 
-    Attributes:
-        length: Path length up to each waypoint. Shape (n,). [m]
-        time: Time of each waypoint. Shape (n,). [s]
-        marked: Waypoints to mark, such as infeasible ones.
-        shaded: Intervals of path length to shade, such as rapid moves. Shape (k, 2). [m]
-    """
-
-    length: Array
-    time: Array
-    marked: NDArray[np.int_]
-    shaded: Array
+    length: Array  #: Path length up to each waypoint. Shape (n,). [m]
+    time: Array  #: Time of each waypoint. Shape (n,). [s]
+    marked: NDArray[np.int_]  #: Waypoints to mark, such as infeasible ones.
+    shaded: Array  #: Intervals of path length to shade, such as rapid moves. Shape (k, 2). [m]
 
     @property
     def marked_spans(self) -> Array:

@@ -51,21 +51,13 @@ Colour = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Triangles of one shape.
+    """Triangles of one shape."""
 
-    Attributes:
-        link: Link that it belongs to, "" where it stands still.
-        vertices: In the robot base frame, or in that of its link where a cell is kept. Shape (v, 3). [m]
-        faces: Corners of each triangle. Shape (f, 3).
-        colour: Red, green, blue, opacity, each from 0 to 1.
-        name: What it is, where that is not the link.
-    """
-
-    link: str
-    vertices: Array
-    faces: NDArray[np.int_]
-    colour: Colour
-    name: str = ""
+    link: str  #: Link that it belongs to, "" where it stands still.
+    vertices: Array  #: In the robot base frame, or in that of its link where a cell is kept. Shape (v, 3). [m]
+    faces: NDArray[np.int_]  #: Corners of each triangle. Shape (f, 3).
+    colour: Colour  #: Red, green, blue, opacity, each from 0 to 1.
+    name: str = ""  #: What it is, where that is not the link.
 
 
 def locate_links(robot: Robot, q: Array) -> dict[str, Array]:

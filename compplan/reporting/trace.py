@@ -39,21 +39,13 @@ CAUSES = {"lag": "lag of the drives", "blend": "blends at corners", "jitter": "t
 
 @dataclass(frozen=True)
 class Traced:
-    """What logs say of a controller, and what they were held against.
+    """What logs say of a controller, and what they were held against."""
 
-    Args:
-        robot: The robot.
-        traces: The logs beside their programs.
-        found: What was identified; its motion is the folder's where it does not help.
-        gaps: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
-        notes: What was read past or assumed.
-    """
-
-    robot: Robot
-    traces: Sequence[PlacedLog]
-    found: Identified
-    gaps: dict[str, Array]
-    notes: tuple[str, ...]
+    robot: Robot  #: The robot.
+    traces: Sequence[PlacedLog]  #: The logs beside their programs.
+    found: Identified  #: What was identified; its motion is the folder's where it does not help.
+    gaps: dict[str, Array]  #: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
+    notes: tuple[str, ...]  #: What was read past or assumed.
 
 
 def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> Traced:

@@ -18,19 +18,13 @@ from compplan.version import VERSION
 
 @dataclass(frozen=True)
 class Remark:
-    """One thing that was looked at.
+    """One thing that was looked at."""
 
-    Attributes:
-        state: "fine": as it should be; "note": worth knowing; "odd": likely a mistake, or it will limit results.
-        about: What was looked at, in a word or two.
-        sentence: What was seen, with its figure.
-        advice: What to do about it; "" where there is nothing to do.
-    """
-
+    #: "fine": as it should be; "note": worth knowing; "odd": likely a mistake, or it will limit results.
     state: Literal["fine", "note", "odd"]
-    about: str
-    sentence: str
-    advice: str = ""
+    about: str  #: What was looked at, in a word or two.
+    sentence: str  #: What was seen, with its figure.
+    advice: str = ""  #: What to do about it; "" where there is nothing to do.
 
 
 def examine_installation() -> list[Remark]:

@@ -36,27 +36,16 @@ WRIST_FOR_QUALITY_DEG = 45.0
 
 @dataclass(frozen=True)
 class DeflectionMap:
-    """Deflection of a robot over a plane, in the stiffest posture at each point; NaN where the robot does not reach.
+    """Deflection of a robot over a plane, in the stiffest posture at each point; NaN where the robot does not reach."""
 
-    Attributes:
-        plane: The plane.
-        posture: How the tool points.
-        wrench: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
-        q: Joint positions. Shape (b, a, nq). [rad or m]
-        worst: Deflection under the worst unit force. Shape (b, a). [m/N]
-        force: Direction of that force, base axes. Shape (b, a, 3).
-        under_wrench: Deflection under the given wrench, against the arm without it. Shape (b, a). [m]
-        reduced_gap: Length of full minus reduced deflection under the full model's worst unit force. Shape (b, a).
-            [m/N]
-    """
-
-    plane: Plane
-    posture: str
-    wrench: Array
-    q: Array
-    worst: Array
-    force: Array
-    under_wrench: Array
+    plane: Plane  #: The plane.
+    posture: str  #: How the tool points.
+    wrench: Array  #: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
+    q: Array  #: Joint positions. Shape (b, a, nq). [rad or m]
+    worst: Array  #: Deflection under the worst unit force. Shape (b, a). [m/N]
+    force: Array  #: Direction of that force, base axes. Shape (b, a, 3).
+    under_wrench: Array  #: Deflection under the given wrench, against the arm without it. Shape (b, a). [m]
+    #: Length of full minus reduced deflection under the full model's worst unit force. Shape (b, a). [m/N]
     reduced_gap: Array
 
     @property
@@ -108,44 +97,27 @@ def deflection_under(chain: Chain, q: Array, wrench: Array) -> Array:
 
 @dataclass(frozen=True)
 class MapSettings:
-    """What is mapped.
+    """What is mapped."""
 
-    Attributes:
-        posture: How the tool points: straight, down or outward.
-        wrench: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
-        height: Height of the horizontal plane. [m]
-        azimuth: Direction of the vertical plane. [rad]
-        points: Grid points along each side.
-    """
-
-    posture: str = "down"
+    posture: str = "down"  #: How the tool points: straight, down or outward.
+    #: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
     wrench: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1000.0, 0.0, 0.0, 0.0]))
-    height: float = 0.5
-    azimuth: float = 0.0
-    points: int = 100
+    height: float = 0.5  #: Height of the horizontal plane. [m]
+    azimuth: float = 0.0  #: Direction of the vertical plane. [rad]
+    points: int = 100  #: Grid points along each side.
 
 
 @dataclass(frozen=True)
 class RobotMaps:
-    """Maps of a robot.
+    """Maps of a robot."""
 
-    Attributes:
-        robot: The robot.
-        settings: What was mapped.
-        planes: Deflection over the horizontal and the vertical plane.
-        quality: Inverse condition number at the postures of `planes`, by plane. Shape (b, a).
-        dexterity: Inverse condition number over joints two and three of the arm.
-        reach: Greatest distance from axis 1, lowest and highest TCP. [m]
-        seconds: Time that the maps took, pictures apart. [s]
-    """
-
-    robot: Robot
-    settings: MapSettings
-    planes: dict[str, DeflectionMap]
-    quality: dict[str, Array]
-    dexterity: DexterityMap
-    reach: tuple[float, float, float]
-    seconds: float
+    robot: Robot  #: The robot.
+    settings: MapSettings  #: What was mapped.
+    planes: dict[str, DeflectionMap]  #: Deflection over the horizontal and the vertical plane.
+    quality: dict[str, Array]  #: Inverse condition number at the postures of `planes`, by plane. Shape (b, a).
+    dexterity: DexterityMap  #: Inverse condition number over joints two and three of the arm.
+    reach: tuple[float, float, float]  #: Greatest distance from axis 1, lowest and highest TCP. [m]
+    seconds: float  #: Time that the maps took, pictures apart. [s]
 
     def summary(self) -> dict[str, Any]:
         """Sum the maps up, units in the keys."""
