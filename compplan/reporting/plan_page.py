@@ -448,23 +448,18 @@ def _show_extra_axis(robot: Robot, picture: PostureMap) -> Section:
 
 
 def _list_costs(choice: PostureSummary) -> DataTable:
-    """List what the posture costs, beside the plain one where that is known."""
-    chosen, plain = choice.instead_of or choice.costs, choice.plain or {}
-    sides, rows = (chosen, plain) if plain else (chosen,), list[list[Any]]()
-    for key in chosen:
+    """List what the posture costs."""
+    costs = choice.costs if choice.instead_of is None else choice.plain or {}
+    rows: list[list[Any]] = []
+    for key, value in costs.items():
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))
-        shown = (f"{format_number(side[key])}\u00a0{unit}".rstrip() if key in side else "–" for side in sides)
-        rows.append([words, *shown])
-    none, spin = ["none"] if plain else [], np.degrees(choice.spin)
-    reach = f"{format_number(float(spin.min()))} to {format_number(float(spin.max()))}\u00a0deg"
-    rows.append(["rotation about the tool axis", reach, *none])
+        rows.append([words, f"{format_number(value)}\u00a0{unit}".rstrip()])
+    low, high = np.degrees([choice.spin.min(), choice.spin.max()]).tolist()
+    rows.append(["rotation about the tool axis", f"{format_number(low)} to {format_number(high)}\u00a0deg"])
     if choice.changes:
         changes = "; ".join(f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in choice.changes)
-        rows.append(["configuration changes", changes, *none])
-    names = ["the graph's way", "tool's x as the job has it"] if plain else [""]
-    if plain:
-        names[choice.instead_of is not None] += ": chosen"
-    return DataTable(["what the posture costs", *names], rows)
+        rows.append(["configuration changes", changes])
+    return DataTable(["what the posture costs", ""], rows)
 
 
 def _list_uncertainties(choice: PostureSummary) -> str:

@@ -263,19 +263,10 @@ def run_learn(
         update = learn(job, measured, robot_name, progress=announce, **options)
         announce("report")
         summary = write_learning(update, folder)
-    plan, band = update.after, summary["band_after_mm"]
-    lines = [plan.verdict.sentence, f"measured {summary['measured_rms_mm']:.4g} mm rms at {summary['points']} points"]
-    lines += update.notes
-    wrote = f"wrote {', '.join(summary['files'])} to {folder}"
+    plan = update.after
+    lines = [*str(update).splitlines(), *update.notes[1:], f"wrote {', '.join(summary['files'])} to {folder}"]
     if update.model_update.taken:
-        lines += [
-            f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms; its tip within"
-            f" {band['p95_max']:.3g} mm with 95 %, within {band['p95_max_in_measured_directions']:.3g} mm in the"
-            " directions that were measured",
-            wrote, f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}",
-        ]  # fmt: skip
-    else:
-        lines.append(wrote)
+        lines.append(f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}")
     if plan.status == "solved":
         return CommandResult(summary, lines)
     failing = plan.command.failures

@@ -26,12 +26,10 @@ from compplan.reporting.maps.reach import (
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
-from compplan.statics.ik import build_arm, middle_of_limits
-from compplan.statics.quality import DexterityMap, map_dexterity, natural_length, quality_of_poses
+from compplan.statics.ik import build_arm
+from compplan.statics.quality import natural_length, quality_of_poses
 from compplan.statics.stiffness import worst_unit_force
 from compplan.toolpath.toolpath import WRENCH_HEADERS
-
-WRIST_FOR_QUALITY_DEG = 45.0
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,7 @@ class RobotMaps:
     settings: MapSettings  #: What was mapped.
     planes: dict[str, DeflectionMap]  #: Deflection over the horizontal and the vertical plane.
     quality: dict[str, Array]  #: Inverse condition number at the postures of `planes`, by plane. Shape (b, a).
-    dexterity: DexterityMap  #: Inverse condition number over joints two and three of the arm.
+    length: float  #: Characteristic length of the dexterity. [m]
     reach: tuple[float, float, float]  #: Greatest distance from axis 1, lowest and highest TCP. [m]
     seconds: float  #: Time that the maps took, pictures apart. [s]
 
@@ -127,7 +125,7 @@ class RobotMaps:
             "wrench": dict(zip(WRENCH_HEADERS, self.settings.wrench.tolist(), strict=True)),
             "poses": int(sum(plane.worst.size for plane in self.planes.values())), "map_time_s": round(self.seconds, 3),
             "reach": {name: round(value * 1e3, 1) for name, value in reach},
-            "characteristic_length_mm": round(self.dexterity.length * 1e3, 1),
+            "characteristic_length_mm": round(self.length * 1e3, 1),
             "planes": {name: _sum_up(m, self.quality[name]) for name, m in self.planes.items()},
         }  # fmt: skip
 
@@ -168,20 +166,14 @@ def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
     for name, plane in planes.items():
         if not (plane.reached & np.isfinite(plane.under_wrench)).any():
             raise InputError(f"robot {robot.name!r} reaches no place of the {name} plane; ask for another one")
-    first, second = int(arm.arm[1]), int(arm.arm[2])  # dexterity over the second and third joint of the arm
-    q, wrist = middle_of_limits(robot), np.radians(WRIST_FOR_QUALITY_DEG)
-    q[second + 1 :] = np.clip(wrist, robot.lower[second + 1 :], robot.upper[second + 1 :])
-    lower, upper = np.maximum(robot.lower, -1.5 * np.pi), np.minimum(robot.upper, 1.5 * np.pi)
-    sides = [np.linspace(lower[j], upper[j], 90) for j in (first, second)]
     length = natural_length(chain, (robot.lower, robot.upper))
-    dexterity = map_dexterity(chain, q, (first, second), sides[0], sides[1], length)
     quality = {}
     for name, plane in planes.items():
         quality[name], reached = np.full(plane.worst.shape, np.nan), plane.reached
         if reached.any():
             quality[name][reached] = quality_of_poses(chain, plane.q[reached], length)
     seconds = time.perf_counter() - start
-    return RobotMaps(robot, settings, planes, quality, dexterity, (radius, lowest, highest), seconds)
+    return RobotMaps(robot, settings, planes, quality, length, (radius, lowest, highest), seconds)
 
 
 def _sum_up(plane: DeflectionMap, quality: Array) -> dict[str, Any]:

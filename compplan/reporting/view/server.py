@@ -129,7 +129,7 @@ class PlanViewer:
         return np.asarray(points @ self.carried[:3, :3].T + self.carried[:3, 3])
 
     def look_at(self, points: Array, poses: dict[str, Array]) -> None:
-        """Frame the whole arm and the path, points (n, 3) [m], the path in front; offer to come nearer."""
+        """Frame the whole arm and the path, points (n, 3) [m], the path in front."""
         corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
                    for solid in self.cell.solids if solid.link in poses]  # fmt: skip
         points, everything = self.see(points), self.see(np.concatenate([*corners, np.zeros((1, 3)), points]))
@@ -141,16 +141,9 @@ class PlanViewer:
         aside /= float(np.linalg.norm(aside))
         right = np.cross(-aside, [0.0, 0.0, 1.0])
         middle = middle + BESIDE_PANEL * radius * right / max(float(np.linalg.norm(right)), 1e-9)
-        centre = points.mean(axis=0)
         self.near = (1.5 * float(np.ptp(points, axis=0).max()) + 0.05) * aside
-        views = {"whole arm": (middle, middle + FRAMED * radius * aside), "path": (centre, centre + self.near)}
-        self.server.initial_camera.position, self.server.initial_camera.look_at = views["whole arm"][1], middle
-        buttons = self.server.gui.add_button_group("look at", list(views))
-
-        @buttons.on_click
-        def _(event: Any) -> None:
-            if event.client is not None:
-                event.client.camera.look_at, event.client.camera.position = views[buttons.value]
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = middle + FRAMED * radius * aside, middle
 
     def _build_panel(self) -> None:
         gui, scene, facts = self.server.gui, self.scene, self.scene.recording.cell.facts
