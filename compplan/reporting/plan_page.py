@@ -302,14 +302,14 @@ def _show_feed(plan: Plan, stations: Stations, rates: Sequence[tuple[str, Array,
 
 def _name_busiest(rates: Sequence[tuple[str, Array, Array]], joints: Sequence[str], row: int) -> str:
     """Name the rate and joint used the most around a waypoint; rates: name, values (n, nq), limits (nq,)."""
-    best, said = 0.0, "–"
+    best, text = 0.0, "–"
     for name, values, limits in rates:
         near = np.abs(values[max(row - 3, 0) : row + 4]) / limits
         k = int(np.argmax(near.max(axis=0)))
         if near.max() > best:
             best = float(near.max())
-            said = f"{name} of {joints[k]} ({format_percent(best)})"
-    return said
+            text = f"{name} of {joints[k]} ({format_percent(best)})"
+    return text
 
 
 def show_error_band(band: ErrorBand, stations: Stations, tolerance: float) -> Section:

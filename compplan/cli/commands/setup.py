@@ -340,8 +340,8 @@ def _describe_findings(findings: list[Remark]) -> list[str]:
 
     rows = []
     for finding in findings:
-        said = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
-        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(said)))
+        text = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
+        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(text)))
     odd = sum(finding.state == "odd" for finding in findings)
     count = f"{odd} odd of {len(findings)} looked at" if odd else f"nothing odd; {len(findings)} looked at"
     return [*format_table(rows), count]

@@ -29,8 +29,8 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
     try:
         table = read_table(file, log_columns(), unknown="note", rename=rename_title)
     except InputError as error:
-        said = name_columns(file)
-        raise InputError(f"{error.message}{said}", file=error.file, where=error.where) if said else error from None
+        text = name_columns(file)
+        raise InputError(f"{error.message}{text}", file=error.file, where=error.where) if text else error from None
     if not len(table):
         raise table.error("the log has no rows, expected one row a measured pose")
     findings = [_describe(table), *_look_at_columns(table)]
@@ -82,8 +82,8 @@ def _look_at_rows(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
         yield Remark("odd", "rows", note)
     beyond = ((campaign.q < robot.lower - 1e-9) | (campaign.q > robot.upper + 1e-9)).any(axis=1)
     if beyond.any():
-        said = f"{int(beyond.sum())} rows are beyond the joint limits of the folder"
-        yield Remark("odd", "rows", said, "is it this robot, and are signs and zeros the folder's?")
+        text = f"{int(beyond.sum())} rows are beyond the joint limits of the folder"
+        yield Remark("odd", "rows", text, "is it this robot, and are signs and zeros the folder's?")
     loaded = int((~campaign.unloaded).sum())
     if not loaded:
         yield Remark("note", "load", "no row is loaded: compliances show by weight alone")
@@ -106,8 +106,8 @@ def _look_at_poses(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
     moved = np.ptp(np.nan_to_num(campaign.q), axis=0)
     for joint, span in zip(robot.actuated, moved, strict=True):
         if joint.kind != "prismatic" and span < NARROW:
-            said = f"{joint.name} moves over {np.degrees(span):.1f} deg only: its zero and stiffness hardly show"
-            yield Remark("odd", "poses", said)
+            text = f"{joint.name} moves over {np.degrees(span):.1f} deg only: its zero and stiffness hardly show"
+            yield Remark("odd", "poses", text)
 
 
 def _met_again(campaign: Campaign) -> int:

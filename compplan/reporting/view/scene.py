@@ -48,8 +48,8 @@ def paint_sizes(size: Array, tolerance: float) -> Bytes:
     place = np.clip(np.nan_to_num(size) / (LAST * tolerance), 0.0, 1.0)
     stops = [stop for stop, _ in SEQUENTIAL]
     shades = np.stack([read_colour(colour) for _, colour in SEQUENTIAL]).astype(float)
-    told = np.column_stack([np.interp(place, stops, shade) for shade in shades.T])
-    return np.where(np.isfinite(size)[:, None], told, read_colour(NEUTRAL)).astype(np.uint8)
+    colours = np.column_stack([np.interp(place, stops, shade) for shade in shades.T])
+    return np.where(np.isfinite(size)[:, None], colours, read_colour(NEUTRAL)).astype(np.uint8)
 
 
 def join_rows(points: Array, colours: Bytes) -> Lines:
@@ -180,8 +180,8 @@ class PlanScene:
         lines += [f"| {name} | {_describe_length(self.sizes[way][row])} |" for way, name in self.ways.items()]
         lines += [f"| tolerance | {format_length(record.tolerance)} |", "", "| joint | |", "|---|---|"]
         for joint, value in zip(record.cell.actuated, record.q[row], strict=True):
-            said = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
-            lines.append(f"| {joint.name} | {said} |")
+            position = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
+            lines.append(f"| {joint.name} | {position} |")
         force = ", ".join(format_number(float(value)) for value in record.wrench[row, :3])
         x, y, z = (format_number(1e3 * float(value), 5) for value in record.tip[row])
         words = ", ".join(f"{name} {word}" for name, word in record.cell.facts.get("configuration", {}).items())
