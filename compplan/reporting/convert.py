@@ -43,8 +43,7 @@ def render_toolpath(toolpath: Toolpath, facts: CamFacts) -> str:
         Section("Tools", [_list_tools(toolpath, tools, number)], open=True),
     ]
     if facts.notes:
-        notes = DataTable(["number", "what"], [[k, note] for k, note in enumerate(facts.notes, start=1)])
-        sections.append(Section("Assumed or read past", [notes], open=True))
+        sections.append(Section("Assumed or read past", facts.notes, open=True))
     todo = "Check box, tools and assumptions against the drawing, then plan: compplan plan JOB."
     origin = Provenance([("language", facts.kind), ("lines", str(facts.lines)), ("unit", facts.unit)])
     return render_page(name, Summary(verdict, tone, figures, scene, todo), sections, kind="CAM file", provenance=origin)

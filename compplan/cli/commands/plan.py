@@ -60,7 +60,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
 
     with show_progress() as announce:
         done = plan_operations(job, folder, note, announce)
-    fault = _explain_failures(done.plans)
+    fault = explain_failures(done.plans)
     if len(done.plans) == 1:
         plan = done.plans[0]
         return CommandResult(summarise_plan(plan), format_plan(plan, folder, done.files), fault)
@@ -79,7 +79,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     return CommandResult(summary, lines, fault)
 
 
-def _explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
+def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
     """Return which waypoints and limits stop plans that are not solved; None where all are."""
     from compplan.planning.operations import worst_status
 
