@@ -77,8 +77,8 @@ def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folde
     job = plans[0].job
     if job is None or not job.output.programs:
         return []
-    said = [f"{plan.job.label if plan.job else ''}: {line}" for plan in plans for line in head_of_status(plan)]
-    head = (f"compplan: {name}, the programs of all tools in order", *said)
+    warnings = [f"{plan.job.label if plan.job else ''}: {line}" for plan in plans for line in head_of_status(plan)]
+    head = (f"compplan: {name}, the programs of all tools in order", *warnings)
     first = replace(make_program(plans[0]), name=f"{name}, all tools; the first", comments=head)
     return [
         file for language in job.output.programs
