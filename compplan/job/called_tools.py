@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,13 +55,6 @@ class CalledTool:
         source = "assumed: put yours" if self.drills else "S of the CAM file"
         return f"process = {{ {table} }}  # {source}\n" if table else ""
 
-    @property
-    def assumed(self) -> str:
-        """The assumed numbers of its cut."""
-        milled = "depth, width, diameter and specific cutting force"
-        numbers = "diameter, material and stock top" if self.drills else milled
-        return f"{self.label} {numbers}{', and spindle speed' if self.spindle_rpm is None else ''}"
-
 
 def read_called_tools(path: Path) -> list[CalledTool]:
     """List the tools of a CAM file in the order of their first cut.
@@ -81,11 +73,6 @@ def read_called_tools(path: Path) -> list[CalledTool]:
         top = max(_find_top(operation.toolpath) for operation in own)
         tools.append(CalledTool(number, name, drills, speeds.pop() if len(speeds) == 1 else None, top))
     return tools
-
-
-def describe_assumed(tools: Sequence[CalledTool]) -> str:
-    """List the assumed numbers of a new job."""
-    return f"assumed, put yours: tool length and mass; {'; '.join(tool.assumed for tool in tools)}"
 
 
 def _goes_along_axis(toolpath: Toolpath) -> bool:

@@ -15,11 +15,10 @@ from compplan.controllers.writers import WRITERS
 from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.job.called_tools import CalledTool
 from compplan.job.names import STRATEGIES
-from compplan.process.force_models import FORCE_MODELS, ForceModel
+from compplan.process.force_models import FORCE_MODELS
 from compplan.process.materials import MATERIALS
 from compplan.robot import Robot
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
-from compplan.toolpath.contact import ContactTable
 from compplan.toolpath.readers import READERS, list_suffixes
 
 #: Tables of a short job and their keys; None: all active keys.
@@ -30,14 +29,13 @@ SHORT: dict[str, tuple[str, ...] | None] = {
 
 #: Keys of a force model that stay commented out.
 OPTIONAL = ("# required", "# stock_top_mm")
-#: Bounds of a schema in words.
-BOUNDS = {"exclusiveMinimum": "more than", "minimum": "at least", "exclusiveMaximum": "less than", "maximum": "at most"}
 #: The text, with marks for the names of registries.
 TEXT = Path(__file__).with_name("commented_job.toml")
 
 
 def write_job_text() -> str:
     """Return the commented job with the names of the registries."""
+    text = TEXT.read_text(encoding="utf-8")
     choices = {
         "<strategies>": " | ".join(STRATEGIES),
         "<models>": _wrap_names(FORCE_MODELS),
@@ -46,10 +44,6 @@ def write_job_text() -> str:
         "<readers>": ", ".join(READERS),
         "<suffixes>": " ".join(list_suffixes()),
     }
-    text = TEXT.read_text(encoding="utf-8")
-    choices["<other models>"] = "".join(
-        _describe_model(name, model) for name, model in FORCE_MODELS.items() if f'model = "{name}"' not in text
-    )
     for mark, names in choices.items():
         text = text.replace(mark, names)
     return text
@@ -58,22 +52,6 @@ def write_job_text() -> str:
 def _wrap_names(names: Iterable[str]) -> str:
     """Wrap names into the lines of a comment."""
     return f"\n{'':36}#   ".join(wrap(" | ".join(names), 80))
-
-
-def _describe_model(name: str, model: ForceModel) -> str:
-    """Return comments on the keys of a force model outside the text, from its schema."""
-    lines = [f"{f'# model = {json.dumps(name)}':<36}# {model.words}"]
-    for key, schema in model.table.model_json_schema()["properties"].items():
-        if key in ContactTable.model_fields:
-            continue
-        kinds = [kind for kind in (schema, *schema.get("anyOf", ())) if kind.get("type") != "null"]
-        values = [word for kind in kinds for word in kind.get("enum", [kind.get("const", kind.get("type"))]) if word]
-        bounds = [f"{words} {kind[bound]:g}" for kind in kinds for bound, words in BOUNDS.items() if bound in kind]
-        left = "" if schema.get("default") is None else json.dumps(schema["default"])
-        needed = [] if "default" in schema else ["needed"]
-        remark = ", ".join([" | ".join(map(str, values)) or "table", *bounds, *needed])
-        lines.append(f"{f'# {key} = {left}':<36}# {remark}")
-    return "\n".join([*lines, ""])
 
 
 def mount_tool(text: str, robot: Robot, *, used: bool) -> str:

@@ -24,7 +24,6 @@ from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
 from compplan.job.profile import apply_profile
-from compplan.job.removed import refuse_removed
 from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.process.force_law import Process, turns_with_travel
@@ -39,6 +38,8 @@ from compplan.toolpath.toolpath import Toolpath
 
 #: Words of [plan] keep: the posture of the job's own robot, or the best one; else a file.
 KEEP_ROBOT, KEEP_NOTHING = "robot", "nothing"
+#: Keys of earlier releases, by remedy.
+REMOVED = Path(__file__).with_name("removed.toml")
 #: Text that --set takes without quotes.
 BARE_WORD = re.compile(r"[\w./-]+")
 #: Default corner rounding as a share of the tolerance.
@@ -299,7 +300,7 @@ def check_job(
 
     """
     plain = data = apply_profile(data, file)
-    refuse_removed(data, file)
+    _refuse_removed(data, file)
     data = dict(data)
     tools: tuple[NumberedTool, ...] = ()
     if isinstance(data.get("tool"), list):
@@ -325,6 +326,23 @@ def check_job(
     job._file, job._given, job._mounted = Path(file), toolpath, robot
     job._tools, job._data = tools, plain
     return job
+
+
+def _refuse_removed(data: dict[str, Any], file: str | Path) -> None:
+    """Refuse a job that holds a key of an earlier release, with a remedy."""
+    for advice, keys in tomllib.loads(REMOVED.read_text(encoding="utf-8")).items():
+        for key in keys:
+            if _holds_key(data, key.split(".")):
+                name = key if "." in key else f"[{key}]"
+                raise InputError(f"{name} is no longer supported; {advice}", file=file, where=key)
+
+
+def _holds_key(table: Any, key: list[str]) -> bool:
+    """Return whether a table, or one of several, holds a dotted key."""
+    if isinstance(table, list):
+        return any(_holds_key(entry, key) for entry in table)
+    found = isinstance(table, dict) and key[0] in table
+    return found and (len(key) == 1 or _holds_key(table[key[0]], key[1:]))
 
 
 def load_job(path: str | Path, robot: str | None = None, keep: str | None = None, changes: Sequence[str] = ()) -> Job:

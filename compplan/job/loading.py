@@ -38,10 +38,8 @@ def load_toolpath(job: Job) -> Toolpath:
     if job.given is not None:
         return check_toolpath(job.given)
     if not isinstance(job.toolpath, str):
-        try:
+        with name_file(job.file, "toolpath"):
             return check_toolpath(job.toolpath.generate(), file=job.file)
-        except InputError as error:
-            raise error if error.file else InputError(error.message, file=job.file, where="toolpath") from None
     path = job_toolpath_file(job)
     feed = None if job.feed.constant_mm_s is None else job.feed.constant_mm_s * 1e-3
     toolpath = read_toolpath(path, cam=job.cam, feed=feed)
@@ -114,10 +112,8 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
 
     """
     toolpath = load_toolpath(job)
-    try:
+    with name_file(job.file):
         toolpath = job.tolerance.lay(toolpath, job.plan.tolerance_mm)
-    except InputError as error:
-        raise InputError(error.message, file=job.file, where=error.where) from None
     if job.feed.constant_mm_s is not None:
         toolpath = replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, job.feed.constant_mm_s * 1e-3))
     rows_at, from_file = toolpath.arc_length, isinstance(job.toolpath, str)
@@ -135,34 +131,33 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
             note = compare_zero(cutting, toolpath)
     nominal = place_toolpath(toolpath, job.T_base_part)
     law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, cutting=cutting)
-    with _name_job(job):
+    with name_file(job.file):
         notes = law.describe(nominal)
     missing = 0 if cutting is None or job.cam.operation is None else job.cam.operation - 1 - len(job.before)
     if missing > 0:
         notes = (f"The cuts of {missing} earlier operations are left out of the stock (assumed): no [[tool]] describes "
                  "them.", *notes)  # fmt: skip
-    note = " ".join([*([note] if note else []), *list_remarks(notes)])
+    note = " ".join(filter(None, [note, *list_remarks(notes)]))
     law = replace(law, note=note)
-    with _name_job(job):
+    with name_file(job.file):
         wrench = law.predict(nominal)
     _check_load(wrench, job)
     learned = find_learned_force(job)
     if learned is not None and wrench.any():
-        note = " ".join([*([note] if note else []), f"{learned.words}."])
-        law = replace(law, learned=learned, note=note)
+        law = replace(law, learned=learned, note=f"{note} {learned.words}.".strip())
         _check_load(law.predict(nominal), job)
     return replace(nominal, wrench=wrench, notes=(*nominal.notes, *list_stops(notes))), law
 
 
 @contextmanager
-def _name_job(job: Job) -> Iterator[None]:
-    """Add the job file to errors of its process keys."""
+def name_file(file: Path | None, where: str | None = None) -> Iterator[None]:
+    """Add a file to errors without one, and a key to those without one, or the key given."""
     try:
         yield
     except InputError as error:
         if error.file is not None:
             raise
-        raise InputError(error.message, file=job.file, where=error.where) from None
+        raise InputError(error.message, file=file, where=where or error.where) from None
 
 
 def _list_cuts_before(job: Job, process: CuttingTable) -> list[tuple[CuttingTable, Toolpath]]:

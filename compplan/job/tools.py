@@ -120,12 +120,8 @@ def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
 
 def _describe_cutter(entry: LibraryTool) -> dict[str, Any]:
     """Return the cutter of a tool table in keys of [process], with its `kind`."""
-    cutter = {
-        "diameter_mm": entry.diameter_mm, "teeth": entry.teeth, "corner_radius_mm": entry.corner_radius_mm,
-        "flute_mm": entry.flute_mm, "point_deg": entry.point_deg,
-        "kind": entry.kind,
-    }  # fmt: skip
-    return {key: value for key, value in cutter.items() if value is not None}
+    keys = {"kind", *(key for own in CUTTERS.values() for key in own)}
+    return entry.model_dump(include=keys, exclude_none=True)
 
 
 def fill_process(common: Mapping[str, Any], described: Described, speed: float | None) -> dict[str, Any] | None:

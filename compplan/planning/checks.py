@@ -10,14 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from compplan.controllers.readback.joint_table import JointTable, read_joints
 from compplan.io.notes import Stop
@@ -30,7 +27,7 @@ from compplan.planning.stability import find_buckling
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown
 from compplan.robot import Array
-from compplan.simulation.exact import ExactRobot
+from compplan.simulation.exact import ExactRobot, hold_load
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.simulation.inertia import (
     average_loads,
@@ -62,8 +59,6 @@ LEFT_OUT = "left out: the tool moves rapidly above the holes"
 JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 #: The tool may lean this much besides what loads bend. [rad]
 LEAN = float(np.radians(0.05))
-#: Time between samples in which jerks are looked for. [s]
-SAMPLE = 1e-3
 #: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
 #: Severities: the plan is not confirmed; it has to be settled before the machine moves; a remark.
@@ -191,9 +186,9 @@ def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> 
     found, move = evaluate_between(task, q, between, bench)
     use = found / float(task.move_tolerance[move]) if move >= 0 else 0.0
     sentence = f"the independent check finds the loaded tip {_mm(found)} off the path after waypoint {move}"
-    own = between.driven / task.move_tolerance
+    own = between.most / task.move_tolerance
     worst = int(own.argmax())
-    stray = f"between waypoints the tip strays by {_mm(between.driven[worst])}, after waypoint {worst}"
+    stray = f"between waypoints the tip strays by {_mm(between.most[worst])}, after waypoint {worst}"
     first = Check("tip between waypoints, share of the tolerance", use, 1.0, sentence)
     value = 0.0 if first.fails else float(own[worst])
     return first, Check("tip between waypoints by the planner, share of the tolerance", value, 1.0, stray)
@@ -202,7 +197,7 @@ def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> 
 def _check_rates(task: PlanTask, q: Array, timing: Timing) -> Check:
     slower = float(find_slowdown(task, q, timing.time).max())
     ratio = max(slower, timing.velocity_ratio, timing.acceleration_ratio**0.5)
-    sentence = f"a joint's velocity, acceleration or jerk passes its limit by a factor of {ratio:.3g} in time"
+    sentence = f"a joint's velocity or acceleration passes its limit by a factor of {ratio:.3g} in time"
     return Check("joint rates, share of their limits", ratio, ROUNDING, sentence)
 
 
@@ -227,7 +222,7 @@ def _check_executed(task: PlanTask, executed: ExecutedPath) -> Check:
     use = executed.near / bound_executed(task)
     worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
     sentence = (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
-                f"waypoint {worst}")  # fmt: skip
+                f"waypoint {worst}; lower the feed there")  # fmt: skip
     return Check("executed path, share of the tolerance", float(use[worst]), 1.0, sentence)
 
 
@@ -307,31 +302,13 @@ def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job
         checks += _check_each_joint("joint acceleration, share of elasticity.toml", joints, most, ROUNDED * 1.01,
                                     "{joint} accelerates {value:.3g} times as much as elasticity.toml allows"
                                     )  # fmt: skip
-    return [*checks, *_check_jerk(task, q, time, joints)]
+    return checks
 
 
 def _find_moving(task: PlanTask, time: Array) -> NDArray[np.int_]:
     """Return waypoints in motion, rests left out."""
     rows = find_inside(time, np.r_[False, ~task.nominal.rapid[1:]])
     return rows[~task.rests[rows]]
-
-
-def _check_jerk(task: PlanTask, q: Array, time: Array, joints: JointTable) -> list[Check]:
-    """Sampled every millisecond, as a cubic spline over time through each run, no joint passes a limit of the jerk."""
-    cutting, allowed = np.r_[False, ~task.nominal.rapid[1:]], joints.jerk
-    if not np.isfinite(allowed).any():
-        return []
-    ends = np.flatnonzero(task.rests | ~cutting | np.r_[~cutting[1:], True])
-    use = np.zeros(len(allowed))
-    for first, last in pairwise(ends):
-        rows = np.arange(first, last + 1)
-        rows = rows[np.r_[True, np.diff(time[rows]) > 1e-9]]
-        samples = np.arange(time[rows[0]], time[rows[-1]], SAMPLE)
-        if len(rows) > 2 and len(samples) > 3:
-            curve = CubicSpline(time[rows], q[rows], bc_type="clamped")
-            use = np.maximum(use, np.abs(np.diff(curve(samples), 3, axis=0)).max(axis=0) / SAMPLE**3 / allowed)
-    return _check_each_joint("joint jerk, share of its limit", joints, use, ROUNDED,
-                             "{joint} jerks {value:.3g} times as much as is allowed")  # fmt: skip
 
 
 def _check_feed(task: PlanTask, time: Array) -> Check:
@@ -417,22 +394,6 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
         name = task.robot.joint_names[j]
         found[waypoint] = f"effort limit of {name} ({efforts[j]:.4g} {unit})"
     return found
-
-
-def hold_load(exact_robot: ExactRobot, q: Array, wrench: Array) -> Array:
-    """Return the torque that each commanded joint needs to hold wrench and weight, springs stiff. Shape (n, nq)."""
-    data, model = exact_robot.model.createData(), exact_robot.model
-    rigid = q @ exact_robot.commanded.T + exact_robot.shift
-    torque = np.empty((len(q), model.nv))
-    for i in range(len(q)):
-        columns = pin.computeFrameJacobian(
-            model, data, rigid[i], exact_robot.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
-        torque[i] = -columns.T @ wrench[i]
-        if exact_robot.weighs:
-            exact_robot.turn_gravity(data, rigid[i])
-            torque[i] += exact_robot.weigh(data, rigid[i])
-    return torque @ exact_robot.commanded
 
 
 def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:

@@ -5,7 +5,7 @@ the zones of their language, at the speed that the controller gives them, follow
 Where a job asks for no moves of the tool, the drives follow the waypoints at their times.
 
 It decides what is written: zones are made smaller where they would leave the path by more than `ROUNDED` of the
-tolerance, and where identified drives would leave the tolerance, the run is made slower (`slow_around`).
+tolerance.
 
 Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
 (`compplan.controllers.motion.run`). To second order the inverse of it, a delay T of the whole path aside, is
@@ -40,7 +40,6 @@ from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
 from compplan.planning.task import PlanTask, attain_rows, cutting_runs
-from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -52,9 +51,6 @@ from compplan.toolpath.toolpath import interpolate
 NEAR = 8
 #: Poses that are followed at once.
 BLOCK = 100_000
-#: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`. It reaches so
-#: many smoothing times before and behind, and in each turn this much farther: what follows a corner comes from before.
-FURTHER, SLOWEST, REACH, FARTHER = 1.15, 5.0, 2.0, 3.0
 #: Places of the executed path that are looked at, at most: of longer ones every second, third .. cycle.
 MOST_PLACES = 200_000
 
@@ -137,28 +133,6 @@ class ReachedPath(NamedTuple):
 def bound_executed(task: PlanTask) -> Array:
     """Return how far the executed tip may be off across the path at each waypoint. Shape (n,). [m]"""
     return np.full(len(task), task.tolerance) if task.allowed is None else task.allowed.normal
-
-
-def excess_executed(task: PlanTask, executed: ExecutedPath | None) -> Array | None:
-    """Return the share of its tolerance that each waypoint uses behind identified drives; None where all keep it."""
-    if executed is None or not executed.known:
-        return None
-    use = executed.near / bound_executed(task)
-    return use if use.max(initial=0.0) > 1.0 else None
-
-
-def slow_around(task: PlanTask, timing: Timing, use: Array, slow: Array, turn: int) -> Array:
-    """Return factors that make a run slower around waypoints whose drives leave the tolerance. Shape (n,).
-
-    `use` is the share of the tolerance that each waypoint uses, `slow` the factors so far, shapes (n,); `turn` counts
-    how often the run is made slower, from 1.
-    """
-    slower, reach = np.ones(len(task)), REACH * FARTHER ** (turn - 1) * task.smoothing
-    far = np.flatnonzero(use > 1.0)
-    ends = (np.searchsorted(timing.time, timing.time[far] + side * reach).tolist() for side in (-1.0, 1.0))
-    for k, begin, end in zip(far, *ends, strict=True):
-        np.maximum(slower[begin:end], FURTHER * use[k], out=slower[begin:end])
-    return np.minimum(slower * slow, SLOWEST)
 
 
 def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:

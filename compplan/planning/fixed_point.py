@@ -6,9 +6,8 @@ and no joint passes a limit:
 
     command <- loads,   run <- command,   loads <- run,   slower where a limit is passed.
 
-A settled turn whose tip strays between waypoints divides those moves; one whose tip leaves the tolerance behind
-identified drives slows the run down there. Both go on with the same loop. The nonlinear program is solved for the loads
-that it ends with.
+A settled turn whose tip strays between waypoints divides those moves and goes on with the same loop. The nonlinear
+program is solved for the loads that it ends with.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from compplan.job.output import OutputTable
 from compplan.planning.deflection import follow_links, plan_loads
-from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed, excess_executed, slow_around
+from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.lost_motion import find_crossings, without_play
 from compplan.planning.motion_limits import TorqueRules
@@ -40,7 +39,8 @@ from compplan.planning.strategies import command_path, nlp
 from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
-from compplan.simulation.vibration import build_dynamics, inertial_loads
+from compplan.simulation.exact import load_by_motion
+from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import Chain
 from compplan.statics.inertia import build_moving_chain
 from compplan.statics.stiffness import attain_pose
@@ -48,14 +48,12 @@ from compplan.toolpath.toolpath import interpolate
 
 #: Stated tolerance: force, feed and motion agree where a turn moves the tip by less than this share of the tolerance.
 SETTLED = 1e-3
-#: Turns between two divisions, divisions of the path, and rounds that slow the run down behind identified drives.
-TURNS, DIVISIONS, SLOWER = 12, 5, 4
+#: Turns between two divisions, and divisions of the path.
+TURNS, DIVISIONS = 12, 5
 #: Shift of the tip that asks for no new correction. [m]
 EXACT = 1e-10
 #: Moves this near to a waypoint that fails are not divided for it.
 FAR = 8
-#: Moves on both sides of one that crosses lost motion that are divided as finely.
-EVEN = 4
 #: Greatest change of the deflection over one move, in chords.
 STEP_CHORDS = 4.0
 
@@ -109,7 +107,7 @@ def _refuse_inertia(found: Compensation) -> str:
         return f"joint limits are passed by a factor of {found.excess:.3g}"
     if found.change > SETTLED * task.tolerance:
         return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
-    if ((driven := found.between.driven) > task.move_tolerance).any():
+    if ((driven := found.between.most) > task.move_tolerance).any():
         return f"the tip strays by {1e3 * float(driven.max(initial=0.0)):.2g} mm between waypoints"
     return ""
 
@@ -127,8 +125,7 @@ def _settle(
     masses = build_moving_chain(task.robot) if task.inertia else None
     task = _divide_ahead(resolve_starts(task, feed_request), feed_request)
     mending, slow, run, command = Mending(), np.ones(len(task)), None, None
-    first: Compensation | None = None
-    turn, divisions, rounds = 0, 0, 0
+    turn, divisions = 0, 0
     while True:
         turn += 1
         if run is None:
@@ -157,7 +154,7 @@ def _settle(
             driven = replace(driven, wrench=task.wrench, bias=task.bias)
         if excess > 1.0:
             notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
-        between = measure_between(driven, command.q, timing.time)
+        between = measure_between(driven, command.q)
         found = Compensation(driven, strategy, command, timing, between, None, excess, change, turn, notes)
         stray, pieces = _missing_pieces(found)
         pieces = mending.allow(task, pieces, stray)
@@ -168,33 +165,16 @@ def _settle(
         if strategy == "nlp" and (coupled or not command.nlp):
             progress("compensation: nonlinear program")
             found = _solve_program(found)
-        executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
-        found = replace(found, executed=executed)
-        first = first or found
-        use = (
-            None if feed_request.constant or found.command.status != "solved" else excess_executed(found.task, executed)
-        )
-        if use is None or rounds == SLOWER:
-            break
-        progress("slower where the drives leave the tolerance")
-        command, run, turn, rounds = found.command, None, 0, rounds + 1
-        slow = slow_around(task, timing, use, slow, rounds)
-    if not rounds or use is not None or found.command.status != "solved" or not (found.executed and first.executed):
-        return first
-    note = (f"The run is up to {slow.max():.3g} times slower where the drives as identified would take the tip beyond "
-            f"the tolerance ({1e3 * first.executed.most:.3g} mm, now {1e3 * found.executed.most:.3g}).")  # fmt: skip
-    return replace(found, notes=(*found.notes, note))
+        return replace(found, executed=evaluate_executed(found.task, found.command.q, found.timing.time, output))
 
 
 def _divide_ahead(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     """Divide by what the uncorrected motion shows, and start from the force at the feed that it can be driven with."""
     mending = Mending()
     for last in range(DIVISIONS):
-        time = None
         if task.follows_feed:
-            timing = time_run(task, task.q_start, feed_request)[1]
-            task, time = _load(task, timing, task.q_start, None), timing.time
-        bow = measure_between(task, task.q_start, time, bow=True)
+            task = _load(task, time_run(task, task.q_start, feed_request)[1], task.q_start, None)
+        bow = measure_between(task, task.q_start, bow=True)
         pieces = mending.allow(task, wanted_pieces(bow, task.move_chord), bow.most)
         if task.follows_feed:
             pieces = np.maximum(pieces, _force_pieces(task))
@@ -235,7 +215,7 @@ def _solve_program(found: Compensation) -> Compensation:
     task = found.task
     command = nlp.command_path(task, found.command)
     timing = state_timing(task, command.q, time_between_cuts(task, command.q, found.timing.time))
-    return replace(found, command=command, timing=timing, between=measure_between(task, command.q, timing.time))
+    return replace(found, command=command, timing=timing, between=measure_between(task, command.q))
 
 
 def _moving_feed(task: PlanTask, timing: Timing) -> Array:
@@ -289,7 +269,7 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     moves = rests - np.tile([0, 1], len(runs))
     step = np.maximum(np.diff(time)[moves], 1e-12)[:, None]
     push = 2.0 * (task.q_start[moves + 1] - task.q_start[moves]) / step**2 * np.tile([[1.0], [-1.0]], (len(runs), 1))
-    loads, still = inertial_loads(dynamics, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
+    loads, still = load_by_motion(dynamics.standing, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
     bent, plain = (
         attain_pose(task.chain, task.q_start[rests], still, slope=False, torque_bias=bias).position
         for bias in (loads, None)
@@ -305,31 +285,16 @@ def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     task, q, ways = found.task, found.command.links, found.between
     if np.ndim(found.command.lead):  # division mends lost motion in the moves alone that cross it
         task = without_play(task)
-        ways = measure_between(task, q, found.timing.time)
+        ways = measure_between(task, q)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
     between = Between(*(np.maximum(way - ends, 0.0) for way in ways))
     crosses = find_crossings(found.command.q, q)
-    for way, whole in zip(between[:2], found.between, strict=False):
+    for way, whole in zip(between, found.between, strict=True):
         way[crosses] = np.maximum(way, whole)[crosses]
     pieces = wanted_pieces(between, task.move_chord)
     pieces[task.nominal.steps < 1e-6] = 1
-    pieces = _even_crossings(np.diff(found.timing.time), np.flatnonzero(crosses), pieces)
     for waypoint in found.command.failures:
         pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
     return between.most, pieces
-
-
-def _even_crossings(step: Array, crossing: NDArray[np.int_], pieces: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Divide the neighbours of moves that cross lost motion as finely as these; step: times of all moves (n - 1,) [s].
-
-    A curve through rows of one step in time swings beside a jump by an eighth of it; a short step among long ones
-    swings farther than the jump.
-    """
-    step, more = step / pieces, np.ones_like(pieces)
-    for move in crossing.tolist():
-        near = np.arange(max(move - EVEN, 0), min(move + EVEN + 1, len(pieces)))
-        finer = np.ceil(step[near] / max(step[move], 1e-9) - 0.5).astype(int)
-        more[near] = np.maximum(more[near], np.maximum(finer, 1))
-    return pieces * more

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.joint_convention import load_controller, locate_pendant
+from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.planning.checks import REMARK, SETTLE, Check, state_notes
 from compplan.planning.deflection import Bending
-from compplan.planning.motion_limits import describe_jerk
 from compplan.planning.stability import describe_depth_limit
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
@@ -51,7 +46,6 @@ def list_notes(
     if conflict := command.nlp.get("conflict"):
         last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     last.append(describe_depth_limit(task, command.q))
-    last.append(describe_jerk(task.robot))
     figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task), _check_swing(task)]
     return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
 
@@ -109,15 +103,6 @@ def describe_spindle(task: PlanTask, job: Job) -> list[str]:
     ]  # fmt: skip
 
 
-def describe_tool_x(task: PlanTask, job: Job) -> str:
-    """Say that a stated x of the TCP frame means nothing where it points along the tool axis."""
-    wanted = np.asarray(job.tool_x_base, float)
-    across = np.linalg.norm(np.cross(task.nominal.axis, wanted / np.linalg.norm(wanted)), axis=1)
-    if "tool_x" not in job.plan.model_fields_set or across.max() > np.sin(np.radians(1.0)):
-        return ""
-    return "plan.tool_x points along the tool axis and is ignored: the rotation about the axis is free."
-
-
 def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
     """Say what carries the part, what holds still, and what is taken for granted of it."""
     if not robot.ground:
@@ -142,10 +127,9 @@ LONG = 0.5
 def describe_frames(task: PlanTask, job: Job) -> list[str]:
     """Ask about a tool across the flange or too long and a spindle below the part; say how a part frame was fitted."""
     notes = [] if job.part.fit is None else [job.part.fit.tell()]
-    if job.tool is None:
-        return [*notes, *look_at_spindle(task.nominal.axis, job)]
-    robot = job.mounted or load_robot(job.robot, relative_to=job.folder)
-    return [*notes, *ask_about_tool(job, robot), *ask_about_form(job, robot), *look_at_spindle(task.nominal.axis, job)]
+    if job.tool is not None:
+        notes += ask_about_tool(job, job.mounted or load_robot(job.robot, relative_to=job.folder))
+    return [*notes, *look_at_spindle(task.nominal.axis, job)]
 
 
 def describe_part_frame(job: Job) -> str:
@@ -159,54 +143,29 @@ def describe_part_frame(job: Job) -> str:
 
 
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
-    """Ask about a tool that leaves the flange sideways, where no mesh of it says that it does, or is very long."""
+    """Ask about a tool that leaves the flange sideways without a mesh of it, is very long, or has a guessed frame."""
     if job.tool is None:
         return []
     pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
-    length = float(np.linalg.norm(pose[:3, 3]))
-    notes: list[str] = []
+    length, notes = float(np.linalg.norm(pose[:3, 3])), list[str]()
+    pendant = locate_pendant(robot) if job.tool.frame == "pendant" else None
+    if pendant is not None and not pendant.confirmed:
+        notes.append(Stop(
+            f"The tool frame of the pendant of {robot.name} is not confirmed ({pendant.source}): jog along +x of tool "
+            f"0 and check the direction against compplan doctor {robot.name}."
+        ))  # fmt: skip
     if length > LONG * robot.longest_reach:
         notes.append(Stop(
             f"The tool is {1e3 * length:.4g} mm long, the arm's links end to end {1e3 * robot.longest_reach:.4g} mm: "
             "little of the wrist's turning is left at such a tip. Is tool.position_mm in mm?"
         ))  # fmt: skip
-    if job.collision is not None and job.collision.tool is not None:
-        return notes
-    angle = _angle(out, pose[:3, 2])
-    aside = _angle(out, pose[:3, 3]) if length > SHORT else 0.0
-    if max(angle, aside) <= SIDEWAYS:
-        return notes
-    said = (f"The tool points {angle:.3g} deg away from" if angle > SIDEWAYS
-            else f"The tip lies {aside:.3g} deg aside of")  # fmt: skip
-    return [*notes, Stop(f"{said} the direction {name_axis(out)} in which the flange of {robot.name} points: is "
-                         f"that right? {_straight(robot, length or 0.1)}")]  # fmt: skip
-
-
-def _straight(robot: Robot, length: float) -> str:
-    """Say how a straight tool of a length is written, in the pendant's frame where that is known."""
-    pendant = locate_pendant(robot)
-    if pendant is not None and pendant.stated:
-        z = [0.0, 0.0, round(1e3 * length, 3)]
-        return f'A straight one has frame = "pendant", position_mm = {z}, as the teach pendant shows it.'
-    turn = Rotation.from_matrix(mounted_tool(robot)[:3, :3]).as_rotvec(degrees=True).round(3) + 0.0
-    place = (1e3 * length * outward_axis(robot)).round(3).tolist()
-    return f"A straight one has position_mm = {place}, rotation_deg = {turn.tolist()}."
-
-
-def ask_about_form(job: Job, robot: Robot) -> list[str]:
-    """Ask about angles in the form of another maker, and about a pendant frame that nobody confirmed."""
-    notes: list[str] = []
-    maker = load_controller(robot).name
-    for name, table in (("tool", job.tool), ("part", job.part)):
-        if table is not None and table.abc_deg is not None and "Doosan" in maker:
-            turns = "are KUKA's A B C (z, y', x''), those of a Doosan turn z, y', z''"
-            notes.append(Stop(f"{name}.abc_deg {turns}: write quaternion."))
-    found = locate_pendant(robot) if job.tool is not None and job.tool.frame == "pendant" else None
-    if found is not None and not found.confirmed:
-        notes.append(Stop(
-            f"The tool frame of the pendant of {robot.name} is not confirmed ({found.source}): jog along +x of tool 0 "
-            f"and check the direction against compplan doctor {robot.name} says."
-        ))  # fmt: skip
+    angle, aside = _angle(out, pose[:3, 2]), _angle(out, pose[:3, 3]) if length > SHORT else 0.0
+    drawn = job.collision is not None and job.collision.tool is not None
+    if max(angle, aside) > SIDEWAYS and not drawn:
+        said = (f"The tool points {angle:.3g} deg away from" if angle > SIDEWAYS
+                else f"The tip lies {aside:.3g} deg aside of")  # fmt: skip
+        notes.append(Stop(f"{said} the direction {name_axis(out)} in which the flange of {robot.name} points: is that "
+                          f"right? compplan init --robot {robot.name} writes a straight tool."))  # fmt: skip
     return notes
 
 
@@ -227,47 +186,12 @@ def _angle(a: Array, b: Array) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-#: Tables of a job whose files go into programs line by line.
-COPIED = "output.templates."
-
-
-def describe_outside(job: Job, robot: Robot) -> str:
-    """List the files that the plan reads from outside the job's folder, links followed; "" where there are none.
-
-    Robots that ship with compplan do not count. The note must be settled where lines of such a file go into a program.
-    """
+def describe_outside(job: Job) -> str:
+    """Name templates from outside the job's folder, links followed: their lines go into programs; "" for none."""
     home = (job.folder if job.file.is_file() else Path.cwd()).resolve()
-    found = [
-        (key, path)
-        for key, text in _list_words(job.model_dump(by_alias=True, exclude_unset=True), "")
-        if key not in ("robot", "name") and (path := _find_file(job.folder, text)) and not path.is_relative_to(home)
-    ]
-    folder = None if robot.folder is None else robot.folder.resolve()
-    shipped = [each.resolve() for each in robot_folders().values()]
-    if folder is not None and not folder.is_relative_to(home) and folder not in shipped:
-        found.append(("robot", folder))
-    copied = any(key.startswith(COPIED) for key, _ in found)
-    listed = "; ".join(f"{key} = {path}" for key, path in found)
-    said = f"Files outside the job's folder: {listed}{' (lines go into the programs)' if copied else ''}."
-    return "" if not found else Stop(said) if copied else said
-
-
-def _list_words(table: Any, key: str) -> Iterator[tuple[str, str]]:
-    if isinstance(table, str):
-        yield key, table
-    elif isinstance(table, dict):
-        for name, value in table.items():
-            yield from _list_words(value, f"{key}.{name}" if key else str(name))
-    elif isinstance(table, list | tuple):
-        for number, value in enumerate(table):
-            yield from _list_words(value, f"{key}[{number}]")
-
-
-def _find_file(folder: Path, text: str) -> Path | None:
-    with suppress(OSError, ValueError):  # a name that is too long, or holds a null byte
-        path = (folder / text).resolve()
-        return path if path.is_file() else None
-    return None
+    files = {name: (job.folder / text).resolve() for name, text in job.output.templates.items()}
+    listed = "; ".join(f"{name} = {path}" for name, path in files.items() if not path.is_relative_to(home))
+    return Stop(f"Templates outside the job's folder go into the programs: {listed}.") if listed else ""
 
 
 #: Times of smoothing around a rest in which the tool gains its speed, and around a limit to which that reaches.
@@ -318,13 +242,9 @@ def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.in
             causes.append((words, near & (joint == number) & (by_velocity == fast)))
         left = left & ~near
     if left.any():
-        use = {"velocity": np.abs(timing.velocity[left]) / task.velocity_limits,
-               "acceleration": np.abs(timing.acceleration[left]) / task.acceleration_limits}  # fmt: skip
-        kind = max(use, key=lambda name: float(use[name].max()))
-        busiest = task.robot.joint_names[int(use[kind].max(axis=0).argmax())]
         follows = task.follows_feed or task.inertia
         words = "so that the joints can follow the corrections" if follows else "to keep the run smooth around limits"
-        causes.append((f"{words} ({kind} of {busiest} up to {100 * use[kind].max():.2g} % of its limit)", left))
+        causes.append((words, left))
     return [(text, np.flatnonzero(rows)) for text, rows in causes if rows.any()]
 
 

@@ -13,7 +13,7 @@ from compplan.controllers.writers import check_languages
 from compplan.effects import robot_effects
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
-from compplan.job.loading import load_path, refuse_unsettled
+from compplan.job.loading import load_path, name_file, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
@@ -160,13 +160,12 @@ def plan_task(
     )
     told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
     told += list_notes(task, command, timing, bending, job)
-    plan = Plan(
+    return Plan(
         name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
+        executed=executed,
     )  # fmt: skip
-    plan.__dict__["executed"] = executed
-    return plan
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
@@ -218,7 +217,6 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         step_time=programmed_times(nominal),
         velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
-        jerk_limits=robot.jerk_limits,
         max_correction=options.max_correction,
         tolerance=options.tolerance,
         spin_free=options.spin_free,
@@ -241,11 +239,9 @@ def job_robot(job: Job) -> Robot:
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
     refuse_unsettled(job)
-    try:
+    with name_file(job.file):
         robot = job.positioner.hold(robot)
         return robot if job.tool is None else job.tool.mount(robot)
-    except InputError as error:
-        raise error if error.file else InputError(error.message, file=job.file, where=error.where) from None
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:

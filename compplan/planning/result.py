@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,15 +19,13 @@ from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, evaluate_mismatch
-from compplan.planning.executed import ExecutedPath, evaluate_executed
-from compplan.planning.lost_motion import Reversals, list_reversals
+from compplan.planning.executed import ExecutedPath
 from compplan.planning.notes import group_waypoints
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
-from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance, explain_width
-from compplan.process.force_models import FORCE_MODELS
+from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot
 from compplan.simulation.simulated_robot import EXACT_EVALUATION
 from compplan.statics.chain import locate_frames
@@ -35,29 +33,9 @@ from compplan.uncertainty.band import ErrorBand, estimate_band
 from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.uncertainty.touch_off import read_touch, touch_part
-from compplan.version import VERSION
 
 #: Stretches and limits that a sentence lists, and its letters at most.
 LISTED, LONGEST = 3, 300
-#: The papers, by what is used of them.
-METHODS = {
-    "joint springs": "J. K. Salisbury: Active stiffness control of a manipulator in Cartesian coordinates, "
-    "IEEE Conference on Decision and Control, 1980",
-    "stiffness under load": "S.-F. Chen, I. Kao: Conservative congruence transformation for joint and Cartesian "
-    "stiffness matrices of robotic hands and fingers, International Journal of Robotics Research 19(9), 2000",
-    "timing": "H. Pham, Q.-C. Pham: A new approach to time-optimal path parameterization based on reachability "
-    "analysis, IEEE Transactions on Robotics 34(3), 2018",
-    "independent check": "J. Carpentier et al.: The Pinocchio C++ library, IEEE/SICE International Symposium on System "
-    "Integration, 2019",
-    "derivatives": "J. A. E. Andersson et al.: CasADi, a software framework for nonlinear optimization and optimal "
-    "control, Mathematical Programming Computation 11, 2019",
-    "posture": "C. Dumas, S. Caro, S. Garnier, B. Furet: Joint stiffness identification of six-revolute industrial "
-    "serial robots, Robotics and Computer-Integrated Manufacturing 27(4), 2011",
-}
-#: The program itself.
-PROGRAM = "The compplan developers: compplan, offline path compensation for industrial robots, version {version}"
-#: Strategies that solve for derivatives.
-WITH_DERIVATIVES = ("nlp",)
 
 
 @dataclass(frozen=True, repr=False)
@@ -80,6 +58,8 @@ class Plan(Shown):
     checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
     clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
     job: Job | None = None  #: The job, or None.
+    #: Where the controller takes the loaded tip, and what programs hold; None where neither is known.
+    executed: ExecutedPath | None = None
     learned: ErrorBand | None = None  #: Uncertainty of the tip learned from measured parts on this path, or None.
 
     @property
@@ -109,10 +89,10 @@ class Plan(Shown):
 
     def add_checks(self, checks: tuple[Check, ...], *, first: bool = False) -> Plan:
         """Return the plan with more checks; what has been worked out from the rest of it stays known."""
-        added = replace(self, checks=(*checks, *self.checks) if first else (*self.checks, *checks))
-        kept = ["error_band", "mismatch", "executed", "command_feed", "correction", "reversals"]
-        kept += ["verdict"] if added.breaches == self.breaches else []
-        added.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
+        added = copy(self)
+        object.__setattr__(added, "checks", (*checks, *self.checks) if first else (*self.checks, *checks))
+        for name in ("breaches", "notes", "verdict"):
+            added.__dict__.pop(name, None)
         return added
 
     @property
@@ -133,11 +113,6 @@ class Plan(Shown):
         moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
         return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
 
-    @cached_property
-    def executed(self) -> ExecutedPath | None:
-        """Where the controller takes the loaded tip, and what programs hold; None where neither is known."""
-        return evaluate_executed(self.task, self.q, self.timing.time, None if self.job is None else self.job.output)
-
     @property
     def sent(self) -> Array:
         """Joint positions that native programs hold: the command, or what leads by the drives' lag. (n, nq)."""
@@ -147,11 +122,6 @@ class Plan(Shown):
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
-
-    @cached_property
-    def reversals(self) -> tuple[Reversals, ...]:
-        """How often every joint, and the spin, turns back."""
-        return list_reversals(self.task, self.q)
 
     @cached_property
     def mismatch(self) -> Evaluation:
@@ -164,7 +134,7 @@ class Plan(Shown):
         if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
-        bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
+        bow = max(float(self.between.most.max(initial=0.0)) - self.after.max_deviation, 0.0)
         scene = build_path_model(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output
@@ -188,20 +158,19 @@ class Plan(Shown):
             return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
                                 between=bow, motion=self.bending.motion, part=part, touched=task.touched,
                                 touchable=touchable, uncorrected=self.before.deviation,
-                                tolerance=task.tolerance)  # fmt: skip
+                                written=left - self.after.distance, tolerance=task.tolerance)  # fmt: skip
         except ConvergenceError:
             return None
 
     @cached_property
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
-        found = check_tolerance(
+        return check_tolerance(
             self.task, self.status, self.error_band, left=self.after.distance, inertia=self.bending.inertia,
             failures=self.command.failures, failure=self.explain_failures(),
             compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
-        return replace(found, sentence=found.sentence + explain_width(self.error_band, self.before.max_deviation))
 
     @property
     def solved_by(self) -> str:
@@ -283,20 +252,11 @@ class Plan(Shown):
         """Return what plan.json holds."""
         return summarise_plan(self)
 
-    def citations(self) -> tuple[str, ...]:
-        """List what to cite for this plan: the program, the methods used, the sources of the robot's numbers."""
-        start, model = self.task.start, None if self.job is None else self.job.process.model
-        return list_citations(
-            VERSION, self.strategy, bends=bool(self.robot.springs or self.robot.link_elasticities),
-            chosen_posture=start is not None and start.posture_choice is not None, force_model=model,
-            sources=[f"{name} of {self.robot.name}: {text}" for name, text in self.robot.sources.items()],
-        )  # fmt: skip
-
 
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
     failures, margins, between, worst = plan.command.failures, plan.margins, plan.between, plan.mismatch
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
     learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
     summary: dict[str, Any] = {
         "schema": 1,
@@ -349,7 +309,6 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             "acceleration_ratio": margins.acceleration_ratio,
         },
         "duration_s": float(plan.timing.time[-1]),
-        "reversals": [entry.describe() for entry in plan.reversals],
         "judge": plan.evaluated_by,
         "checks": [check.describe() for check in plan.checks if check.severity == STOP],
         "notes": [*plan.reasons, *plan.notes],
@@ -400,17 +359,3 @@ def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
             "assumed": list(error_band.assumed),
         },
     }  # fmt: skip
-
-
-def list_citations(
-    version: str, strategy: str, *, bends: bool, chosen_posture: bool, force_model: str | None, sources: Iterable[str]
-) -> tuple[str, ...]:
-    """List what to cite for a plan: the program, the methods that it used, the sources of the robot's numbers."""
-    used = ["timing", "independent check"]
-    used += ["joint springs", "stiffness under load"] if bends else []
-    used += ["derivatives"] if strategy in WITH_DERIVATIVES else []
-    used += ["posture"] if chosen_posture else []
-    papers = [f"{name}: {text}" for name, text in METHODS.items() if name in used]
-    force = "" if force_model is None else getattr(FORCE_MODELS[force_model], "cites", "")
-    papers += [f"force model {force_model}: {force}"] if force else []
-    return (PROGRAM.format(version=version), *papers, *(f"robot model: {text}" for text in sources))

@@ -81,8 +81,6 @@ class PlanTask:
     #: Elastic coordinates where the path was last looked at: the next equilibrium begins there. They are written over,
     #: and no result depends on them beyond rounding. Shape (n, s). [rad or m]
     theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    #: Greatest change of acceleration, or None where there is no limit. Shape (nq,). [rad/s^3 or m/s^3]
-    jerk_limits: Array | None = None
     #: The part as the robot found it by touching; None where its frame is absolute. Loaded poses are relative to the
     #: found frame (`see_position`).
     touched: TouchedPart | None = None

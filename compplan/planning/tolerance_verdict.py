@@ -25,7 +25,6 @@ KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 #: Stretches beyond the tolerance that are listed.
 LISTED = 20
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
-TOUCH_OFF = "Touch the part off with this robot and tool, and leave out [part] touched_off = false."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: The next step where a check disagrees with the plan or its files.
 SETTLE = (
@@ -34,8 +33,6 @@ SETTLE = (
 )
 #: What is said of the band of a compromise.
 NO_BAND = "no 95 % band is stated, waypoints are out of reach"
-#: A band so many times as wide as the uncorrected program is off is explained.
-WIDE = 10.0
 #: What would change the verdict, by the largest cause.
 CHANGES = {
     FORCE: "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
@@ -151,7 +148,7 @@ def check_tolerance(
     beyond = use > 1.0
     share, cause = share_length(length, task.cut, beyond), find_cause(error_band, left)
     if beyond.any():
-        change = find_change(task.robot, error_band, cause, compensates=compensates)
+        change = find_change(error_band, cause, compensates=compensates)
         widest = error_band.widest if task.allowed is None else int(use.argmax())
         own = ("" if task.allowed is None
                else f" (band {_mm(error_band.along[widest])}, {use[widest]:.2g} times its tolerance)")  # fmt: skip
@@ -206,7 +203,7 @@ def find_cause(error_band: ErrorBand, left: Array) -> str:
     return max((name for name in causes if name in CAUSES), key=lambda name: causes[name])
 
 
-def find_change(robot: Robot, error_band: ErrorBand, cause: str, *, compensates: bool = True) -> str:
+def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) -> str:
     """Say what would change the verdict: the cheapest measurements that suffice, or that which narrows most."""
     if error_band.ladder and cause not in (INERTIA, "place of the part", "repeatability"):
         if error_band.cheapest:
@@ -218,10 +215,6 @@ def find_change(robot: Robot, error_band: ErrorBand, cause: str, *, compensates:
         return LET_COMPENSATE
     if cause in CHANGES:
         return CHANGES[cause]
-    if cause in CAUSES and error_band.known.grade == "measured":
-        if error_band.leading and error_band.leading[0][0] == f"joint_offset {robot.actuated[0].name}":
-            return TOUCH_OFF
-        return "Measure more poses: compplan campaign JOB --poses 12 --out poses."
     return MEASURE
 
 
@@ -234,20 +227,6 @@ def describe_basis(error_band: ErrorBand) -> str:
     if assumed and not measured:
         return "robot and force are assumed, not measured"
     return f"{said}; the force is {'assumed' if assumed else 'stated'}"
-
-
-def explain_width(error_band: ErrorBand | None, nominal: float) -> str:
-    """Say why a band is far wider than the uncorrected program is off, nominal [m]; "" where it is not."""
-    if error_band is None or error_band.greatest <= WIDE * nominal:
-        return ""
-    cause = max(error_band.causes, key=lambda name: error_band.causes[name], default="the uncertainty of the robot")
-    share = (
-        f", above all {error_band.leading[0][0]} ({_percent(error_band.leading[0][1])})" if error_band.leading else ""
-    )
-    return (
-        f" The band is wide, {_mm(error_band.greatest)} where the uncorrected program is off by {_mm(nominal)} in the"
-        f" model: most of it comes from {cause}{share}."
-    )
 
 
 def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:

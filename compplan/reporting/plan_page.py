@@ -22,7 +22,6 @@ from compplan.io.quantities import (
     format_set_value,
 )
 from compplan.io.tables import write_text
-from compplan.planning.lost_motion import describe_reversals
 from compplan.planning.notes import describe_causes, mark_slow
 from compplan.planning.posture.costs import ASSUMED
 from compplan.planning.tolerance_verdict import describe_tolerance
@@ -123,7 +122,6 @@ def _list_facts(plan: Plan) -> list[tuple[str, str]]:
     return [
         *facts, ("toolpath", plan.task.nominal.source or "given in memory"),
         *([("configuration", words)] if words else []),
-        ("axes turn back", describe_reversals(plan.reversals)),
         ("rotation about the tool axis", "free" if plan.task.spin_free else "fixed by the job"),
         ("time in the solver", f"{plan.command.solve_time:.3g} s"),
     ]  # fmt: skip
@@ -154,7 +152,7 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
         worst = [format_percent(float(use.max())) for use in uses]
         rows.append(["worst, in shares of its tolerance", *worst])
     rows.append(["tool axis off by up to", *(format_angle(side.max_tilt) for side in sides)])
-    ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
+    ways = {"joints linear": between.joint, "tip linear": between.cartesian}
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:
         drives = "drives as identified" if plan.executed.known else "drives not known"

@@ -148,11 +148,10 @@ def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
         joints, base, ground = [*back, *joints], table.part, base
         chain_links = [base, *(joint.child for joint in joints)]
     nq = sum(joint.actuated for joint in joints)
-    accelerations, jerks = table.acceleration_limits, table.jerk_limits
-    for name, limits in (("acceleration_limits", accelerations), ("jerk_limits", jerks)):
-        if limits is not None and len(limits) != nq:
-            message = f"has {len(limits)} numbers, expected {nq}, one a joint"
-            raise InputError(message, file=elasticity_file, where=name)
+    accelerations = table.acceleration_limits
+    if accelerations is not None and len(accelerations) != nq:
+        message = f"has {len(accelerations)} numbers, expected {nq}, one a joint"
+        raise InputError(message, file=elasticity_file, where="acceleration_limits")
     return Robot(
         name=folder.name,
         urdf=text,
@@ -166,7 +165,6 @@ def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
         flange=flange,
         gravity=None if table.gravity is None else np.array(table.gravity),
         acceleration_limits=np.full(nq, np.inf) if accelerations is None else np.array(accelerations),
-        jerk_limits=None if jerks is None else np.array(jerks),
         repeatability=None if table.repeatability_mm is None else table.repeatability_mm * 1e-3,
         sources=dict(table.sources),
         grade=table.grade,
@@ -306,8 +304,6 @@ def _elasticity_table(robot: Robot) -> dict[str, Any]:
         table["gravity"] = [float(value) for value in robot.gravity]
     if np.isfinite(robot.acceleration_limits).all():
         table["acceleration_limits"] = [float(value) for value in robot.acceleration_limits]
-    if robot.jerk_limits is not None:
-        table["jerk_limits"] = [float(value) for value in robot.jerk_limits]
     if robot.repeatability is not None:
         table["repeatability_mm"] = robot.repeatability * 1e3
     table["sources"] = dict(robot.sources)

@@ -118,7 +118,6 @@ class Robot(Shown):
     flange: str  #: Frame on which tools are mounted.
     gravity: Array | None  #: Gravity in base axes, or None where the model carries no gravity load. Shape (3,). [m/s^2]
     acceleration_limits: Array  #: One per actuated joint, infinite where unknown. Shape (nq,). [rad/s^2 or m/s^2]
-    jerk_limits: Array | None = None  #: Jerk limits, or None where unknown. Shape (nq,). [rad/s^3 or m/s^3]
     repeatability: float | None = None  #: One standard deviation, or None. [m]
     sources: Mapping[str, str] = field(default_factory=dict)  #: Sources of the numbers.
     grade: str = "placeholder"  #: Grade of the compliances: identified, literature, scaled or placeholder.
@@ -207,7 +206,6 @@ class Robot(Shown):
         rest, own = self.joints[self.carrying :], ~self.carriers
         return replace(
             self, joints=rest, base=self.ground, ground="", acceleration_limits=self.acceleration_limits[own],
-            jerk_limits=None if self.jerk_limits is None else self.jerk_limits[own],
         )  # fmt: skip
 
     @cached_property

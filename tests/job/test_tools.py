@@ -294,19 +294,19 @@ def test_a_table_gives_each_tool_its_length_from_the_spindle_and_its_cutter(tmp_
 
 @pytest.mark.parametrize(("text", "said"), [
     ("number,length_mm\n1,120\n", "cuts with T2, and t.csv has no such tool"),
-    ("number,length_mm\n1,120\n2,150\n2,151\n", "t.csv:4: describes T2 2 times"),
-    ("number,length_mm\n1,120\n2,abc\n", "t.csv:3: length_mm is 'abc', expected a number"),
-    ("number,length_mm\n1,120\n2,\n", "t.csv:3: length_mm is empty"),
-    ("number,length_mm\n1,120\n2,-4\n", "t.csv:3: length_mm of T2 is -4, expected 0 to 5000"),
-    ("number,diameter_mm\n1,120\n", "missing column length_mm"),
-    ("number,length\n1,120\n", "unknown column 'length'"),
+    ("number,length_mm\n1,120\n2,150\n2,151\n", "t.csv: describes T2 2 times"),
+    ("number,length_mm\n1,120\n2,abc\n", "t.csv:3: length_mm is 'abc', must be a number"),
+    ("number,length_mm\n1,120\n2,\n", "T2 has no length from the gauge line"),
+    ("number,length_mm\n1,120\n2,-4\n", "t.csv:3: length_mm is '-4', must be greater than or equal to 0"),
+    ("number,diameter_mm\n1,120\n", "T1 has no length from the gauge line"),
+    ("number,length\n1,120\n", "t.csv:2: length unknown key, choose from"),
     ("T1 P1 Z10 D3\nT2 P2 Z20\n", r"is no tool table, expected a Fusion tool library \(.json, .tools\), TOML"),
     ('{"data": [{"type": "drill", "post-process": {"number": 1}, "geometry": {"DC": 3, "assemblyGaugeLength": 90}}]}',
      "T1 states no unit of its lengths"),
     ("hello\n", "is no tool table"),
     ('{"data": 3, "x": "post-process"}', "is no tool library"),
     ('{"data": [{"unit": "millimeters", "type": "drill", "post-process": {"number": 1}, "geometry": {"DC": 3}}]}',
-     "T1 has no length from the gauge line: give it a holder"),
+     "T1 has no length from the gauge line; write length_mm"),
 ])  # fmt: skip
 def test_tables_that_do_not_say_what_is_needed_are_refused(tmp_path: Path, text: str, said: str) -> None:
     (tmp_path / "t.csv").write_text(text)

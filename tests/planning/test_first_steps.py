@@ -59,8 +59,8 @@ def slow_run(follows: bool) -> tuple[Any, Any]:
 @pytest.mark.parametrize(
     ("follows", "words"),
     [
-        (True, "so that the joints can follow the corrections (velocity of"),
-        (False, "to keep the run smooth around limits (velocity of"),
+        (True, "so that the joints can follow the corrections"),
+        (False, "to keep the run smooth around limits"),
     ],
 )
 def test_a_slow_run_names_corners_the_limit_and_what_is_left(follows: bool, words: str) -> None:
@@ -69,7 +69,7 @@ def test_a_slow_run_names_corners_the_limit_and_what_is_left(follows: bool, word
     assert causes.pop("at rounded corners") == [77, 78, 79, 80, 81, 82, 83]
     assert causes.pop("by the velocity limit of joint_2") == [59, 60, 61]
     ((text, left),) = causes.items()
-    assert text.startswith(words) and "up to 30 % of its limit" in text
+    assert text == words
     assert left == [*range(50, 59), *range(62, 77), *range(84, 95)]
     said = describe_causes(*slow_run(follows))
     assert said.startswith("The feed is lowered at 50 waypoints (28-32, 50-94): at corners")
@@ -147,7 +147,7 @@ def test_a_tool_that_leaves_the_flange_sideways_is_asked_about() -> None:
     job = {**JOB, "robot": "kuka_kr16_2", "tool": {"position_mm": [0.0, 0.0, 150.0]}}
     kuka, ur = load_robot("kuka_kr16_2"), load_robot("ur10")
     (note,) = ask_about_tool(check_job(job), kuka)
-    assert "90 deg away from the direction x" in note and 'frame = "pendant", position_mm = [0.0, 0.0, 150.0]' in note
+    assert "90 deg away from the direction x" in note and "compplan init --robot kuka_kr16_2 writes" in note
     assert not ask_about_tool(check_job({**job, "collision": {"tool": "spindle.stl"}}), kuka)
     assert not ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 150.0]}}), ur)  # z leaves a ur10
     (note,) = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [280.0, 0.0, 30.0]}}), ur)

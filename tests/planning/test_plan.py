@@ -13,7 +13,6 @@ from compplan.api.given import read_part
 from compplan.diagnosis import campaign_diagnosis
 from compplan.errors import InputError
 from compplan.job.job import CollisionTable, check_job
-from compplan.planning.notes import describe_tool_x
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.posture import collision_scene
 from compplan.statics.chain import locate_frames
@@ -188,16 +187,6 @@ def test_each_scale_lowers_its_own_limits_alone() -> None:
     for name, scale in scales.items():
         given = np.asarray(getattr(task, f"{name}_limits")) / np.asarray(getattr(task.robot, f"{name}_limits"))
         assert given[np.isfinite(given)] == pytest.approx(scale)
-
-
-@pytest.mark.parametrize(("y", "asked"), [(0.5, False), (0.0, True), (0.01, True)])
-def test_an_x_along_the_tool_axis_is_said_to_say_nothing(y: float, asked: bool) -> None:
-    axis = np.tile([0.0, 0.0, 1.0], (4, 1))
-    plan = SimpleNamespace(model_fields_set={"tool_x"})
-    said = describe_tool_x(
-        SimpleNamespace(nominal=SimpleNamespace(axis=axis)), SimpleNamespace(plan=plan, tool_x_base=[0.0, y, -1.0])
-    )  # type: ignore[arg-type]
-    assert bool(said) == asked
 
 
 def test_six_numbers_of_a_part_are_its_place_and_a_rotation_vector() -> None:

@@ -11,7 +11,6 @@ from compplan.errors import InputError
 from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.noise import describe_noise
-from compplan.planning.result import list_citations
 from compplan.process.force_models import FORCE_MODELS
 from compplan.process.force_models.friction_stir import FrictionStirProcess
 from compplan.process.force_models.isf_regression import (

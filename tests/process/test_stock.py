@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 from pathlib import Path
 
 import numpy as np
@@ -102,19 +101,6 @@ def test_what_is_left_is_written_and_can_be_the_stock_of_the_next_job(tmp_path, 
     left = read_mesh(tmp_path / "out" / "stock.stl", "mm", "", job)
     hole = np.pi * 2.5**2 * 4.0  # below the floor of the pocket, nearly
     assert left.volume * 1e9 == pytest.approx(50 * 40 * 10 - 507.0 - hole, rel=1.5e-3)
-
-
-def test_the_holder_of_a_tool_table_stands_on_the_tool_from_its_nose_up(tmp_path: Path) -> None:
-    entry = {"type": "flat end mill", "unit": "millimeters", "description": "x", "post-process": {"number": 3},
-             "geometry": {"DC": 10, "LB": 30, "LCF": 22, "NOF": 2},
-             "holder": {"unit": "inches", "gaugeLength": 2.0, "segments": [
-                 {"height": 1.0, "lower-diameter": 1.0, "upper-diameter": 1.5},
-                 {"height": 1.0, "lower-diameter": 1.5, "upper-diameter": 1.5}]}}  # fmt: skip
-    (tmp_path / "tools.json").write_text(json.dumps({"data": [entry], "version": 1}), encoding="utf-8")
-    (tool,) = read_tool_library(tmp_path / "tools.json")
-    assert tool.holder_mm == pytest.approx(np.array([(30, 25.4), (55.4, 38.1), (55.4, 38.1), (80.8, 38.1)]))
-    (tmp_path / "tools.csv").write_text("number,length_mm,holder_from_mm,holder_diameter_mm\n3,90,35,32\n")
-    assert read_tool_library(tmp_path / "tools.csv")[0].holder_mm == ((35.0, 32.0), (90.0, 32.0))
 
 
 def test_a_tool_table_in_toml_is_read(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
 
 
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
-    from compplan.job.called_tools import describe_assumed, read_called_tools
+    from compplan.job.called_tools import read_called_tools
     from compplan.job.commented_job import choose_process, mount_tool, number_tools, shorten_job, write_job_text
 
     _refuse_existing(file)
@@ -160,8 +160,8 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
         text = choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
         if not toolpath.lower().endswith(".csv"):
             try:
-                tools = read_called_tools(file.parent / toolpath)
-                text, assumed = number_tools(text, tools), describe_assumed(tools)
+                text = number_tools(text, read_called_tools(file.parent / toolpath))
+                assumed = "assumed, put yours: tool length and mass, and what is marked so in the cut"
             except CompplanError as error:
                 assumed = f"tools and spindle speeds are not taken from {toolpath}: {error}"
     if robot is not None:
@@ -366,7 +366,7 @@ def _describe_findings(findings: list[Remark]) -> list[str]:
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port on 127.0.0.1.")
 @click.option("--open/--no-open", "opened", default=True, help="Open the page in the browser.")
 def run_view(out: Path, port: int, opened: bool) -> None:
-    """Show OUT, a folder of compplan plan or diagnose: the arm along the path, or measured poses.
+    """Show OUT, a folder of compplan plan or post: the arm along the path.
 
     A plan of several tools has a view for each, at ports one after the other. Ctrl-C ends them.
 

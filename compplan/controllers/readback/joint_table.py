@@ -111,7 +111,7 @@ class JointTable:
         names: Names. nq of them.
         slides: Whether they are prismatic. Shape (nq,).
         outer: Whether they are external axes: those that slide, or carry the part. Shape (nq,).
-        lower, upper, velocity, acceleration, jerk: Limits, infinite where none is stated. Shape (nq,).
+        lower, upper, velocity, acceleration: Limits, infinite where none is stated. Shape (nq,).
     """
 
     names: tuple[str, ...]
@@ -121,7 +121,6 @@ class JointTable:
     upper: Array
     velocity: Array
     acceleration: Array
-    jerk: Array
 
 
 def read_joints(folder: Path) -> JointTable:
@@ -143,12 +142,11 @@ def read_joints(folder: Path) -> JointTable:
         bounds = (-math.inf, math.inf) if joint.get("type") == "continuous" else (low, high)
         limits.append((*bounds, float(stated.get("velocity", "0")) or math.inf))
     lower, upper, velocity = np.array(limits, dtype=float).T
-    none = [math.inf] * len(chain)
-    acceleration, jerk = (np.array(table.get(f"{name}_limits", none), float) for name in ("acceleration", "jerk"))
+    acceleration = np.array(table.get("acceleration_limits", [math.inf] * len(chain)), float)
     slides = tuple(joint.get("type") == "prismatic" for joint in chain)
     names = tuple(joint.get("name", "") for joint in chain)
     outer = tuple(slide or k < len(carrying) for k, slide in enumerate(slides))
-    return JointTable(names, slides, outer, lower, upper, velocity, acceleration, jerk)
+    return JointTable(names, slides, outer, lower, upper, velocity, acceleration)
 
 
 def _list_moving(carrier: Mapping[str, ElementTree.Element], link: str) -> list[ElementTree.Element]:

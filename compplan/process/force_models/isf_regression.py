@@ -32,7 +32,6 @@ from compplan.toolpath.contact import PathForceTable, last_set, lifts, path_axes
 from compplan.toolpath.toolpath import Toolpath
 
 words = "incremental sheet forming from sheet, tool and path"
-cites = "Aerens, Eyckens, Van Bael, Duflou: Int. J. Adv. Manuf. Technol. 46, 969, 2010"
 #: Friction of the tool on the sheet, assumed.
 FRICTION = 0.1
 #: Range that the regression is taken to hold in.
