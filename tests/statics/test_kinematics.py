@@ -68,7 +68,8 @@ def test_symbolic_loads_of_wrench_and_weights_agree_with_the_numeric_ones(name):
     q, w = ca.SX.sym("q", chain.nq), ca.SX.sym("wrench", 6)
     symbolic = ca.Function("load", [q, w], [load_springs(chain, locate_symbolic(chain, q), w)])
     numeric = load_elements(chain, locate_frames(chain, at), wrench)[:, chain.spring_elements]
-    assert np.array(symbolic.map(5)(at.T, wrench.T)).T == pytest.approx(numeric, abs=1e-8)
+    loads = np.array(symbolic.map(5)(at.T, wrench.T)).T
+    assert loads == pytest.approx(numeric, abs=1e-8)
 
 
 def test_four_points_have_the_mass_the_centre_and_the_inertia_of_their_body():
