@@ -32,7 +32,6 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.uncertainty.band import Slopes, linearise_path, split_covariance
 from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model, pick_rows, tip_of
-from compplan.uncertainty.shrinkage import shrink_alike
 
 #: How far a part that was fitted may have stood off, per axis: as good as not known. [m]
 FITTED = 0.01
@@ -177,20 +176,19 @@ def transfer_to_paths(
     The robot is tried on paths that the part did not see; where it fails there it is not told.
     """
     travel = choose_transfer(model_update.model, model_update.gathered)
-    told = _tell(job, robot, task, model_update, known, spread, travel)
+    told = _tell(job, robot, model_update, known, spread, travel)
     if not travel.robot:
         return told
     taught = told.robot if job.tool is None else job.tool.mount(told.robot)
     fits, said = check_generalisation(task, taught, known, told.shares, spread.of_all())
     if fits:
         return told._replace(travel=replace(travel, reason="; ".join(filter(None, (travel.reason, said)))))
-    return _tell(job, robot, task, model_update, known, spread, travel.without_robot(said))
+    return _tell(job, robot, model_update, known, spread, travel.without_robot(said))
 
 
 def _tell(
     job: Job,
     robot: Robot,
-    task: PlanTask,
     model_update: ModelUpdate,
     known: Uncertainty,
     spread: ForceSpread,
@@ -205,22 +203,9 @@ def _tell(
         force, shares = learn_force(model_update, spread, told.force, job.process, turn, name, np.array(keep, bool))
         told = told._replace(force=force, shares=shares)
     if told.travel.robot:
-        taught, held = plan_updated(
-            robot, task.robot, known, model_update.values, model_update.covariance, own_tool=own_tool
-        )
+        taught, held = apply_update(robot, known, model_update.values, model_update.covariance, own_tool=own_tool)
         told = told._replace(robot=taught, held=held)
     return told
-
-
-def plan_updated(
-    robot: Robot, planned: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
-) -> tuple[Robot, Array]:
-    """Put into a robot folder what a part says about the robot that was planned with; see `apply_update`.
-
-    What of its uncertain parts had faded there stays out, and the rest no longer fades: the update counts on it.
-    """
-    alike = replace(shrink_alike(robot, planned), visited=None)
-    return apply_update(alike, known, values, covariance, own_tool=own_tool)
 
 
 def check_generalisation(
