@@ -17,8 +17,8 @@ from compplan.planning.deflection import Bending
 from compplan.planning.stability import describe_depth_limit
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
-from compplan.robot import Robot, load_robot, robot_folders
-from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
+from compplan.robot import Robot, load_robot
+from compplan.robot.mounting import name_axis, outward_axis
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
@@ -51,7 +51,7 @@ def list_notes(
     scene = None if task.start is None else task.start.settings.scene
     last = [*(() if scene is None else scene.notes), describe_causes(task, timing)]
     if job is not None:
-        last += [describe_outside(job, task.robot), describe_tool_x(task, job)]
+        last.append(describe_outside(job))
     if not np.isfinite(task.robot.acceleration_limits).any():
         last.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     if conflict := command.nlp.get("conflict"):

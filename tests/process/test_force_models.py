@@ -92,13 +92,6 @@ def test_a_wall_on_the_left_pushes_the_forming_tool_to_the_other_side(tmp_path) 
     assert left == pytest.approx(right * [1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
 
 
-def test_a_plan_cites_whose_equations_its_force_has() -> None:
-    said = {name: list_citations("1", "none", bends=False, chosen_posture=False, force_model=name, sources=())
-            for name in ("end_mill", "grinding", "constant")}  # fmt: skip
-    assert said["end_mill"][-1].startswith("force model end_mill: Y. Altintas")
-    assert "Malkin" in said["grinding"][-1] and not any("force model" in text for text in said["constant"])
-
-
 @pytest.mark.parametrize("file", [f for f in EXAMPLES if f.stem != "finishing"], ids=lambda f: f.stem)
 def test_every_example_has_force_in_material_and_none_in_rapid_moves(file) -> None:
     nominal, law = load_path(load_job(file))
