@@ -52,6 +52,8 @@ ROUNDS, WORK = 14, 40_000
 SPARE = 1e-3
 #: Target of the band from one pair of rounds to the next until it takes too long, and its least share for vibration.
 LOWER, LEAST_ROOM = 0.86, 0.2
+#: Targets whose ratio is less are one.
+NEAR = 1.02
 #: Exponent g, and the least and greatest change of a factor in one round.
 GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
 
@@ -111,6 +113,8 @@ def measure_runs(
                 low, high = (target, high) if late else (low, min(target, widest))
                 kept = kept if late else (slower, band, time)
                 slower, band, time = kept
+                if high < NEAR * low:
+                    break
                 target = 0.5 * (low + high) if low > 0.0 else LOWER * high
             room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
             use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / room
