@@ -14,7 +14,7 @@ import numpy as np
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.feed import time_run
 from compplan.planning.measured_runs import (
-    LEAST_GAIN,
+    SAME,
     TimedStart,
     band_beside,
     choose_run,
@@ -84,18 +84,15 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=ALIKE):
         runs += [run._replace(origin="programmed") for run in measure_runs(plain, request)]
 
-    def rank(run: TimedStart) -> float:
-        return run.time if preset == "fast" else band_beside(run, base)
-
-    for origin in sorted(runs, key=rank):
-        shaped = shape_start(request.state(origin.start), origin.start, request, PRICES[preset], measure_beside(base))
+    for origin in tuple(runs):
+        task = request.state(origin.start)
+        shaped = shape_start(task, origin.start, request, PRICES[preset], measure_beside(base, origin, task))
         if shaped is not None:
             runs += [run._replace(origin=origin.origin, shaped=shaped[1]) for run in measure_runs(shaped[0], request)]
-            break
-    best = runs if preset == "fast" else [min(runs, key=rank)]
+    best = runs if preset == "fast" else [min(runs, key=lambda run: band_beside(run, base))]
     eased = [ease_run(preset, run, base, request) for run in best if run is not first]
     taken = choose_run(preset, [base, *eased], base)
-    if compute_gain(preset, taken, first) >= 1.0 - LEAST_GAIN:
+    if compute_gain(preset, taken, first) >= 1.0 - SAME:
         return start
     taken = taken._replace(time=request.time(request.state(taken.start)))
     return _take(start, first, taken, least_time(task))

@@ -69,6 +69,7 @@ class TimedStart(NamedTuple):
     spare: float  #: Time that the shortest windows of smoothing spare. [s]
     quiet: Array  #: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
     task: PlanTask  #: The task, with the usual windows.
+    passing: Array  #: Time at each of its waypoints. Shape (n,). [s]
     origin: str = "search"  #: Where it comes from: "search" or "programmed".
     shaped: Shaped | None = None  #: What the program did, None for nothing.
 
@@ -103,7 +104,7 @@ def measure_runs(
             rings, bend = _spread_vibration(run, time, rows, dynamics)
             band = band_radius(still + rings, mean=aside)
             widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
-            found.append(TimedStart(eased, float(time[-1]), widest, least, bend, spare, still, whole))
+            found.append(TimedStart(eased, float(time[-1]), widest, least, bend, spare, still, whole, time))
             if beside is None or not rings.any():
                 break
             if count % 2 == 0:  # two rounds bring the run near to a target, then the time says which way it goes on
@@ -217,11 +218,15 @@ def least_time(task: PlanTask) -> float:
     return float(task.step_time[~rapid].sum() + between + smoothing_time(task))
 
 
-def measure_beside(base: TimedStart) -> Measured:
-    """Say in what the program counts time and bend: those of a run, were all of its band of motion."""
+def measure_beside(base: TimedStart, origin: TimedStart, task: PlanTask) -> Measured:
+    """Say in what the program counts time and bend: those of a run, were all of its band of motion.
+
+    origin: the run that it begins with, of a task.
+    """
     motion = np.sqrt(max(base.band**2 - base.still**2, 0.0))
     bend = base.bend * base.band / motion if motion > 0.0 else 0.0
-    return Measured(base.time - smoothing_time(base.task), bend)
+    passing = np.interp(task.origin, origin.task.origin, origin.passing)
+    return Measured(base.time - smoothing_time(base.task), bend, passing)
 
 
 def smoothing_time(task: PlanTask) -> float:

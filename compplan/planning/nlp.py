@@ -191,7 +191,7 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
     begin[joints] = problem.guess.ravel()
     if problem.timed:
         lower[squares], upper[squares] = 1e-8, 1.0
-        begin[squares] = SLOW_START
+        begin[squares] = SLOW_START if problem.square is None else problem.square
         for start, end in problem.runs:
             lower[squares][[start, end]] = upper[squares][[start, end]] = 0.0
     if problem.released is not None:

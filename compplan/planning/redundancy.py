@@ -49,6 +49,8 @@ LOG = logging.getLogger(__name__)
 STATIONS, FEW, FEW_IN_TUBE = 150, 300, 600
 #: Motion that travel is counted in: an axis that turns or slides. [rad, m]
 UNIT_TURN, UNIT_SLIDE = 0.3, 0.2
+#: Share of the square of a measured run's speed that the program begins with, inside of its limits.
+BEGIN = 0.8
 #: Solves of the program at most where something is in the way, clearance that is added between stations, and least
 #: share of a step after which distances are linearised anew. [1, m, 1]
 CLEARANCE_SOLVES, RESERVE, LEAST_SHARE = 6, 1e-3, 0.05
@@ -67,6 +69,8 @@ class Measured(NamedTuple):
 
     time: float  #: Time along its runs, without smoothing. [s]
     bend: float  #: Greatest displacement of the tip by inertia if the springs gave at once. [m]
+    #: Time at each waypoint of a run of the start, from which the speed begins. Shape (n,). [s]
+    passing: Array
 
 
 class Shaped(NamedTuple):
@@ -166,6 +170,7 @@ def state_problem(
         loaded=np.ones(k, bool), q_start=task.q_start[rows], guess=task.q_start[rows],
         lower=np.tile(robot.lower + room, (k, 1)), upper=np.tile(robot.upper - room, (k, 1)), spin_free=True,
         axis_free=False, limits=tuple(limits), costs=tuple(costs), along=along, runs=runs,
+        square=BEGIN * np.minimum(np.gradient(along, beside.passing[rows]), 1.0) ** 2,
     )  # fmt: skip
 
 
