@@ -24,7 +24,6 @@ from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
 from compplan.job.profile import apply_profile
-from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.process.force_law import Process, turns_with_travel
 from compplan.process.force_models.columns import ColumnsProcess
@@ -83,6 +82,15 @@ class PlanTable(StrictTable):
         if not np.linalg.norm(value) > 0.0:
             raise ValueError("has length 0, expected a direction")
         return value
+
+
+class ToleranceTable(StrictTable):
+    """[tolerance]: use of plan.tolerance_mm.
+
+    tube: Share of the tolerance by which a plan may leave the path for a shorter run or a narrower band.
+    """
+
+    tube: float = Field(default=0.0, ge=0.0, le=0.9)
 
 
 class SamplingTable(StrictTable):
@@ -250,12 +258,7 @@ class Job(StrictTable):
             return 1e-3 * self.feed.corner_tolerance_mm
         jumps = self.feed.mode == "constant" and turns_with_travel(self.process)
         rounds = self._given is None and isinstance(self.toolpath, str) and not jumps
-        return ROUNDED * self.strictest_tolerance * rounds
-
-    @property
-    def strictest_tolerance(self) -> float:
-        """The least tolerance of any part of the path. [m]."""
-        return 1e-3 * self.tolerance.strictest(self.plan.tolerance_mm)
+        return ROUNDED * 1e-3 * self.plan.tolerance_mm * rounds
 
     @property
     def label(self) -> str:

@@ -112,8 +112,6 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
 
     """
     toolpath = load_toolpath(job)
-    with name_file(job.file):
-        toolpath = job.tolerance.lay(toolpath, job.plan.tolerance_mm)
     if job.feed.constant_mm_s is not None:
         toolpath = replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, job.feed.constant_mm_s * 1e-3))
     rows_at, from_file = toolpath.arc_length, isinstance(job.toolpath, str)

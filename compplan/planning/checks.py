@@ -21,7 +21,7 @@ from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED, Bending
 from compplan.planning.evaluate import Evaluation, Margins, find_part
-from compplan.planning.executed import ExecutedPath, bound_executed
+from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
 from compplan.planning.stability import find_buckling
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows
@@ -165,7 +165,7 @@ def run_checks(
 
 def _check_tip(task: PlanTask, after: Evaluation) -> Check:
     """The loaded tip of the independent check is within its tolerance."""
-    use = np.where(after.cut, task.use_tolerance(after.deviation), 0.0)
+    use = np.where(after.cut, after.distance, 0.0) / task.tolerance
     worst = int(use.argmax())
     sentence = (
         f"the independent check finds the loaded tip {_mm(after.distance[worst])} off the path at waypoint {worst}"
@@ -188,12 +188,11 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
 def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[Check, ...]:
     """The loaded tip stays within the tolerance of each move."""
     found, move = evaluate_between(task, q, between, bench)
-    use = found / float(task.move_tolerance[move]) if move >= 0 else 0.0
     sentence = f"the independent check finds the loaded tip {_mm(found)} off the path after waypoint {move}"
-    own = between.most / task.move_tolerance
+    own = between.most / task.tolerance
     worst = int(own.argmax())
     stray = f"between waypoints the tip strays by {_mm(between.most[worst])}, after waypoint {worst}"
-    first = Check("tip between waypoints, share of the tolerance", use, 1.0, sentence)
+    first = Check("tip between waypoints, share of the tolerance", found / task.tolerance, 1.0, sentence)
     value = 0.0 if first.fails else float(own[worst])
     return first, Check("tip between waypoints by the planner, share of the tolerance", value, 1.0, stray)
 
@@ -223,7 +222,7 @@ def _check_correction(task: PlanTask, position: Array) -> Check:
 
 def _check_executed(task: PlanTask, executed: ExecutedPath) -> Check:
     """The executed path stays within the tolerance."""
-    use = executed.near / bound_executed(task)
+    use = executed.near / task.tolerance
     worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
     sentence = (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
                 f"waypoint {worst}; lower the feed there")  # fmt: skip
@@ -347,11 +346,11 @@ def _check_inertia(task: PlanTask, time: Array, bending: Bending, moving: ExactR
 def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
     """Bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
 
-    Returns the greatest distance from the moves [m], against the tolerance of each, and where that move starts.
+    Returns the greatest distance from the moves [m], and where that move starts.
     """
     moves = judged_moves(task)
     if len(moves) > WORST + EVEN:
-        worst = moves[np.argsort((between.most / task.move_tolerance)[moves])[-WORST:]]
+        worst = moves[np.argsort(between.most[moves])[-WORST:]]
         moves = np.union1d(worst, pick_even(moves, EVEN))
     if not len(moves):
         return 0.0, -1
@@ -367,7 +366,7 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
         tip = run_simulated_robot(bench.cell, half[0], half[1], bias=bias).position
     path = task.programmed
     distance = distance_to_moves(tip, path[moves], path[moves + 1])
-    worst_of = int((distance / task.move_tolerance[moves]).argmax())
+    worst_of = int(distance.argmax())
     return float(distance[worst_of]), int(moves[worst_of])
 
 

@@ -130,11 +130,6 @@ class ReachedPath(NamedTuple):
     pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
 
 
-def bound_executed(task: PlanTask) -> Array:
-    """Return how far the executed tip may be off across the path at each waypoint. Shape (n,). [m]"""
-    return np.full(len(task), task.tolerance) if task.allowed is None else task.allowed.normal
-
-
 def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
     """Follow a command (n, nq) at its times (n,) [s] as the controller of the robot folder does.
 
@@ -231,7 +226,7 @@ def _write_follower(
         program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
                                 exact=exact, events=nominal.events)  # fmt: skip
         tolerance = output.bound_fit(task.tolerance)
-        program = replace(program, tolerance=tolerance, coarser=task.coarser, cycle=motion.cycle, free=task.lead,
+        program = replace(program, tolerance=tolerance, cycle=motion.cycle, free=task.lead,
                           form=output.form, arc_of=nominal.arc, asked=1e3 * nominal.feed,
                           **bound_zones(task, motion))  # fmt: skip
         assert program.tcp is not None and program.corner is not None
@@ -259,7 +254,8 @@ def _write_follower(
 
 def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
     """Return how far zones may lead beside the path of a task, and how its controller blends, as a `Program` has it."""
-    return {"corner": ROUNDED * bound_executed(task), "blend_share": motion.blend_share, "smoothing": motion.smoothing}
+    corner = np.full(len(task), ROUNDED * task.tolerance)
+    return {"corner": corner, "blend_share": motion.blend_share, "smoothing": motion.smoothing}
 
 
 def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, float, float]:

@@ -107,7 +107,7 @@ def _refuse_inertia(found: Compensation) -> str:
         return f"joint limits are passed by a factor of {found.excess:.3g}"
     if found.change > SETTLED * task.tolerance:
         return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
-    if ((driven := found.between.most) > task.move_tolerance).any():
+    if ((driven := found.between.most) > task.tolerance).any():
         return f"the tip strays by {1e3 * float(driven.max(initial=0.0)):.2g} mm between waypoints"
     return ""
 
@@ -175,7 +175,7 @@ def _divide_ahead(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
         if task.follows_feed:
             task = _load(task, time_run(task, task.q_start, feed_request)[1], task.q_start, None)
         bow = measure_between(task, task.q_start, bow=True)
-        pieces = mending.allow(task, wanted_pieces(bow, task.move_chord), bow.most)
+        pieces = mending.allow(task, wanted_pieces(bow, task.chord), bow.most)
         if task.follows_feed:
             pieces = np.maximum(pieces, _force_pieces(task))
         pieces[task.missed[1:] | task.missed[:-1]] = 1
@@ -293,7 +293,7 @@ def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     crosses = find_crossings(found.command.q, q)
     for way, whole in zip(between, found.between, strict=True):
         way[crosses] = np.maximum(way, whole)[crosses]
-    pieces = wanted_pieces(between, task.move_chord)
+    pieces = wanted_pieces(between, task.chord)
     pieces[task.nominal.steps < 1e-6] = 1
     for waypoint in found.command.failures:
         pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1

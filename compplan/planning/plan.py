@@ -257,7 +257,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         strategy=table.strategy,
         spin_free=table.rotate_about_tool_axis,
         max_correction=table.max_correction_mm * 1e-3,
-        tolerance=job.strictest_tolerance,
+        tolerance=1e-3 * job.plan.tolerance_mm,
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,

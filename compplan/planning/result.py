@@ -145,7 +145,6 @@ class Plan(Shown):
         followed = self.executed is not None and self.executed.zone is not None  # as written: that counts already
         if output is not None and output.programs and output.form != "joint" and not followed:
             bow += output.bound_fit(task.tolerance)
-            left = left + output.bound_fit(task.tolerance) * (task.coarser - 1.0)
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
@@ -300,7 +299,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **plan.bending.describe(),
         **summarise_band(plan.error_band),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
-        "within_tolerance": float((plan.task.use_tolerance(plan.after.deviation)[plan.after.cut] <= 1.0).mean()),
+        "within_tolerance": plan.after.share_within(plan.task.tolerance),
         "correction_mm": {"max": margins.max_correction * 1e3},
         "margins": {
             "position_limit_deg": float(np.degrees(margins.position)),

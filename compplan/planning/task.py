@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
-from compplan.planning.allowed import Allowed, find_allowed
 from compplan.planning.posture.motion import MotionFigures, list_plays
 from compplan.planning.posture.summary import Start
 from compplan.process.force_law import ForceLaw
@@ -60,7 +59,7 @@ class PlanTask:
     velocity_limits: Array  #: Velocity limits. Shape (nq,). [rad/s or m/s]
     acceleration_limits: Array  #: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
     max_correction: float  #: Greatest distance of the unloaded tip from the path. [m]
-    #: Greatest deviation of the loaded tip that counts as on the path, the strictest of all parts. [m]
+    #: Greatest deviation of the loaded tip that counts as on the path. [m]
     tolerance: float
     spin_free: bool  #: Whether the rotation about the tool axis is free.
     start: Start | None = None  #: How q_start was found, or None.
@@ -69,7 +68,7 @@ class PlanTask:
     lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     #: Waypoints within a cut at which the tool comes to rest. Shape (n,).
     rests: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    #: How far the loaded tip may stray from the path between waypoints, where the tolerance is strictest. [m]
+    #: How far the loaded tip may stray from the path between waypoints. [m]
     chord: float = np.inf
     smoothing: float = SMOOTHING  #: Time over which the motion is smoothed. [s]
     inertia: bool = False  #: Whether the inertia of the motion counts as a load.
@@ -178,32 +177,6 @@ class PlanTask:
         """Waypoints that take the correction out where a cut has ended: those of `lead` after a cut. Shape (n,)."""
         last = np.maximum.accumulate(np.where(self.lead, 0, np.arange(len(self))))
         return np.asarray(self.lead & ~self.nominal.rapid[last])
-
-    @cached_property
-    def allowed(self) -> Allowed | None:
-        """The tolerance of each part of the path; None where one is for all."""
-        return find_allowed(self.nominal)
-
-    @property
-    def move_tolerance(self) -> Array:
-        """How far the tip may stray from each move. Shape (n - 1,). [m]."""
-        return np.full(len(self) - 1, self.tolerance) if self.allowed is None else self.allowed.moves
-
-    @property
-    def move_chord(self) -> Array | float:
-        """How far it may before the move is divided, as much more as its tolerance is. Shape (n - 1,). [m]."""
-        return self.chord if self.allowed is None else self.chord * self.coarser[1:]
-
-    @property
-    def coarser(self) -> Array:
-        """How much more the move that ends at each waypoint may stray than the strictest one. Shape (n,)."""
-        return np.r_[1.0, self.move_tolerance / self.tolerance]
-
-    def use_tolerance(self, away: Array) -> Array:
-        """Return the share of its tolerance that a deviation (n, 3) [m] uses at each waypoint. Shape (n,)."""
-        if self.allowed is None:
-            return np.asarray(np.linalg.norm(away, axis=1) / self.tolerance)
-        return self.allowed.use(away)
 
     @property
     def stays(self) -> NDArray[np.bool_]:

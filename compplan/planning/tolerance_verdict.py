@@ -58,7 +58,7 @@ class ToleranceVerdict:
 
     word: str  #: "keeps", "may_not_keep" or "not_known".
     sentence: str  #: The same for people, with what to do about it.
-    tolerance: float  #: Greatest deviation that counts as within tolerance, the strictest of all parts. [m]
+    tolerance: float  #: Greatest deviation that counts as within tolerance. [m]
     band: float | None  #: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
     #: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
     beyond_share: float | None
@@ -115,7 +115,7 @@ def check_tolerance(
         compensates: Whether the job lets the plan compensate the inertia of the motion.
         traced: Whether it is identified how the drives follow.
     """
-    wanted, known = describe_tolerance(task), bool(np.isfinite(inertia))
+    wanted, known = _mm(task.tolerance), bool(np.isfinite(inertia))
     error_band = None if status == "infeasible" else error_band
     band, basis = (None, "") if error_band is None else (error_band.whole, describe_basis(error_band))
     aside = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
@@ -144,17 +144,14 @@ def check_tolerance(
         return state(MAY_NOT_KEEP, sentence, cause, change, None)
     if error_band is None:
         return withhold("no robot within the uncertainty has an equilibrium under this load", MEASURE, None)
-    use, length = np.where(task.cut, use_tolerance(task, error_band), 0.0), task.nominal.arc_length
+    use, length = np.where(task.cut, error_band.along, 0.0) / task.tolerance, task.nominal.arc_length
     beyond = use > 1.0
     share, cause = share_length(length, task.cut, beyond), find_cause(error_band, left)
     if beyond.any():
         change = find_change(error_band, cause, compensates=compensates)
-        widest = error_band.widest if task.allowed is None else int(use.argmax())
-        own = ("" if task.allowed is None
-               else f" (band {_mm(error_band.along[widest])}, {use[widest]:.2g} times its tolerance)")  # fmt: skip
+        worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
         off = (f"May not keep {wanted}: the tip may be up to {_mm(error_band.whole)} off the path (95 %). Beyond the "
-               f"tolerance: {_percent(share)} of the cut, most of all {1e3 * length[widest]:.4g} mm along the path{own}"
-               f". Largest cause: {cause}.")  # fmt: skip
+               f"tolerance: {_percent(share)} of the cut, most of all {worst}. Largest cause: {cause}.")  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
             change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
@@ -166,29 +163,9 @@ def check_tolerance(
     if not known:
         missing = "the robot folder has no masses or no springs, so inertia is not counted"
         return withhold(missing, "State them in its folder.", share)
-    most = "" if task.allowed is None else f", and uses {_percent(float(use.max()))} of the tolerance at most"
     sentence = (f"Keeps {wanted}: with 95 % the tip stays within {_mm(error_band.whole)} along the"
-                f" whole cut{most} ({basis}).{aside}")  # fmt: skip
+                f" whole cut ({basis}).{aside}")  # fmt: skip
     return state(KEEPS, sentence, cause, "", share)
-
-
-def use_tolerance(task: PlanTask, error_band: ErrorBand) -> Array:
-    """Return the share of its tolerance that the band of the whole path uses at each waypoint. Shape (n,)."""
-    if task.allowed is None:
-        return error_band.along / task.tolerance
-    mean = None if error_band.motion is None else error_band.motion.mean
-    return task.allowed.use_of_band(error_band.along, error_band.covariance, mean)
-
-
-def describe_tolerance(task: PlanTask) -> str:
-    """Say the tolerance, or the range of those across the travel where parts of the cut have their own."""
-    if task.allowed is None:
-        return _mm(task.tolerance)
-    sizes = task.allowed.normal[task.cut]
-    span = "" if np.ptp(sizes) == 0.0 else f"{_mm(sizes.min())} to "
-    along = task.allowed.tangential[task.cut & task.allowed.apart]
-    more = f" across the travel, {_mm(along.min())} along it" if len(along) else ""
-    return f"{span}{_mm(sizes.max())}{more}"
 
 
 def find_cause(error_band: ErrorBand, left: Array) -> str:

@@ -125,7 +125,7 @@ def test_a_verdict_speaks_of_ways_that_programs_take_and_of_no_cubic_through_the
 
     def say(way):
         far = np.zeros(len(plan.task) - 1)
-        far[move] = 2.0 * plan.task.move_tolerance[move]
+        far[move] = 2.0 * plan.task.tolerance
         between = plan.between._replace(**{way: far})
         given = plan.task, plan.command, plan.timing, between, plan.after, plan.margins, bench
         return [check.sentence for check in run_checks(*given) if check.fails and "strays" in check.sentence]

@@ -98,7 +98,6 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
-    coarser = np.r_[np.ones(first), plan.task.coarser, np.ones(len(back.q))]
     sent = np.vstack([way.q, plan.sent, back.q])
     program = make_program(plan)
     stops = STOPPING.intersection(job.output.programs)
@@ -109,7 +108,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     asked = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        q, time, tip, rows, feed, stands, may_stop, free, table, coarser, sent, asked, beside, corner,
+        q, time, tip, rows, feed, stands, may_stop, free, table, sent, asked, beside, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 
@@ -293,7 +292,6 @@ def make_program(plan: Plan) -> Program:
     if plan.job is None:
         return program
     output, motion = plan.job.output, load_motion(plan.robot)[0]
-    coarser = np.r_[np.ones(before), plan.task.coarser, np.ones(after)]
     zones = bound_zones(plan.task, motion)
     drawn, lines = (
         None if marks is None else np.r_[np.zeros(before, int), marks, np.zeros(after, int)]
@@ -308,7 +306,7 @@ def make_program(plan: Plan) -> Program:
     zones["corner"] = np.r_[np.ones(before), zones["corner"], np.ones(after)]
     asked = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
     return replace(
-        program, tolerance=output.bound_fit(plan.task.tolerance), coarser=coarser, corner_shift=shift, asked=asked,
+        program, tolerance=output.bound_fit(plan.task.tolerance), corner_shift=shift, asked=asked,
         cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines,
         pieces=_shift_pieces(plan, before, after), **zones,
     )  # fmt: skip
