@@ -134,7 +134,7 @@ class Plan(Shown):
         if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
-        bow = max(float(self.between.most.max(initial=0.0)) - self.after.max_deviation, 0.0)
+        bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
         scene = build_path_model(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output
@@ -255,7 +255,7 @@ class Plan(Shown):
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
     failures, margins, between, worst = plan.command.failures, plan.margins, plan.between, plan.mismatch
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
     learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
     summary: dict[str, Any] = {
         "schema": 1,

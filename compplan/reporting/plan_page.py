@@ -147,7 +147,7 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     shares = (format_percent(side.share_within(task.tolerance)) for side in sides)
     rows.append([f"within {format_set_length(task.tolerance)}", *shares])
     rows.append(["tool axis off by up to", *(format_angle(side.max_tilt) for side in sides)])
-    ways = {"joints linear": between.joint, "tip linear": between.cartesian}
+    ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:
         drives = "drives as identified" if plan.executed.known else "drives not known"
