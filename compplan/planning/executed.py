@@ -113,13 +113,6 @@ def describe_floor(task: PlanTask, q: Array) -> str:
             f"({1e3 * floor:g} mm, controller.toml): it is not written.")  # fmt: skip
 
 
-def describe_unfollowed(output: OutputTable, *, carries: bool) -> list[str]:
-    """Say which written moves the executed path leaves out; `carries`: whether joints carry the part."""
-    carried = "Executed path: written moves are not followed where joints carry the part."
-    moves = carries and output.form != "joint" and set(output.programs) - {"csv"}
-    return [carried] * bool(moves)
-
-
 class ReachedPath(NamedTuple):
     """What a controller makes of a command; the last three as of `ExecutedPath`."""
 

@@ -44,7 +44,7 @@ def list_notes(
     task: PlanTask, command: Command, timing: Timing, bending: Bending, job: Job | None
 ) -> tuple[Check, ...]:
     """Return what a user should know of a plan, as checks that failed."""
-    first = [*task.nominal.notes, "" if task.law is None else task.law.note, *_describe_positioner(task.robot, job)]
+    first = [*task.nominal.notes, "" if task.law is None else task.law.note]
     if job is not None:
         first += [*describe_spindle(task, job), *describe_frames(task, job)]
         if job.tool is not None and job.tool.mass_kg is None:
@@ -115,19 +115,6 @@ def describe_spindle(task: PlanTask, job: Job) -> list[str]:
         Stop("The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
              "or write lines that do into a template ([output] templates).")
     ]  # fmt: skip
-
-
-def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
-    """Say what carries the part, what holds still, and what is taken for granted of it."""
-    if not robot.ground:
-        return []
-    names = [joint.name for joint in robot.actuated[: int(robot.carriers.sum())]]
-    held = [] if job is None else list(job.positioner.hold_deg)
-    stays = f" (held: {', '.join(held)})" if held else ""
-    return [
-        f"The part is carried by {', '.join(names)}{stays}: poses and deviations count from {robot.base}. It is taken "
-        "as rigid and exact; the weight of the part is unknown."
-    ]
 
 
 #: Angle between tool and flange from which on the tool is asked about. [deg]
@@ -208,9 +195,7 @@ def describe_outside(job: Job) -> str:
     return Stop(f"Templates outside the job's folder go into the programs: {listed}.") if listed else ""
 
 
-#: Times of smoothing around a rest in which the tool gains its speed, and around a limit to which that reaches.
-FROM_REST, FROM_LIMIT = 3.0, 1.0
-#: The same around both ends of a cut, where starting up and coming to rest do not count.
+#: Times of smoothing around both ends of a cut, where starting up and coming to rest do not count.
 FROM_END = 4.0
 #: Stretches that a sentence lists.
 LISTED = 5
@@ -233,52 +218,20 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
     return np.asarray(slow & beside)
 
 
-def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.int_]]]:
-    """Sort the slow waypoints by what slows them; each cause in words, with its waypoints.
-
-    Near a rest within the cut the tool starts up or stops, and nearly so near a rounded corner; near a waypoint where a
-    joint is at its limit, that limit holds. What is left is slower for the joints' motion to follow the corrections
-    where these follow the feed, and for the run's smoothness elsewhere.
-    """
-    left, reach = mark_slow(task, timing), FROM_REST * task.smoothing
-    causes: list[tuple[str, NDArray[np.bool_]]] = []
-    curved = np.zeros(len(task), bool) if task.nominal.rounded is None else task.nominal.rounded > 0.0
-    for words, marked in (("at corners, where the tool comes to rest", task.rests & ~task.nominal.rapid),
-                          ("at rounded corners", curved)):  # fmt: skip
-        near = left & (_distance(timing.time, marked) <= reach)
-        causes, left = [*causes, (words, near)], left & ~near
-    if (limited := timing.limiting >= 0).any():
-        own = _find_nearest(timing.time, limited, timing.time)
-        near = left & (np.abs(timing.time - timing.time[own]) <= FROM_LIMIT * task.smoothing)
-        joint, by_velocity = timing.limiting[own], timing.by_velocity[own]
-        for number, fast in sorted({(int(joint[i]), bool(by_velocity[i])) for i in np.flatnonzero(near)}):
-            words = f"by the {'velocity' if fast else 'acceleration'} limit of {task.robot.joint_names[number]}"
-            causes.append((words, near & (joint == number) & (by_velocity == fast)))
-        left = left & ~near
-    if left.any():
-        follows = task.follows_feed or task.inertia
-        words = "so that the joints can follow the corrections" if follows else "to keep the run smooth around limits"
-        causes.append((words, left))
-    return [(text, np.flatnonzero(rows)) for text, rows in causes if rows.any()]
-
-
 def describe_causes(task: PlanTask, timing: Timing) -> str:
-    """Say at which waypoints the feed is lowered, why, and how far; "" where it is not."""
-    slow = np.flatnonzero(mark_slow(task, timing)).tolist()
-    if not slow:
+    """Say at which waypoints the feed is lowered, how far, and which limits are reached there; "" where it is not."""
+    slow = np.flatnonzero(mark_slow(task, timing))
+    if not len(slow):
         return ""
-    spans, count = group_waypoints(slow), len(slow)
+    spans, least = group_waypoints(slow.tolist()), int(slow[timing.share[slow].argmin()])
     listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
-    reasons = []
-    for words, rows in list_causes(task, timing):
-        least = int(rows[timing.share[rows].argmin()])
-        reasons.append(f"{words}, down to {100 * timing.share[least]:.3g} % at waypoint {least}")
-    return f"The feed is lowered at {count} waypoints ({listed}): {'; '.join(reasons)}."
-
-
-def _distance(time: Array, marked: NDArray[np.bool_]) -> Array:
-    """Return the time from each waypoint to the nearest marked one, infinite without any. Shape (n,). [s]"""
-    return np.abs(time - time[_find_nearest(time, marked, time)]) if marked.any() else np.full(len(time), np.inf)
+    reached = {(int(timing.limiting[k]), bool(timing.by_velocity[k])) for k in slow if timing.limiting[k] >= 0}
+    causes = [f"by the {'velocity' if fast else 'acceleration'} limit of {task.robot.joint_names[joint]}"
+              for joint, fast in sorted(reached)]  # fmt: skip
+    causes += ["at corners, where the tool comes to rest"] if task.rests.any() else []
+    return (f"The feed is lowered at {len(slow)} waypoints ({listed}), down to {100 * timing.share[least]:.3g} % at "
+            f"waypoint {least}: {', '.join([*causes, 'to keep the run smooth'])}."
+            )  # fmt: skip
 
 
 def _find_nearest(time: Array, marked: NDArray[np.bool_], when: Array) -> NDArray[np.int_]:

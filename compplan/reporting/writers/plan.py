@@ -22,7 +22,7 @@ from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
-from compplan.planning.executed import bound_zones, describe_unfollowed
+from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan, summarise_plan
 from compplan.reporting.writers.recording import write_plan_cell
 from compplan.robot import Array
@@ -261,7 +261,6 @@ def note_programs(plan: Plan) -> Plan:
     posts = {language: make_post(plan.job, language) for language in plan.job.output.programs}
     notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
     notes += [note] if plan.executed is not None and (note := plan.executed.say()) else []
-    notes += describe_unfollowed(plan.job.output, carries=bool(plan.task.robot.carrying))
     return plan.add_checks(state_notes(notes))
 
 
