@@ -35,8 +35,8 @@ def load_toolpath(job: Job) -> Toolpath:
         InputError: If the toolpath file is invalid.
 
     """
-    if job.given is not None:
-        return check_toolpath(job.given)
+    if job.context.given is not None:
+        return check_toolpath(job.context.given)
     if not isinstance(job.toolpath, str):
         with name_file(job.file, "toolpath"):
             return check_toolpath(job.toolpath.generate(), file=job.file)
@@ -71,7 +71,7 @@ def refuse_unsettled(job: Job) -> None:
         InputError: If it does.
 
     """
-    if job.tools or job.tool_table is not None:
+    if job.context.tools or job.tool_table is not None:
         message = "describes tools by number: split_job gives one job a tool, load_one_job the one of [cam] operation"
         raise InputError(message, file=job.file, where="tool")
 
@@ -115,7 +115,7 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     if job.feed.constant_mm_s is not None:
         toolpath = replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, job.feed.constant_mm_s * 1e-3))
     rows_at, from_file = toolpath.arc_length, isinstance(job.toolpath, str)
-    from_cam = job.given is None and isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
+    from_cam = job.context.given is None and isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
     top, note = read_stock_top(job.process, toolpath, from_cam=from_cam)
     step = job.sampling.max_step_mm
     max_step = step * 1e-3 if step is not None else FILE_STEP if from_file else np.inf
@@ -131,7 +131,7 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, cutting=cutting)
     with name_file(job.file):
         notes = law.describe(nominal)
-    missing = 0 if cutting is None or job.cam.operation is None else job.cam.operation - 1 - len(job.before)
+    missing = 0 if cutting is None or job.cam.operation is None else job.cam.operation - 1 - len(job.context.before)
     if missing > 0:
         notes = (f"The cuts of {missing} earlier operations are left out of the stock (assumed): no [[tool]] describes "
                  "them.", *notes)  # fmt: skip
@@ -161,7 +161,7 @@ def name_file(file: Path | None, where: str | None = None) -> Iterator[None]:
 def _list_cuts_before(job: Job, process: CuttingTable) -> list[tuple[CuttingTable, Toolpath]]:
     """Return the earlier cuts in the same stock, part frame."""
     return [
-        (one.process, resample_toolpath(load_toolpath(one), FILE_STEP)) for one in job.before
+        (one.process, resample_toolpath(load_toolpath(one), FILE_STEP)) for one in job.context.before
         if isinstance(one.process, CuttingTable)
         and (one.process.stock, one.process.stock_top_mm) == (process.stock, process.stock_top_mm)
     ]  # fmt: skip
@@ -169,10 +169,10 @@ def _list_cuts_before(job: Job, process: CuttingTable) -> list[tuple[CuttingTabl
 
 def find_learned_force(job: Job) -> LearnedForce | None:
     """Return the force learned from parts: from the job, or from its robot folder."""
-    if job.stated_force is not None:
-        return job.stated_force[0]
-    if job.mounted is not None:
-        return read_learned_force(job.mounted.folder, job.process)
+    if job.context.force is not None:
+        return job.context.force[0]
+    if job.context.mounted is not None:
+        return read_learned_force(job.context.mounted.folder, job.process)
     try:
         folder = find_robot_folder(job.robot, job.folder)
     except CompplanError:  # reported when the robot is loaded

@@ -129,7 +129,7 @@ def describe_frames(task: PlanTask, job: Job) -> list[str]:
     """Ask about a tool across the flange or too long and a spindle below the part; say how a part frame was fitted."""
     notes = [] if job.part.fit is None else [job.part.fit.tell()]
     if job.tool is not None:
-        notes += ask_about_tool(job, job.mounted or load_robot(job.robot, relative_to=job.folder))
+        notes += ask_about_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
     return [*notes, *look_at_spindle(task.nominal.axis, job)]
 
 

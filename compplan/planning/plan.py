@@ -241,7 +241,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
 def job_robot(job: Job) -> Robot:
     """Load the robot of a job, with the tool that the job mounts."""
     try:
-        robot = job.mounted or load_robot(job.robot, relative_to=job.folder)
+        robot = job.context.mounted or load_robot(job.robot, relative_to=job.folder)
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
     refuse_unsettled(job)

@@ -171,13 +171,13 @@ def check_tolerance(
 def find_cause(error_band: ErrorBand, left: Array) -> str:
     """Name the cause whose measurement narrows the band most, otherwise what makes it widest where it is widest."""
     causes = {**error_band.causes, "what the plan itself leaves": float(left[error_band.widest])}
-    largest = max(causes, key=lambda name: causes[name])
     alone = {rung.step: rung.alone for rung in error_band.ladder}
-    if largest not in (*CAUSES, FORCE) or not {"force_log", "poses"} <= set(alone):
-        return largest
-    if alone["force_log"] < alone["poses"]:
-        return FORCE
-    return max((name for name in causes if name in CAUSES), key=lambda name: causes[name])
+    largest = max(causes, key=causes.__getitem__)
+    if largest in (*CAUSES, FORCE) and {"force_log", "poses"} <= set(alone):
+        if alone["force_log"] < alone["poses"]:
+            return FORCE
+        return max(set(causes) & set(CAUSES), key=causes.__getitem__)
+    return largest
 
 
 def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) -> str:
@@ -197,13 +197,12 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
 
 def describe_basis(error_band: ErrorBand) -> str:
     """Say what the band rests on, in a few words."""
-    measured, assumed = error_band.known.grade == "measured", "assumed" in error_band.force.source
-    said = "the robot is measured" if measured else "the robot is assumed, not measured"
+    robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
     if not np.any(error_band.parts["force"]):
-        return said
-    if assumed and not measured:
-        return "robot and force are assumed, not measured"
-    return f"{said}; the force is {'assumed' if assumed else 'stated'}"
+        return f"the robot is {robot}"
+    force = "assumed" if "assumed" in error_band.force.source else "stated"
+    both = robot.startswith("assumed") and force == "assumed"
+    return f"robot and force are {robot}" if both else f"the robot is {robot}; the force is {force}"
 
 
 def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:

@@ -97,7 +97,7 @@ def test_a_cut_whose_tool_nobody_describes_is_refused_in_one_line(tmp_path, tabl
     import tomli_w
 
     job = make_job(tmp_path, **tables)
-    (tmp_path / "job.toml").write_text(tomli_w.dumps(job.data))
+    (tmp_path / "job.toml").write_text(tomli_w.dumps(job.context.data))
     done = run_command(["plan", tmp_path / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
     assert done.status == 2 and re.search(said, done.err) and done.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
@@ -118,7 +118,7 @@ def test_tools_that_cannot_be_are_refused_with_their_place(tmp_path: Path, tools
 def test_a_command_of_one_tool_takes_the_operation_that_the_job_names(tmp_path: Path, monkeypatch, capsys) -> None:
     import tomli_w
 
-    data = make_job(tmp_path, tool=TOOLS, process=PROCESS).data
+    data = make_job(tmp_path, tool=TOOLS, process=PROCESS).context.data
     file = tmp_path / "job.toml"
     file.write_text(tomli_w.dumps(data))
     with pytest.raises(InputError, match=r"2 operations \(1 T1, 2 T2\) and this takes one; write"):
@@ -354,8 +354,8 @@ def test_init_writes_a_tool_for_each_number_that_the_file_cuts_with(tmp_path: Pa
     write_path(tmp_path)
     done = run_command(["init", "my.toml", "--robot", "kuka_kr16_2", "--toolpath", "two.nc"], monkeypatch, capsys)
     assert done.status == 0, done.err
-    job = cp.load_job("my.toml")
-    assert [tool.number for tool in job.tools] == [1, 2] and {tool.frame for tool in job.tools} == {"pendant"}
+    tools = cp.load_job("my.toml").context.tools
+    assert [tool.number for tool in tools] == [1, 2] and {tool.frame for tool in tools} == {"pendant"}
     assert "put yours" in (tmp_path / "my.toml").read_text() and "the part stands at [" in done.out
 
 

@@ -79,7 +79,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
             plan, files = deliver_plan(plans[0], folder)
     if len(jobs) == 1:
         return CommandResult(summarise_plan(plan), format_plan(plan, folder, files), _explain_failures([plan]))
-    return _deliver_all(plans, folder, jobs[0].data.get("name", "").rpartition(",")[0] or jobs[0].file.stem)
+    return _deliver_all(plans, folder, jobs[0].context.data.get("name", "").rpartition(",")[0] or jobs[0].file.stem)
 
 
 def _deliver_all(plans: Sequence[Plan], folder: Path, name: str) -> CommandResult:

@@ -85,7 +85,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     from compplan.simulation.inertia import solve_rigid
 
     job, robot = plan.job, plan.robot.folder
-    if job is None or robot is None or job.mounted is not None:
+    if job is None or robot is None or job.context.mounted is not None:
         return plan
     way, back, n = plan.approach, plan.retract, len(plan.task)
     first, last = len(way.q), len(way.q) + n
