@@ -43,6 +43,8 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
     Raises:
         InputError: If they are not what they have to be, or a path has no robot or no part frame.
     """
+    if isinstance(source, Job) and robot is None and not tables:
+        return source
     unknown = next((name for name in tables or {} if name not in TABLES), None)
     if unknown is not None:
         raise InputError(f"no table named {unknown!r} in a job, choose from {list(TABLES)}")
@@ -121,18 +123,23 @@ def _plain(table: Any) -> dict[str, Any]:
     return dict(table) if isinstance(table, Mapping) else {}
 
 
-def take_robot(robot: str | Path | Robot, tool: Mapping[str, Any] | None = None) -> Robot:
+def take_robot(robot: str | Path | Robot, tool: Table | None = None) -> Robot:
     """Return a robot with the tool that is mounted.
 
     Args:
         robot: Name of a shipped robot, a robot folder, or the robot.
-        tool: The tool as [tool] of a job; left out: the robot's own.
+        tool: The tool as [tool] of a job, or its TOML file; left out: the robot's own.
 
     Raises:
         InputError: If there is no such robot, or the tool is not what it has to be.
     """
     known = robot if isinstance(robot, Robot) else load_robot(robot)
-    return known if tool is None else check_table(ToolTable, tool, key="tool").mount(known)
+    if tool is None:
+        return known
+    if isinstance(tool, Mapping):
+        return check_table(ToolTable, tool, key="tool").mount(known)
+    table, key = read_named_table(tool, "tool")
+    return check_table(ToolTable, table, file=tool, key=key).mount(known)
 
 
 def make_post_job(

@@ -6,12 +6,13 @@ and loads, in the loaded state.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.effects.forward_model import (
     Attained,
@@ -121,12 +122,14 @@ class Linearization:
     @cached_property
     def yielding(self) -> Array:
         """Motion of the target per load on each elastic coordinate: J C. Shape (n, 6, s)."""
-        return np.asarray(coordinate_twists(self.attained, self.point) @ self.attained.chain.compliance)
+        moved = element_twists(self.attained, self.attained.chain.spring_elements, self.point)
+        return np.asarray(moved @ self.attained.chain.compliance)
 
     @cached_property
     def spring_jacobian(self) -> Array:
         """Motion of the TCP per motion of each elastic coordinate. Shape (n, 6, s)."""
-        return coordinate_twists(self.attained, self.attained.frames.tcp_position)
+        attained = self.attained
+        return element_twists(attained, attained.chain.spring_elements, attained.frames.tcp_position)
 
     @cached_property
     def encoder_of_coordinate(self) -> Array:
@@ -136,6 +139,17 @@ class Linearization:
             if spring.actuator:
                 matrix[spring.joint, spring.coordinate] = spring.sign
         return matrix
+
+    def joint_response(self, index: int, moved: Array, *, spring: bool = False) -> tuple[Array, Array]:
+        """Return motion of the target and change of the link-side readings as a joint moves behind its motor.
+
+        moved: k motions, (n, k) [rad or m]; spring: whether its own spring does it, without mimic joints.
+        """
+        motion = self.spring_motion if spring else self.motion
+        encoder = np.zeros((len(moved), self.robot.nq, moved.shape[1]))
+        if not spring or index not in self.own or self.own[index].actuator:
+            encoder[:, index] = moved
+        return motion[:, :, index, None] * moved[:, None], encoder
 
     def load_response(self, loads: Array) -> tuple[Array, Array]:
         """Return motion of the target and change of the link-side readings under loads on the elastic coordinates.
@@ -185,15 +199,7 @@ def linearize_model(
         elements["base", name] = count + number
     n = len(attained.q)
     eye = np.broadcast_to(np.r_[np.eye(3), np.eye(3)], (n, 6, 3))
-    motion = np.stack(
-        [
-            unit_twist(attained.frames.axis[:, k], attained.frames.origin[:, k], attained.target, bool(chain_slides))
-            for k, chain_slides in zip(
-                attained.chain.joint_elements, attained.chain.translates[attained.chain.joint_elements], strict=True
-            )
-        ],
-        axis=-1,
-    )
+    motion = element_twists(attained, attained.chain.joint_elements, attained.target)
     return Linearization(
         scene=model,
         attained=attained,
@@ -216,29 +222,21 @@ def unit_twist(axis: Array, origin: Array, point: Array, slides: bool) -> Array:
     return np.concatenate([np.cross(axis, point - origin), axis], axis=1)
 
 
-def coordinate_twists(attained: Attained, point: Array) -> Array:
-    """Return the motion of points per motion of each elastic coordinate, in the loaded state. Shape (n, 6, s).
-
-    Args:
-        attained: Solution of a model.
-        point: A point of the tool in each row, base frame. Shape (n, 3). [m]
-    """
+def element_twists(attained: Attained, elements: Sequence[int] | NDArray[np.int_], point: Array) -> Array:
+    """Return the motion of points, (n, 3) [m], per motion of elements of the loaded chain. Shape (n, 6, e)."""
     chain, frames = attained.chain, attained.frames
-    columns = [
-        unit_twist(frames.axis[:, k], frames.origin[:, k], point, bool(chain.translates[k]))
-        for k in chain.spring_elements
-    ]
+    columns = [unit_twist(frames.axis[:, k], frames.origin[:, k], point, bool(chain.translates[k])) for k in elements]
     return np.stack(columns, axis=-1) if columns else np.zeros((len(point), 6, 0))
 
 
 def _with_mimics(attained: Attained, motion: Array) -> Array:
     """Add the motion of mimic joints."""
-    chain, frames = attained.chain, attained.frames
+    chain = attained.chain
     if (chain.q_index >= 0).sum() == chain.nq:
         return motion
     total = np.zeros_like(motion)
-    for k in np.flatnonzero(chain.q_index >= 0):
-        twist = unit_twist(frames.axis[:, k], frames.origin[:, k], attained.target, bool(chain.translates[k]))
+    moving = np.flatnonzero(chain.q_index >= 0)
+    for k, twist in zip(moving, np.moveaxis(element_twists(attained, moving, attained.target), 2, 0), strict=True):
         total[:, :, chain.q_index[k]] += chain.multiplier[k] * twist
     return total
 

@@ -19,7 +19,6 @@ from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, take_blocks
-from compplan.learning.plausibility import POSSIBLE, explain_points
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
 from compplan.learning.scan import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
@@ -58,6 +57,8 @@ WHOLE_PART = (
     "--align best_fit takes that off, [noise] part_frame_mm of the job allows for how parts are clamped, --align datum"
     " learns it as the robot's"
 )
+#: Bands that the median point may be off before somebody is asked (assumed: widths of a folder are rough).
+POSSIBLE = 4.0
 #: Moves longer than this are corrected at their ends only. [m]
 LONG_MOVE = 0.02
 
@@ -198,7 +199,7 @@ def learn_from_part(
     expected = expect_deviations(slopes, known, gathered, own, left_open)
     if not sure:
         band = band_radius(take_blocks(expected, len(gathered.row)))
-        ask_possible(points, gathered, band, wanted, job.T_base_part, in_base=in_base, whole=not matched.scanned)
+        ask_possible(points, gathered, band)
     allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
     stood, beyond = ("", False) if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3], expected)
     if beyond and align is None and not sure:
@@ -244,26 +245,20 @@ def _list_notes(
     )
 
 
-def ask_possible(
-    points: Table, gathered: Gathered, band: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, whole: bool
-) -> None:
+def ask_possible(points: Table, gathered: Gathered, band: Array) -> None:
     """Ask about points that are farther off than folder, force, clamping and instrument let a part be.
 
     Raises:
         InputError: If the typical point is.
     """
     size = np.linalg.norm(gathered.deviation, axis=1)
-    if float(np.median(size / np.maximum(band, 1e-12))) <= POSSIBLE:
-        return
-    said = (
-        f"the points are {float(np.median(size)) * 1e3:.3g} mm off (median), {np.median(size / band):.2g} times the"
-        f" {float(np.median(band)) * 1e3:.3g} mm that robot folder, force and instrument allow with 95 %"
-    )
-    other = explain_points(points.stack(["x", "y", "z"]), nominal, T_base_part, in_base=in_base, whole=whole)
-    raise points.error(
-        f"{said}{other}; is it this part, at the place of the job? --align best_fit removes a shift of the whole part,"
-        " --assume-ok learns it as it is"
-    )
+    if float(np.median(size / np.maximum(band, 1e-12))) > POSSIBLE:
+        raise points.error(
+            f"the points are {float(np.median(size)) * 1e3:.3g} mm off (median), {np.median(size / band):.2g} times the"
+            f" {float(np.median(band)) * 1e3:.3g} mm that robot folder, force and instrument allow with 95 %; is it"
+            " this part, in this unit and frame, at the place of the job? --align best_fit removes a shift of the whole"
+            " part, --assume-ok learns it as it is"
+        )
 
 
 def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:
@@ -318,9 +313,9 @@ def add_residual(
 ) -> tuple[Residual, ModelUpdate]:
     """Add what stays with the path: what the update says of its tip, less what robot folder and process now say there.
 
-    It moves in measured directions alone: elsewhere it interpolates what other places of the path say. What robot
-    folder and process say is a model that stretches left out support, and moves in all of them. The band of the update
-    that is returned counts what is not taken off.
+    It moves at measured places in measured directions alone: elsewhere it would continue what other places say. What
+    robot folder and process say is a model that stretches left out support, and moves everywhere. The band of the
+    update that is returned counts what is not taken off.
 
     old: what was learned before, or None; others: what robot folder and process say now.
     """

@@ -19,7 +19,6 @@ from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot
 from compplan.robot.mounting import name_axis, outward_axis
-from compplan.robot.urdf import describe_soft_limits
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
@@ -53,8 +52,6 @@ def list_notes(
     last = [*(() if scene is None else scene.notes), describe_causes(task, timing)]
     if job is not None:
         last.append(describe_outside(job))
-    if told := describe_soft_limits(task.robot):
-        last.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():
         last.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     if conflict := command.nlp.get("conflict"):

@@ -157,7 +157,7 @@ class Plan(Shown):
             return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
                                 between=bow, motion=self.bending.motion, part=part, touched=task.touched,
                                 touchable=touchable, uncorrected=self.before.deviation,
-                                tolerance=task.tolerance)  # fmt: skip
+                                written=left - self.after.distance, tolerance=task.tolerance)  # fmt: skip
         except ConvergenceError:
             return None
 

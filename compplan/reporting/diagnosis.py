@@ -1,6 +1,6 @@
-"""What `compplan diagnose` writes: diagnosis.json, the updated robot folders, gap.csv, and the page.
+"""What `compplan diagnose` writes: diagnosis.json, the updated robot folders, and the page.
 
-The page says where, which, how far in three sentences, then shows the evidence for each, and what to enter.
+The page shows where the gap lies, which effects cause it, how far it shrinks, and what to enter.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from compplan.diagnosis import Diagnosis
 from compplan.diagnosis.data.conventions import name_counting
 from compplan.diagnosis.results.assessment import Assessment, Correction, Pose, assess_diagnosis
 from compplan.diagnosis.results.next_measurement import propose_measurements
-from compplan.diagnosis.results.shares import CALIBRATION
+from compplan.diagnosis.results.shares import CALIBRATION, Share
 from compplan.diagnosis.results.where import Split, split_diagnosis
 from compplan.errors import InputError
 from compplan.io.provenance import describe_origin
@@ -36,7 +36,6 @@ from compplan.reporting.gap_figures import (
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, explain_grade
 from compplan.reporting.scenes import describe_magnification
-from compplan.reporting.writers.recording import write_gap
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.simulation.predict import predict_campaign
@@ -88,7 +87,6 @@ def write_diagnosis(
         if registration is not None:
             write_registration(registration, folder / "registration.toml")
         write_text(part / "report.html", render_diagnosis(diagnosis, split, assessment, table))
-        write_gap(diagnosis, split.shares, part)
         write_json(part / "diagnosis.json", table, indent=2)
     return table
 
@@ -156,11 +154,6 @@ def render_diagnosis(
     ]
     if counting := name_counting(robot, [finding.effect for finding in diagnosis.verdict.findings]):
         notes.append(f"The joints of the log are counted as a {counting} counts them.")
-    taken_up = words.reaches_noise(gap, kind)
-    answers = [
-        words.describe_where(verdict, split, taken_up=taken_up),
-        words.describe_which(verdict, structure, split, taken_up=taken_up), words.describe_how_far(gap),
-    ]  # fmt: skip
     caption = "Share of the error by place. Lines: 95 % intervals; where one is long, another place explains it as well"
     picture = Chart(draw_gap_shares(split.shares.by_place, "place"), f"{caption}.", 330)
     todo = words.describe_next(verdict, kind, words.list_poses(table, "below"))
@@ -170,7 +163,7 @@ def render_diagnosis(
     return render_page(
         f"{robot.name}: diagnosis",
         open_diagnosis(verdict, gap, kind, picture, todo, split.shares.by_place[CALIBRATION].share),
-        [section for section in sections if section.blocks], kind=f"Diagnosis of {name}", answers=answers,
+        [section for section in sections if section.blocks], kind=f"Diagnosis of {name}",
         notes=[*notes, f"Robot model: {explain_grade(robot)}."],
         provenance=describe_robot(robot, _list_facts(diagnosis, rows)),
     )  # fmt: skip
@@ -244,8 +237,16 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
             "a sloped line, lost motion two levels, a gear error a wave."
         )
         blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
+    if split.small_errors is not None and split.small_errors.groups:
+        kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
+        caption = "Small errors in the updated robot, by place and kind."
+        blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
     blocks.append(Fold("By run, direction and region", _list_splits(split)))
     return Section("Where it lies", blocks)
+
+
+def _show_share(share: Share) -> tuple[str, str]:
+    return format_percent(share.share), f"{format_percent(share.low)} to {format_percent(share.high)}"
 
 
 def _list_splits(split: Split) -> list[Block]:
@@ -259,10 +260,7 @@ def _list_splits(split: Split) -> list[Block]:
 
     end, spread = ["rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], split.spread
     regions = [[reach(e["reach_mm"]), reach(e["height_mm"]), *tail(e)] for e in spread.by_region]
-    axes = [
-        [name.replace("_", " "), format_percent(s.share), f"{format_percent(s.low)} to {format_percent(s.high)}"]
-        for name, s in spread.by_axis.items()
-    ]
+    axes = [[name.replace("_", " "), *_show_share(share)] for name, share in spread.by_axis.items()]
     return [
         DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
         DataTable(["reach [mm]", "height [mm]", *end], regions,

@@ -19,8 +19,9 @@ from compplan.reporting.charts import SEQUENTIAL, Figure, mark_decades, thin_pat
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.pose import move_joint
-from compplan.robot.shapes import read_form, read_origin
+from compplan.robot.shapes import read_form
 from compplan.robot.solids import as_mesh, read_colour, triangulate_box, triangulate_rod
+from compplan.robot.urdf import read_placement
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
 MESH_COLOURS = {
@@ -85,7 +86,7 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
         count = len(poses)
         for below, (above, origin) in parents.items():
             if below not in poses and above in poses and not (mounted and above == robot.flange):
-                poses[below] = poses[above] @ read_origin(origin)
+                poses[below] = poses[above] @ read_placement(origin)
     back = np.linalg.inv(poses[robot.ground or robot.base])
     return {link: back @ pose for link, pose in poses.items()} if robot.ground else poses
 
@@ -123,7 +124,7 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
         name = link.attrib["name"]
         for visual in link.findall("visual") if name in poses else ():
             if (triangles := _triangulate(visual.find("geometry"), robot.folder)) is not None:
-                pose, material = poses[name] @ read_origin(visual.find("origin")), visual.find("material")
+                pose, material = poses[name] @ read_placement(visual.find("origin")), visual.find("material")
                 named = "" if material is None else material.attrib.get("name", "")
                 colour = _read_paint(material) or paints.get(named) or UNPAINTED
                 shapes.append(Shape(name, triangles[0] @ pose[:3, :3].T + pose[:3, 3], triangles[1], colour))

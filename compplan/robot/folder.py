@@ -21,7 +21,7 @@ from compplan.robot.elasticity import ElasticityTable, build_links, build_spring
 from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
-from compplan.robot.urdf import read_numbers, read_placement, read_urdf
+from compplan.robot.urdf import UrdfNode, read_placement, read_urdf
 from compplan.robot.validity import FILE as VISITED
 from compplan.robot.validity import format_visited, read_visited
 
@@ -263,18 +263,17 @@ def _edit_urdf(robot: Robot) -> str:
         robot.urdf, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     )
     elements = {element.attrib["name"]: element for element in root.findall("joint")}
-    file = Path("robot.urdf")
     for joint in robot.joints[robot.carrying :]:
         element = elements[joint.name]
         origin = element.find("origin")
-        if not np.allclose(read_placement(origin, file, joint.name), joint.placement, rtol=0, atol=1e-14):
+        if not np.allclose(read_placement(origin), joint.placement, rtol=0, atol=1e-14):
             if origin is None:
                 origin = ElementTree.SubElement(element, "origin")
             origin.set("xyz", _text(joint.placement[:3, 3]))
             origin.set("rpy", _text(roll_pitch_yaw_of(joint.placement[:3, :3])))
         axis = element.find("axis")
         if axis is not None and joint.kind != "fixed":
-            old = read_numbers(axis, "xyz", "1 0 0", file, joint.name)
+            old = UrdfNode(axis, Path("robot.urdf"), joint.name).vector("xyz", "1 0 0")
             if not np.allclose(old / np.linalg.norm(old), joint.axis, rtol=0, atol=1e-14):
                 axis.set("xyz", _text(joint.axis))
     _edit_masses(root, robot)

@@ -204,7 +204,7 @@ def estimate_band(
     robot: Robot, scene: ForwardModel, cut: NDArray[np.bool_], force: ForceSpread, *,
     left: Array | None = None, between: float = 0.0, motion: Motion | None = None, part: Array | None = None,
     touched: TouchedPart | None = None, touchable: TouchedPart | None = None,
-    uncorrected: Array | None = None, tolerance: float = 0.0,
+    uncorrected: Array | None = None, written: Array | None = None, tolerance: float = 0.0,
 ) -> ErrorBand:  # fmt: skip
     """Estimate how far the true tip is from the planned one along a path of n rows.
 
@@ -220,6 +220,7 @@ def estimate_band(
         touched: The part as the robot found it by touching, or None where its frame is absolute.
         touchable: The part as the robot would find it by touching, where its frame is absolute.
         uncorrected: Deviation of the uncorrected program. Shape (n, 3). [m]
+        written: What of `left` the written program makes, corrected or not: fit and corners. Shape (n,). [m]
         tolerance: Greatest deviation that counts as within tolerance. [m]
 
     Raises:
@@ -240,13 +241,16 @@ def estimate_band(
 
     radius = band_radius(total, mean=mean)
     drawn = draw_paths(slopes, known)
-    whole = float(radius[cut].max(initial=0.0)) * widen_to_path(drawn) + float(left[cut].max(initial=0.0)) + between
+    along = float(radius[cut].max(initial=0.0)) * widen_to_path(drawn)
+    whole = along + float(left[cut].max(initial=0.0)) + between
     before = None
     if uncorrected is not None:
         off = uncorrected if mean is None else uncorrected + mean
-        widest = float(band_radius(total, mean=off)[cut].max(initial=0.0))
-        farthest = np.linalg.norm(drawn + uncorrected[slopes.rows][:, :, None], axis=1).max(axis=0, initial=0.0)
-        before = (widest + between, max(widest, float(np.quantile(farthest, LEVEL))) + between)
+        written = np.zeros(n) if written is None else written
+        widest = float((band_radius(total, mean=off) + written)[cut].max(initial=0.0))
+        farther = find_farthest(drawn + uncorrected[slopes.rows][:, :, None]) - find_farthest(drawn)
+        everywhere = along + farther + float(written[cut].max(initial=0.0))
+        before = (widest + between, max(widest, everywhere) + between)
     load = float(np.linalg.norm(scene.wrench[cut, :3], axis=1).max(initial=0.0))
     weight = weigh_poses(robot, known.unknowns, load)
     ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance, weight)
@@ -339,9 +343,13 @@ def widen_to_path(drawn: Array) -> float:
     The same draws tell both, and the farthest point of a draw is never nearer than any one of its points. drawn: tips
     beside the planned ones, shape (k, 3, count). [m]
     """
-    away = np.linalg.norm(drawn, axis=1)
-    point = float(np.quantile(away, LEVEL, axis=1).max(initial=0.0))
-    return float(np.quantile(away.max(axis=0, initial=0.0), LEVEL)) / point if point > 0.0 else 1.0
+    point = float(np.quantile(np.linalg.norm(drawn, axis=1), LEVEL, axis=1).max(initial=0.0))
+    return find_farthest(drawn) / point if point > 0.0 else 1.0
+
+
+def find_farthest(drawn: Array) -> float:
+    """Return the distance that whole drawn paths keep within with 95 %. drawn: shape (k, 3, count). [m]"""
+    return float(np.quantile(np.linalg.norm(drawn, axis=1).max(axis=0, initial=0.0), LEVEL))
 
 
 def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:

@@ -81,6 +81,17 @@ def test_every_model_has_the_golden_force(model, tmp_path) -> None:
     assert force[known] == pytest.approx([expected[k] for k in known], rel=0.02, abs=0.1)
 
 
+def test_a_wall_on_the_left_pushes_the_forming_tool_to_the_other_side(tmp_path) -> None:
+    stated = {"model": "isf", **GOLDEN["isf"][0], "wall_side": "left"}
+    nominal, _ = load_path(make_job(tmp_path, stated, SLIDE))
+    assert nominal.wrench[len(nominal) // 2, :3] == pytest.approx([0.0, -50.0, 100.0])
+    sheet = {"model": "isf_regression", **GOLDEN["isf_regression"][0]}
+    cone = ConeTable(diameter_mm=80, depth_mm=20, wall_angle_deg=45, pitch_mm=1, feed_mm_s=20, step_mm=5).generate()
+    right, left = (IsfRegressionProcess(**sheet, wall_side=side).wrench_along(cone) for side in ("right", "left"))
+    assert np.abs(right[:, 1]).max() > 1.0
+    assert left == pytest.approx(right * [1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+
+
 @pytest.mark.parametrize("file", [f for f in EXAMPLES if f.stem != "finishing"], ids=lambda f: f.stem)
 def test_every_example_has_force_in_material_and_none_in_rapid_moves(file) -> None:
     nominal, law = load_path(load_job(file))

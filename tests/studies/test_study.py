@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from montecarlo_cases import cone_job, cone_study, cone_task, small_study
+from montecarlo_cases import cone_job, cone_study, small_study
 from scipy.stats import binomtest
 
 from compplan.cli import group
@@ -117,21 +117,6 @@ def test_the_summary_has_the_agreed_form() -> None:
     assert pair["rms_mm"]["mean"] == pytest.approx(means[1] - means[0])
     assert pair["rms_mm"]["ci95"][1] < 0 and pair["second_better"] == 1.0
     json.dumps(summary)
-
-
-def test_on_lumped_springs_both_encoders_leave_less_than_the_secondary_one_and_the_share_is_drawn() -> None:
-    chosen = ["mirror", "secondary_encoder", "both_encoders"]
-    task = cone_task("kuka_kr270")
-    sure, unsure = (
-        prepare_study(task, NoiseTable(link_share=width), chosen, most_waypoints=30) for width in (0.0, 0.15)
-    )
-    assert "link_share" in unsure.surroundings.factors.groups and "link_share" not in sure.surroundings.factors.groups
-    settings = Settings(samples=64, seed=1)
-    sure_rms, unsure_rms = (
-        run_study(study, settings, workforce=HERE).evaluated.rms.mean(axis=0) for study in (sure, unsure)
-    )
-    assert sure_rms[2] < 0.7 * sure_rms[1]
-    assert unsure_rms[2] > 1.02 * sure_rms[2] and unsure_rms[0] == pytest.approx(sure_rms[0], rel=0.15)
 
 
 def test_requests_that_cannot_be_met_are_refused() -> None:

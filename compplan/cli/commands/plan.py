@@ -60,47 +60,31 @@ def run_plan(job: Job, folder: Path) -> CommandResult:
 
 def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     """Plan a job, a plan for each tool that it calls, and write what came of it; `note` is added to the first."""
-    from compplan.job.operations import split_job
-    from compplan.planning.checks import state_notes
-    from compplan.planning.plan import plan_job
-    from compplan.planning.result import summarise_plan
-    from compplan.reporting.plan_summary import format_plan
-    from compplan.reporting.writers.plan import deliver_plan, note_programs
-
-    jobs, plans = split_job(job), list["Plan"]()
-    with show_progress(STAGES) as announce:
-        for one in jobs:
-            plan = note_programs(plan_job(one, progress=announce))
-            plans.append(plan.add_checks(state_notes([note]), first=True) if note and not plans else plan)
-            announce("95 % band: where the true tip is")
-            _ = plans[-1].error_band, plans[-1].mismatch
-        if len(jobs) == 1:
-            announce("write: programs, joints.csv, report.html")
-            plan, files = deliver_plan(plans[0], folder)
-    if len(jobs) == 1:
-        return CommandResult(summarise_plan(plan), format_plan(plan, folder, files), _explain_failures([plan]))
-    return _deliver_all(plans, folder, jobs[0].context.data.get("name", "").rpartition(",")[0] or jobs[0].file.stem)
-
-
-def _deliver_all(plans: Sequence[Plan], folder: Path, name: str) -> CommandResult:
-    """Write the plans of several tools together."""
+    from compplan.api.verbs import plan_operations
     from compplan.planning.operations import summarise_operations
-    from compplan.reporting.operations import deliver_operations, describe_operations, describe_order
-    from compplan.reporting.plan_summary import count_notes, format_stops
+    from compplan.planning.result import summarise_plan
+    from compplan.reporting.operations import describe_operations, describe_order
+    from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
 
-    read, files = deliver_operations(plans, folder, name)
-    summary = summarise_operations(read, name)
+    with show_progress(STAGES) as announce:
+        done = plan_operations(job, folder, note, announce)
+    fault = _explain_failures(done.plans)
+    if len(done.plans) == 1:
+        plan = done.plans[0]
+        return CommandResult(summarise_plan(plan), format_plan(plan, folder, done.files), fault)
+    name = job.name or job.file.stem
+    summary = summarise_operations(done.plans, name)
     lines = [f"{name}: {describe_operations(summary)}"]
-    for plan in read:
+    for plan in done.plans:
         label = "" if plan.job is None else plan.job.label
         lines.append(f"{label}: {plan.status}, {len(plan.task)} waypoints; {plan.verdict.sentence}")
     lines += format_stops(summary["notes"])
-    if any(plan.job is not None and plan.job.output.programs for plan in read):
-        lines.append(describe_order(summary, files))
+    if any(plan.job is not None and plan.job.output.programs for plan in done.plans):
+        lines.append(describe_order(summary, done.files))
     first = folder / summary["tools"][0]["folder"]
     report = f"{folder / 'report.html'}{count_notes(summary['notes'])}"
-    lines.append(f"wrote {len(files)} files to {folder}; next: open {report}, or compplan view {first}")
-    return CommandResult(summary, lines, _explain_failures(read))
+    lines.append(f"wrote {len(done.files)} files to {folder}; next: open {report}, or compplan view {first}")
+    return CommandResult(summary, lines, fault)
 
 
 def _explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
@@ -228,14 +212,11 @@ def run_compare(job: Job, folder: Path) -> CommandResult:
 
     Example: compplan compare paths/circle_500mm.toml --out out
     """
-    from compplan.reporting.compare import write_comparison
-    from compplan.studies.job_study import compare_job
+    from compplan.api.verbs import compare
 
     with show_progress() as announce:
-        comparison = compare_job(job, announce=announce)
-        announce("write: compare.json, report.html")
-        files = write_comparison(comparison, folder)
-    wrote = f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}"
+        comparison = compare(job, out=folder, progress=announce)
+    wrote = f"wrote compare.json, report.html to {folder}"
     return CommandResult(comparison.to_dict(), [*_describe_strategies(comparison), wrote])
 
 

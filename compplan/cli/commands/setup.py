@@ -366,7 +366,7 @@ def _describe_findings(findings: list[Remark]) -> list[str]:
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port on 127.0.0.1.")
 @click.option("--open/--no-open", "opened", default=True, help="Open the page in the browser.")
 def run_view(out: Path, port: int, opened: bool) -> None:
-    """Show OUT, a folder of compplan plan or diagnose: the arm along the path, or measured poses.
+    """Show OUT, a folder of compplan plan or post: the arm along the path.
 
     A plan of several tools has a view for each, at ports one after the other. Ctrl-C ends them.
 

@@ -15,7 +15,6 @@ from compplan.robot.description import find_mesh
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.robot.rating import check_mass, read_rating, sum_arm_mass
 from compplan.robot.shapes import describe_shapes, read_bodies
-from compplan.robot.urdf import describe_soft_limits
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import middle_of_limits
@@ -83,8 +82,6 @@ def _look_at_limits(robot: Robot) -> Iterator[Remark]:
         elif joint.velocity > fastest:
             said = f"{joint.velocity:.3g} {'m/s' if slide else 'rad/s'}"
             yield Remark("odd", "limits", f"{joint.name} moves at {said}", "is it in degrees or mm?")
-    if told := describe_soft_limits(robot):
-        yield Remark("note", "limits", told)
     if not np.isfinite(robot.effort_limits).all():
         yield Remark("note", "limits", "some joints have no effort limit: overload is not seen")
     if not np.isfinite(robot.acceleration_limits).all():

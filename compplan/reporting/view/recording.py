@@ -1,4 +1,4 @@
-"""Read what a folder of results keeps for being looked at: cell.json with joints.csv and deviation.csv, or gap.csv."""
+"""Read what the folder of a plan keeps for the viewer: cell.json, joints.csv and deviation.csv."""
 
 from __future__ import annotations
 
@@ -89,49 +89,18 @@ class PlanRecording:
     error_band: Array
 
 
-@dataclass(frozen=True, eq=False)
-class GapRecording:
-    """Measured poses of a diagnosis; n rows, base frame.
-
-    Attributes:
-        cell: The cell.
-        row: Row of the log. Shape (n,).
-        run: Its run. Shape (n,).
-        q: Joints. Shape (n, nq). [rad or m]
-        point: Measured point. Shape (n, 3). [m]
-        gap: Measured minus predicted, before and after the update. Shape (n, 3) each. [m]
-        cause: What explains most of the gap there. Shape (n,).
-        share: The share that it explains, from 0 to 1. Shape (n,).
-    """
-
-    cell: ViewCell
-    row: NDArray[np.int_]
-    run: NDArray[np.str_]
-    q: Array
-    point: Array
-    gap: Mapping[str, Array]
-    cause: NDArray[np.str_]
-    share: Array
-
-
-def read_recording(folder: Path) -> PlanRecording | GapRecording:
-    """Read a folder that `compplan plan` or `compplan diagnose` wrote.
+def read_recording(folder: Path) -> PlanRecording:
+    """Read a folder that `compplan plan` wrote.
 
     Raises:
         InputError: If it is none, or what it holds is not what it has to be.
     """
     if not folder.is_dir():
-        raise InputError("is no folder; name one that compplan plan or compplan diagnose wrote", file=folder)
-    if (folder / "gap.csv").is_file():
-        return _read_gap(folder)
+        raise InputError("is no folder; name one that compplan plan wrote", file=folder)
     missing = [name for name in ("joints.csv", "deviation.csv", "cell.json") if not (folder / name).is_file()]
     if missing:
-        message = f"holds no plan to show ({', '.join(missing)} not there); name a folder of compplan plan or diagnose"
+        message = f"holds no plan to show ({', '.join(missing)} not there); name a folder of compplan plan"
         raise InputError(f"{message}, or plan again", file=folder)
-    return _read_plan(folder)
-
-
-def _read_plan(folder: Path) -> PlanRecording:
     cell = read_cell(folder / "cell.json")
     columns = [FileColumn("time", "time", True), *_joint_columns(cell), *(FileColumn(a, "length", True) for a in "xyz")]
     columns += [FileColumn(name, required=True) for name in "ijk"]
@@ -154,20 +123,6 @@ def _read_plan(folder: Path) -> PlanRecording:
         _read_vectors(table, "{}"), np.hstack([_read_vectors(table, "f{}"), _read_vectors(table, "m{}")]),
         np.asarray(table.text.get("move", np.full(n, "cut"))),
         {way: _fill(_read_vectors(seen, way + "_{}")) for way in WAYS}, seen.values["error_band"],
-    )  # fmt: skip
-
-
-def _read_gap(folder: Path) -> GapRecording:
-    cell = read_cell(folder / "cell.json")
-    columns = [FileColumn("row", required=True), FileColumn("run", "text", True), *_joint_columns(cell)]
-    names = [f"{part}{axis}" for part in ("", "gap_", "left_") for axis in "xyz"]
-    columns += [FileColumn(name, "length", True, missing=True) for name in names]
-    columns += [FileColumn("explained_by", "text", True), FileColumn("explained_share", required=True)]
-    table = read_table(folder / "gap.csv", columns)
-    gap = {"nominal model": _read_vectors(table, "gap_{}"), "updated model": _read_vectors(table, "left_{}")}
-    return GapRecording(
-        cell, table.values["row"].astype(int), np.asarray(table.text["run"]), _read_joints(table, cell),
-        _read_vectors(table, "{}"), gap, np.asarray(table.text["explained_by"]), table.values["explained_share"],
     )  # fmt: skip
 
 
