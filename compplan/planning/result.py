@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,6 +35,9 @@ from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.uncertainty.touch_off import read_touch, touch_part
 
+#: Words from the best to the worst.
+STATUSES = ("solved", "not_confirmed", "infeasible")
+VERDICTS = ("keeps", "not_known", "may_not_keep")
 #: Stretches and limits that a sentence lists, and its letters at most.
 LISTED, LONGEST = 3, 300
 
@@ -357,4 +361,71 @@ def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
             "leading": [{"unknown": name, "share_of_variance": share} for name, share in error_band.leading],
             "assumed": list(error_band.assumed),
         },
+    }  # fmt: skip
+
+
+def worst_status(plans: Sequence[Plan]) -> str:
+    """Return the status of several plans as one: the worst."""
+    return max((plan.status for plan in plans), key=STATUSES.index)
+
+
+def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
+    """Return what plan.json says of the plans of a job of several tools: the worst of each figure, and each one's own.
+
+    Root mean squares and means go over the waypoints of all cuts.
+    """
+    parts = [summarise_plan(plan) for plan in plans]
+    cuts = np.array([np.count_nonzero(plan.task.cut) for plan in plans], float)
+    share, verdicts = cuts / max(cuts.sum(), 1.0), [part["verdict"] for part in parts]
+    beyond = [verdict.get("beyond_share") for verdict in verdicts]  # of all cuts; None where one does not know it
+    labels = ["" if plan.job is None else plan.job.label for plan in plans]
+
+    def worst(table: str, key: str = "max") -> float:
+        return max(float(part[table][key]) for part in parts)
+
+    def join_errors(key: str) -> dict[str, float]:
+        rms, mean = (np.array([part[key][name] for part in parts]) for name in ("rms", "mean"))
+        return {"rms": float(np.sqrt(share @ rms**2)), "mean": float(share @ mean), "max": worst(key)}
+
+    kept = ("schema", "strategy", "robot", "robot_grade", "configuration", "judge", "made_by")
+    whole: dict[str, Any] = {
+        **{key: parts[0][key] for key in kept},
+        "name": name,
+        "status": worst_status(plans),
+        "verdict": {
+            **max(verdicts, key=lambda verdict: VERDICTS.index(verdict["word"])),
+            "beyond_share": None if None in beyond else float(share @ np.array(beyond, float)),
+        },
+        "waypoints": sum(part["waypoints"] for part in parts),
+        "solve_time_s": round(sum(part["solve_time_s"] for part in parts), 4),
+        "duration_s": sum(part["duration_s"] for part in parts),
+        **{key: join_errors(key) for key in ("error_before_mm", "error_after_mm")},
+        **{key: {"max": worst(key)} for key in ("between_waypoints_mm", "correction_mm")},
+        "margins": {
+            "position_limit_deg": min(part["margins"]["position_limit_deg"] for part in parts),
+            **{key: worst("margins", key) for key in ("velocity_ratio", "acceleration_ratio")},
+        },
+        "notes": list(dict.fromkeys(
+            note if note in plan.task.nominal.notes else type(note)(f"{label}: {note}")
+            for plan, label in zip(plans, labels, strict=True) for note in (*plan.reasons, *plan.notes)
+        )),
+        "tools": [_summarise_operation(plan, part, label)
+                  for plan, part, label in zip(plans, parts, labels, strict=True)],
+    }  # fmt: skip
+    if all("error_band_mm" in part for part in parts):
+        whole["error_band_mm"] = {"p95_max": worst("error_band_mm", "p95_max")}
+    if failing := [
+        f"{label}: {part['failure']}" for part, label in zip(parts, labels, strict=True) if "failure" in part
+    ]:
+        whole["failure"] = "; ".join(failing)
+    return whole
+
+
+def _summarise_operation(plan: Plan, part: dict[str, Any], label: str) -> dict[str, Any]:
+    """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
+    kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
+    length = 1e3 * float(np.linalg.norm(plan.robot.joints[-1].placement[:3, 3]))
+    return {
+        "operation": None if plan.job is None else plan.job.cam.operation, "label": label, "folder": label,
+        "length_mm": round(length, 6), **{key: part[key] for key in (*kept, "error_band_mm") if key in part},
     }  # fmt: skip
