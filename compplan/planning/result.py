@@ -278,28 +278,11 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
-        "under_mismatch": [
-            {
-                "cell": worst.cell,
-                "rms_mm": worst.figures["rms"],
-                "max_mm": worst.figures["max"],
-                "waypoints": int(worst.cut.sum()),
-            }
-        ],
+        "under_mismatch": [{"cell": worst.cell, **{f"{key}_mm": worst.figures[key] for key in ("rms", "max")},
+                            "waypoints": int(worst.cut.sum())}],
         "between_waypoints_mm": {"max": between.max_deviation * 1e3}
         | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
-        **(
-            {}
-            if learned is None
-            else {
-                "process_force": {
-                    "level": learned.level,
-                    "turn_deg": np.degrees(learned.turn).tolist(),
-                    "source": learned.source,
-                }
-            }
-        ),
         **plan.bending.describe(),
         **summarise_band(plan.error_band),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
@@ -317,7 +300,10 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "notes": [*plan.reasons, *plan.notes],
         "stops": list_stops([*plan.reasons, *plan.notes]),
         "made_by": describe_origin(),
-    }
+    }  # fmt: skip
+    if learned is not None:
+        turn = np.degrees(learned.turn).tolist()
+        summary["process_force"] = {"level": learned.level, "turn_deg": turn, "source": learned.source}
     start = plan.task.start
     if start is not None and start.posture_choice is not None:
         program = {} if start.program is None else {"program": dict(start.program)}
@@ -414,9 +400,8 @@ def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
     }  # fmt: skip
     if all("error_band_mm" in part for part in parts):
         whole["error_band_mm"] = {"p95_max": worst("error_band_mm", "p95_max")}
-    if failing := [
-        f"{label}: {part['failure']}" for part, label in zip(parts, labels, strict=True) if "failure" in part
-    ]:
+    failing = [f"{label}: {part['failure']}" for part, label in zip(parts, labels, strict=True) if "failure" in part]
+    if failing:
         whole["failure"] = "; ".join(failing)
     return whole
 
