@@ -1,11 +1,12 @@
-"""Loading of a job's files: toolpath as programmed, and path to follow with its wrench."""
+"""Loading of a job's files: toolpath as programmed, path to follow with its wrench, and the force along it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,13 +15,18 @@ from compplan.io.notes import list_remarks, list_stops
 from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.process.cutting import CuttingTable, prepare_cutting
+from compplan.process.engagement import Engagement
 from compplan.process.force_law import ForceLaw, compare_zero, read_stock_top
 from compplan.process.learned_force import LearnedForce, read_learned_force
 from compplan.robot.folder import find_robot_folder
+from compplan.toolpath.contact import path_axes
 from compplan.toolpath.corners import KEPT, SLOWED, round_corners
 from compplan.toolpath.operations import split_operations
 from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
+
+if TYPE_CHECKING:
+    from compplan.process.fit import ForceFit
 
 #: Default step of a toolpath file. [m]
 FILE_STEP = 1e-3
@@ -186,3 +192,48 @@ def _check_load(wrench: Array, job: Job) -> None:
         row = int(np.argmax(size))
         message = f"force or moment of {size[row]:.4g} N or Nm at waypoint {row}, at most {MOST_LOAD:g}"
         raise InputError(message, file=job.file, where="process")
+
+
+@dataclass(frozen=True)
+class ForcePrediction:
+    """The force along a job's path."""
+
+    job: Job  #: The job.
+    nominal: Toolpath  #: The path with its wrench, base frame.
+    law: ForceLaw  #: Force law of the process.
+    fit: ForceFit | None  #: The comparison with a log, or None.
+
+    @property
+    def wrench(self) -> Array:
+        """The wrench on the tool at its tip, base axes. Shape (n, 6). [N, N m]"""
+        return np.zeros((len(self.nominal), 6)) if self.nominal.wrench is None else self.nominal.wrench
+
+    @property
+    def local(self) -> Array:
+        """The force in path axes. Shape (n, 3). [N]"""
+        return np.asarray(np.einsum("nji,nj->ni", path_axes(self.nominal), self.wrench[:, :3]))
+
+    @property
+    def engagement(self) -> Engagement | None:
+        """Engagement of a cutter, or None."""
+        return None if self.law.cutting is None else self.law.cutting.engagement
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes, one sentence each."""
+        return [*self.nominal.notes, *([self.law.note] if self.law.note else [])]
+
+
+def predict_forces(job: Job, log: Path | None = None) -> ForcePrediction:
+    """Predict engagement and force along a job's path, and compare them with a log, if any.
+
+    Raises:
+        InputError: If toolpath, process or log are invalid.
+
+    """
+    from compplan.process.fit import fit_forces, read_force_log
+
+    nominal, law = load_path(job)
+    law = replace(law, learned=None)  # a log is compared with the model
+    fit = None if log is None else fit_forces(read_force_log(log), law, nominal, log)
+    return ForcePrediction(job, nominal, law, fit)

@@ -100,19 +100,6 @@ class ExecutedPath:
         return f"{left}; a lead by their lag is not written, it does not help or a limit of a joint forbids it."
 
 
-def describe_floor(task: PlanTask, q: Array) -> str:
-    """Say where the whole correction of a command (n, nq) is below what the robot can move (resolution_mm), else ""."""
-    floor = load_motion(task.robot)[0].resolution
-    if not floor or not task.cut.any():
-        return ""
-    away = locate_frames(task.chain, q[task.cut]).tcp_position - task.position[task.cut]
-    most = float(np.linalg.norm(away, axis=1).max())
-    if not 1e-9 < most <= floor:
-        return ""
-    return (f"The whole correction, {1e3 * most:.3g} mm at most, is below the motion resolution of the robot "
-            f"({1e3 * floor:g} mm, controller.toml): it is not written.")  # fmt: skip
-
-
 class ReachedPath(NamedTuple):
     """What a controller makes of a command; the last three as of `ExecutedPath`."""
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from compplan.job.output import OutputTable
 from compplan.planning.deflection import follow_links, plan_loads
-from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed
+from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.lost_motion import find_crossings, without_play
 from compplan.planning.motion_limits import TorqueRules
@@ -65,7 +65,7 @@ class Compensation:
     """A command with the time and the loads that belong to it."""
 
     task: PlanTask  #: The task as divided, with the feed programmed and the wrench at the feed driven.
-    strategy: str  #: The strategy; "none" where the correction lies below the robot's resolution.
+    strategy: str  #: The strategy.
     command: Command  #: The command.
     timing: Timing  #: Its run.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
@@ -82,8 +82,8 @@ def compensate(
 ) -> Compensation:  # fmt: skip
     """Let a strategy command a task, with the run and the loads that belong to the command.
 
-    Inertia that keeps a plan from being one is left to the error band. A correction that lies below what the robot can
-    move is not made. `output` is what programs are asked for, if it is known.
+    Inertia that keeps a plan from being one is left to the error band. `output` is what programs are asked for, if it
+    is known.
     """
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
@@ -94,9 +94,6 @@ def compensate(
         found = _settle(task, strategy, feed_request, output, progress)
         note = f"The inertia of the motion is not compensated here: with it {reason}. The 95 % band counts all of it."
         found = replace(found, notes=(*found.notes, note))
-    if floor := describe_floor(found.task, found.command.q):
-        found = _settle(task, "none", feed_request, output, progress)
-        found = replace(found, notes=(*found.notes, floor))
     return found
 
 

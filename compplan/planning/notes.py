@@ -1,4 +1,4 @@
-"""Notes of a plan: where the feed is lowered and why, where the arm swings over, what is assumed."""
+"""Notes of a plan: where the feed is lowered and why, what is assumed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
-from compplan.planning.checks import REMARK, SETTLE, Check, state_notes
+from compplan.planning.checks import REMARK, Check, state_notes
 from compplan.planning.deflection import Bending
 from compplan.planning.stability import describe_depth_limit
 from compplan.planning.task import Command, PlanTask
@@ -24,8 +24,6 @@ from compplan.robot.mounting import name_axis, outward_axis
 WORTH_A_NOTE = 0.1
 #: Force models of a turning tool.
 TURNING = ("milling", "end_mill", "drill")
-#: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
-SWING = 0.5
 
 
 def describe_shrinkage(robot: Robot, share: float) -> str:
@@ -57,7 +55,7 @@ def list_notes(
     if conflict := command.nlp.get("conflict"):
         last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     last.append(describe_depth_limit(task, command.q))
-    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task), _check_swing(task)]
+    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task)]
     return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
 
 
@@ -90,14 +88,6 @@ def _check_limit_margin(task: PlanTask) -> list[Check]:
                 f"{task.robot.joint_names[turning[column]]} at waypoint {row}; posture.limit_margin_deg asks for "
                 f"{np.degrees(asked):.3g}: {reason}")  # fmt: skip
     return [Check("joint limit nearer than asked for, rad", asked - kept, 0.01 * asked, sentence, REMARK)]
-
-
-def _check_swing(task: PlanTask) -> Check:
-    """No joint swings over in a move of the cut."""
-    move = np.where(task.nominal.rapid[1:], 0.0, np.abs(np.diff(task.q_start, axis=0)).max(axis=1))
-    worst = int(move.argmax())
-    sentence = f"The posture swings over in the move to waypoint {worst + 1}: near a singularity."
-    return Check("swing in a move of the cut, rad or m", float(move[worst]), SWING, sentence, SETTLE)
 
 
 def describe_spindle(task: PlanTask, job: Job) -> list[str]:

@@ -256,7 +256,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
 
     Example: compplan forces examples/forces/pocket.toml --out out
     """
-    from compplan.job.force_prediction import predict_forces
+    from compplan.job.loading import predict_forces
     from compplan.process.learned_force import FILE as LESSON
     from compplan.reporting.forces import write_coefficients, write_forces, write_level
 

@@ -141,8 +141,14 @@ def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
 
 
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
-    from compplan.job.called_tools import read_called_tools
-    from compplan.job.commented_job import choose_process, mount_tool, number_tools, shorten_job, write_job_text
+    from compplan.job.commented_job import (
+        choose_process,
+        mount_tool,
+        number_tools,
+        read_called_tools,
+        shorten_job,
+        write_job_text,
+    )  # fmt: skip
 
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":
@@ -226,7 +232,7 @@ def _round_down(value: float) -> float:
 
 def _check_toolpath(path: Path) -> None:
     """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
-    from compplan.job.called_tools import ANY_FEED
+    from compplan.job.commented_job import ANY_FEED
     from compplan.toolpath.readers.lines import read_bounded
     from compplan.toolpath.reading import read_toolpath
 
