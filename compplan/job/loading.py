@@ -83,19 +83,12 @@ def refuse_unsettled(job: Job) -> None:
 
 
 def _refuse_tools(job: Job, toolpath: Toolpath) -> None:
-    """Refuse a file with several tools where only one is described.
-
-    Raises:
-        InputError: With what to write.
-
-    """
-    tools = list(dict.fromkeys((operation.number, operation.tool) for operation in split_operations(toolpath)))
-    if len(tools) < 2:
-        return
-    names = " and ".join([", ".join(name for _, name in tools[:-1]), tools[-1][1]])
-    wanted = " and ".join(f"[[tool]] number = {number}" for number, _ in tools)
-    message = f"cuts with {names}, and the job describes one tool"
-    raise InputError(f"{message}; write {wanted}, or [cam] operation = 1", file=job.file, where="toolpath")
+    """Refuse a file with several tools where only one is described."""
+    tools = dict.fromkeys((operation.number, operation.tool) for operation in split_operations(toolpath))
+    if len(tools) > 1:
+        names, wanted = ", ".join(name for _, name in tools), " and ".join(f"number = {k}" for k, _ in tools)
+        message = f"cuts with {names}, and the job describes one tool; write [[tool]] for {wanted}, or [cam] operation"
+        raise InputError(message, file=job.file, where="toolpath")
 
 
 def load_nominal(job: Job) -> Toolpath:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from compplan.job.job import Job
 from compplan.planning.checks import REMARK, Check, state_notes
 from compplan.planning.deflection import Bending
 from compplan.planning.stability import describe_depth_limit
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.task import Command, PlanTask, group_waypoints
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot
 from compplan.robot.mounting import name_axis, outward_axis
@@ -186,12 +185,6 @@ def describe_outside(job: Job) -> str:
 FROM_END = 4.0
 #: Stretches that a sentence lists.
 LISTED = 5
-
-
-def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
-    """Group waypoints into spans (first, last)."""
-    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
-    return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
 
 
 def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:

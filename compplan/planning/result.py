@@ -21,10 +21,9 @@ from compplan.planning.checks import STOP, Check
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, evaluate_mismatch
 from compplan.planning.executed import ExecutedPath
-from compplan.planning.notes import group_waypoints
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.task import Command, PlanTask, group_waypoints
 from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot

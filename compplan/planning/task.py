@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -225,6 +226,12 @@ def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = Non
     breaks = np.flatnonzero(new)
     firsts, lasts = np.r_[moves[0], moves[breaks + 1]], np.r_[moves[breaks], moves[-1]]
     return [(int(first) - 1, int(last)) for first, last in zip(firsts, lasts, strict=True)]
+
+
+def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
+    """Group waypoints into spans (first, last)."""
+    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
+    return [(waypoints[a], waypoints[b - 1]) for a, b in pairwise(breaks) if b > a]
 
 
 def count_equations(chain: Chain, *, spin_free: bool) -> int:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.task import PlanTask
+from compplan.planning.task import PlanTask, group_waypoints
 from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
 from compplan.uncertainty.ladder import DO
@@ -42,16 +42,6 @@ CHANGES = {
 }
 
 
-class Stretch(NamedTuple):
-    """A stretch of the cut beyond the tolerance: its waypoints, where they lie along the path [m], widest band [m]."""
-
-    first: int
-    last: int
-    start: float
-    end: float
-    most: float
-
-
 @dataclass(frozen=True)
 class ToleranceVerdict:
     """Whether the part may be expected within its tolerance."""
@@ -62,7 +52,7 @@ class ToleranceVerdict:
     band: float | None  #: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
     #: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
     beyond_share: float | None
-    where: tuple[Stretch, ...]  #: Stretches of the cut beyond the tolerance.
+    where: tuple[dict[str, Any], ...]  #: Stretches of the cut beyond the tolerance: waypoints, place, widest band.
     largest_cause: str  #: What makes the band widest where it is widest, or what is not known.
     change: str  #: What would change the verdict, one sentence, "" where nothing has to.
     basis: str  #: What the band rests on.
@@ -79,11 +69,7 @@ class ToleranceVerdict:
             "largest_cause": self.largest_cause,
             "change": self.change,
             "basis": self.basis,
-            "where": [
-                {"waypoints": [one.first, one.last], "s_mm": [1e3 * one.start, 1e3 * one.end],
-                 "band_mm": 1e3 * one.most}
-                for one in self.where[:LISTED]
-            ],
+            "where": list(self.where[:LISTED]),
             "stretches": len(self.where),
             "left_out": list(self.left_out),
         }  # fmt: skip
@@ -122,7 +108,7 @@ def check_tolerance(
     left_out = list_left_out(task.robot, error_band, inertia_known=known, traced=traced)
 
     def state(
-        word: str, sentence: str, cause: str, change: str, share: float | None, where: tuple[Stretch, ...] = ()
+        word: str, sentence: str, cause: str, change: str, share: float | None, where: tuple[dict[str, Any], ...] = ()
     ) -> ToleranceVerdict:
         return ToleranceVerdict(
             word, sentence.strip(), task.tolerance, band, share, where, cause, change, basis, left_out
@@ -155,7 +141,12 @@ def check_tolerance(
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
             change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
-        return state(MAY_NOT_KEEP, sentence, cause, change, share, find_stretches(beyond, length, error_band.along))
+        where = tuple(
+            {"waypoints": [a, b], "s_mm": [1e3 * float(length[a]), 1e3 * float(length[b])],
+             "band_mm": 1e3 * float(error_band.along[a : b + 1].max())}
+            for a, b in group_waypoints(np.flatnonzero(beyond).tolist())
+        )  # fmt: skip
+        return state(MAY_NOT_KEEP, sentence, cause, change, share, where)
     if status == "not_confirmed":
         return withhold(f"the plan is {failure}", SETTLE, share)
     if task.robot.uncertainty is None and task.robot.grade == "placeholder":
@@ -227,15 +218,6 @@ def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_
     if not weight.any():
         weight = cut.astype(float)
     return float(weight[chosen].sum() / weight.sum()) if weight.sum() > 0.0 else 0.0
-
-
-def find_stretches(beyond: NDArray[np.bool_], length: Array, band: Array) -> tuple[Stretch, ...]:
-    """Return the runs of waypoints beyond the tolerance, in order."""
-    edge = np.flatnonzero(np.diff(np.r_[False, beyond, False].astype(int)))
-    return tuple(
-        Stretch(a, b - 1, float(length[a]), float(length[b - 1]), float(band[a:b].max()))
-        for a, b in zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True)
-    )
 
 
 def _mm(length: float) -> str:

@@ -89,7 +89,7 @@ def test_a_tool_that_cuts_again_is_an_operation_of_its_own_and_one_that_cuts_not
 
 
 @pytest.mark.parametrize(("tables", "said"), [
-    ({}, r"cuts with T1 and T2, and the job describes one tool; write \[\[tool\]\] number = 1 and \[\[tool\]\] numb"),
+    ({}, r"cuts with T1, T2, and the job describes one tool; write \[\[tool\]\] for number = 1 and number = 2"),
     ({"tool": {"position_mm": [0.0, 0.0, 150.0]}}, "the job describes one tool"),
     ({"tool": TOOLS[:1]}, r"cuts with T2, and no \[\[tool\]\] describes it; write \[\[tool\]\] with number = 2"),
 ])  # fmt: skip
@@ -323,7 +323,7 @@ def test_post_takes_tools_on_the_command_line(tmp_path: Path, monkeypatch, capsy
     words = ["post", tmp_path / "two.nc", "--robot", "kuka_kr16_2", "--part", "900,-20,700", "--program", "krl"]
     more = ["--cam", tmp_path / "cam.toml", "--plan", tmp_path / "quick.toml", "--out", tmp_path / "out"]
     done = run_command([*words, *more, "--tool", tmp_path / "spindle.toml"], monkeypatch, capsys)
-    assert done.status == 2 and "cuts with T1 and T2" in done.err
+    assert done.status == 2 and "cuts with T1, T2" in done.err
     done = run_command([*words, *more, "--tool", tmp_path / "spindle.toml", "--tools", tmp_path / "tools.csv"],
                        monkeypatch, capsys)  # fmt: skip
     assert done.status == 0, done.err
