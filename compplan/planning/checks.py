@@ -24,7 +24,7 @@ from compplan.planning.evaluate import Evaluation, Margins, find_part
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
 from compplan.planning.stability import find_buckling
-from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows
+from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
 from compplan.planning.timing import Timing, find_slowdown
 from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot, hold_load
@@ -50,8 +50,8 @@ from compplan.uncertainty.shrinkage import has_faded
 
 #: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
 ROUNDING, ROUNDED = 1.001, 1.002
-#: Moves that are checked between waypoints where there are more: the worst by the planner's model, even ones.
-WORST, EVEN = 1500, 1500
+#: Moves and loads that are checked where there are more: the worst by the planner's model, and even ones.
+LOOKED_INTO = 3000
 #: Planner and check place the loaded tip within a micrometre and this share of the tolerance; waypoints compared.
 AGREED, AGREED_SHARE, COMPARED = 1e-6, 0.02, 400
 #: How readers note drilling cycles that they do not cut.
@@ -282,9 +282,6 @@ def _check_each_joint(name: str, joints: JointTable, use: Array, limit: float, s
 def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
     """Joints stay within the limits that the robot folder states, in place and in time."""
     limits, step = job.limits, np.diff(time)
-    if len(joints.names) != q.shape[1]:
-        sentence = f"the robot folder has {len(joints.names)} joints, the program commands {q.shape[1]}"
-        return [Check("number of joints", np.inf, 0.0, sentence)]
     over = np.maximum(joints.lower - q, q - joints.upper).max(axis=0)
     checks = [
         Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its limits in robot.urdf by "
@@ -349,9 +346,7 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
     Returns the greatest distance from the moves [m], and where that move starts.
     """
     moves = judged_moves(task)
-    if len(moves) > WORST + EVEN:
-        worst = moves[np.argsort(between.most[moves])[-WORST:]]
-        moves = np.union1d(worst, pick_even(moves, EVEN))
+    moves = pick_worst(moves, between.most[moves], LOOKED_INTO)
     if not len(moves):
         return 0.0, -1
     half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, task.wrench)]
@@ -386,9 +381,7 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
     if not np.isfinite(efforts).any():
         return {}
     rows = np.flatnonzero(task.compensated)
-    if len(rows) > WORST + EVEN:
-        heavy = rows[np.argsort(np.linalg.norm(task.wrench[rows, :3], axis=1))[-WORST:]]
-        rows = np.union1d(heavy, pick_even(rows, EVEN))
+    rows = pick_worst(rows, np.linalg.norm(task.wrench[rows, :3], axis=1), LOOKED_INTO)
     share = np.abs(hold_load(bench.cell.exact_robot, q[rows], task.wrench[rows])) / np.maximum(efforts, 1e-9)
     found = {}
     for k in np.flatnonzero((share > ROUNDING).any(axis=1)).tolist():

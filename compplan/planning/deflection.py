@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.planning.posture.follow import reach_tip_and_axis
 from compplan.planning.posture.settings import PostureSettings
-from compplan.planning.task import PlanTask
+from compplan.planning.task import PlanTask, pick_worst
 from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
@@ -63,10 +63,8 @@ class Bending:
 def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = DAMPING) -> Bending:
     """Measure what bends the arm along a command (n, nq); `damping` of its modes is a share of the critical one."""
     rows = np.flatnonzero(task.compensated)
-    if len(rows) > LOOKED_AT:
-        push = np.abs(timing.acceleration[rows] / np.maximum(task.acceleration_limits, 1e-9)).max(axis=1)
-        fast = rows[np.argsort(push)[-LOOKED_AT // 2 :]]
-        rows = np.union1d(fast, pick_even(rows, LOOKED_AT // 2))
+    push = np.abs(timing.acceleration[rows] / np.maximum(task.acceleration_limits, 1e-9)).max(axis=1)
+    rows = pick_worst(rows, push, LOOKED_AT)
     dynamics, still = build_dynamics(task.robot), np.zeros((len(rows), 6))
     stiff = locate_frames(task.chain, q[rows]).tcp_position
     free = solve_equilibrium(task.chain, q[rows], still, tolerance=1e-10).position

@@ -234,6 +234,13 @@ def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
     return [(waypoints[a], waypoints[b - 1]) for a, b in pairwise(breaks) if b > a]
 
 
+def pick_worst(rows: NDArray[np.int_], score: Array, most: int) -> NDArray[np.int_]:
+    """Pick at most so many rows (k,): half of them those of the greatest scores (k,), the others evenly."""
+    if len(rows) <= most:
+        return rows
+    return np.union1d(rows[np.argsort(score)[-most // 2 :]], pick_even(rows, most // 2))
+
+
 def count_equations(chain: Chain, *, spin_free: bool) -> int:
     """Count the pose equations of a waypoint: tip, tool axis where the arm chooses it, spin where it is not free."""
     return (3 if chain.nq < 5 else 5) + (not spin_free)
