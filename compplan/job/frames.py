@@ -90,19 +90,16 @@ class FittedFrame:
     """A part frame found from points."""
 
     pose: Array  #: Pose of the part frame seen from the base. Shape (4, 4). [m]
-    residual: Array  #: Residual distance of each point; empty without redundancy. [mm]
-    method: str  #: How it was found.
+    residual: Array  #: Residual distance of each point. [mm]
 
     def tell(self) -> str:
         """Return a sentence with the frame and the residuals of the points."""
         z = ", ".join(f"{value:.4g}" for value in np.round(self.pose[:3, 2], 4) + 0.0)
         at = ", ".join(f"{value:.3f}" for value in 1e3 * self.pose[:3, 3])
-        found = f"The part frame is found from points ({self.method}): origin [{at}] mm, its z along ({z}) of the base"
-        if not len(self.residual):
-            return f"{found}; the points leave no residual to check."
-        rms, worst = float(np.sqrt(np.mean(self.residual**2))), int(self.residual.argmax())
-        return (f"{found}; they are {rms:.3g} mm (rms) from where it has them, at most {self.residual[worst]:.3g} mm, "
-                f"point {worst + 1} of {len(self.residual)}.")  # fmt: skip
+        rms, worst, count = float(np.sqrt(np.mean(self.residual**2))), int(self.residual.argmax()), len(self.residual)
+        return (f"The part frame is found from points (best fit of {count}): origin [{at}] mm, its z along ({z}) of "
+                f"the base; they are {rms:.3g} mm (rms) from where it has them, at most {self.residual[worst]:.3g} mm, "
+                f"point {worst + 1} of {count}.")  # fmt: skip
 
 
 class PointPairs(StrictTable):
@@ -131,7 +128,7 @@ class PointPairs(StrictTable):
         turn = Rotation.align_vectors(measured - seen, nominal - middle)[0].as_matrix()
         left = np.linalg.norm(measured - seen - (nominal - middle) @ turn.T, axis=1)
         pose = make_pose(seen - turn @ middle, Rotation.from_matrix(turn))
-        return FittedFrame(pose, left, f"best fit of {len(nominal)}")
+        return FittedFrame(pose, left)
 
 
 class PartTable(PoseTable):

@@ -78,7 +78,7 @@ def refuse_unsettled(job: Job) -> None:
 
     """
     if job.context.tools or job.tool_table is not None:
-        message = "describes tools by number: split_job gives one job a tool, load_one_job the one of [cam] operation"
+        message = "describes tools by number: split_job gives one job a tool, settle_job the one of [cam] operation"
         raise InputError(message, file=job.file, where="tool")
 
 

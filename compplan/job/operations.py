@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.job.job import Job, check_job, load_job
+from compplan.job.job import Job, check_job
 from compplan.job.loading import job_toolpath_file
 from compplan.job.tool_tables import read_tool_library
 from compplan.job.tools import Described, called_speed, fill_process, find_listed, find_numbered
@@ -67,16 +66,6 @@ def label_operations(operations: tuple[Operation, ...]) -> list[str]:
         times = sum(other == label or other.startswith(f"{label}_run") for other in labels)
         labels.append(f"{label}_run{times + 1}" if times else label)
     return labels
-
-
-def load_one_job(path: str | Path, robot: str | None = None, keep: str | None = None) -> Job:
-    """Read a job file as the job of its only operation, or of [cam] operation.
-
-    Raises:
-        InputError: As `load_job` and `split_job`, and if none of several operations is selected.
-
-    """
-    return settle_job(load_job(path, robot, keep))
 
 
 def settle_job(job: Job) -> Job:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import ConvergenceError, InfeasibleError
-from compplan.planning.deflection import DAMPING, measure_motion
+from compplan.planning.deflection import measure_motion
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
@@ -250,7 +250,7 @@ def measure_runs(
 
 def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynamics: Dynamics) -> Array:
     """Return the covariance of the tip by its vibration at some waypoints of a run. Shape (k, 3, 3). [m^2]"""
-    motion = measure_motion(task, time, dynamics, DAMPING)
+    motion = measure_motion(task, time, dynamics)
     if motion is None:
         return np.zeros((len(rows), 3, 3))
     away = motion.error[:, rows] - motion.error[:, rows].mean(axis=0)
