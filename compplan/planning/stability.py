@@ -9,7 +9,7 @@ from compplan.planning.deflection import DAMPING
 from compplan.planning.task import PlanTask, pick_worst
 from compplan.process.cutting import edge_wrenches
 from compplan.process.engagement import Engagement
-from compplan.process.force_models.end_mill import EndMillProcess, ToolModeTable
+from compplan.process.force_models.end_mill import EndMillProcess
 from compplan.process.materials import Coefficients
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, find_modes
@@ -135,13 +135,6 @@ def compute_depth_limit(
     return float(scales[unstable[0]]) if len(unstable) else float("inf")
 
 
-def join_tool(omega: Array, shape: Array, damping: Array, tool: ToolModeTable) -> tuple[Array, Array, Array]:
-    """Add the mode of a tool to those of its arm, alike along both path axes across it; as of `compute_depth_limit`."""
-    rate = 2.0 * np.pi * tool.frequency_Hz
-    across = np.eye(3)[:, :2] * rate / np.sqrt(1e3 * tool.stiffness_N_mm)
-    return np.r_[omega, rate, rate], np.hstack([shape, across]), np.r_[damping, tool.damping, tool.damping]
-
-
 def describe_depth_limit(task: PlanTask, q: Array) -> str:
     """Return a sentence on the least limit of depth along a plan; "" where no end mill cuts or masses are unknown."""
     cutting = None if task.law is None else task.law.cutting
@@ -158,9 +151,12 @@ def describe_depth_limit(task: PlanTask, q: Array) -> str:
     gains = process.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
     period, limits = 1.0 / (process.spindle_rpm / 60.0 * process.teeth), np.empty(len(rows))
     for k, own in enumerate(find_modes(dynamics, q[there], MODES)):
-        modes = own.omega, axes[k].T @ own.tip, np.full(len(own.omega), DAMPING)
-        modes = modes if tool is None else join_tool(*modes, tool)
-        limits[k] = compute_depth_limit(gains[k], period, *modes)
+        omega, shape, damping = own.omega, axes[k].T @ own.tip, np.full(len(own.omega), DAMPING)
+        if tool is not None:  # its mode is alike along both path axes across the tool
+            rate = 2.0 * np.pi * tool.frequency_Hz
+            shape = np.hstack([shape, np.eye(3)[:, :2] * rate / np.sqrt(1e3 * tool.stiffness_N_mm)])
+            omega, damping = np.r_[omega, rate, rate], np.r_[damping, tool.damping, tool.damping]
+        limits[k] = compute_depth_limit(gains[k], period, omega, shape, damping)
     worst = int(limits.argmin())
     depth = float(cutting.engagement.axial[rows[worst]])
     known = (f"arm damped by {100 * DAMPING:.3g} % (assumed), "

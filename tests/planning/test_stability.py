@@ -10,8 +10,7 @@ from arms import one_joint_arm
 import compplan as cp
 from compplan.job.job import check_job
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.stability import compute_depth_limit, describe_depth_limit, join_tool, measure_buckling
-from compplan.process.force_models.end_mill import ToolModeTable
+from compplan.planning.stability import compute_depth_limit, describe_depth_limit, measure_buckling
 from compplan.statics.chain import build_chain
 
 CIRCLE = Path(__file__).parents[2] / "paths" / "circle_10mm.toml"
@@ -64,17 +63,6 @@ def test_the_least_limit_over_the_speeds_is_the_critical_stiffness_of_one_mode()
     modes = np.array([omega]), shape, np.array([damping])
     found = min(compute_depth_limit(mean, period, *modes, scales) for period in periods)
     assert found == pytest.approx(2.0 * mass * omega**2 * damping * (1.0 + damping) / cutting, rel=0.02)
-
-
-def test_a_stated_mode_of_the_tool_joins_those_of_the_arm_and_bounds_the_depth() -> None:
-    """Tlusty again: with an arm that does not yield, the tool's own mode alone sets the limit."""
-    tool = ToolModeTable(frequency_Hz=400.0, stiffness_N_mm=8000.0, damping=0.02)
-    modes = join_tool(np.array([2.0 * np.pi]), np.zeros((3, 1)), np.array([0.03]), tool)
-    cutting = 1e6
-    periods = np.linspace(0.7, 0.8, 10) / 400.0
-    mean, scales = -cutting * np.diag([1.0, 0.0, 0.0]), np.geomspace(0.1, 2.0, 400)
-    found = min(compute_depth_limit(mean, period, *modes, scales) for period in periods)
-    assert found == pytest.approx(2.0 * 8e6 * 0.02 * 1.02 / cutting, rel=0.02)
 
 
 def test_a_plan_takes_the_tool_mode_of_its_job_into_the_limit_of_depth(tmp_path) -> None:
