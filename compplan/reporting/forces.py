@@ -19,7 +19,7 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_number
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import replace_folder
-from compplan.job.force_prediction import ForcePrediction
+from compplan.job.loading import ForcePrediction
 from compplan.process.engagement import Engagement
 from compplan.process.fit import ForceFit
 from compplan.process.force_models import name_force_model
@@ -42,8 +42,6 @@ from compplan.toolpath.toolpath import WRENCH_HEADERS, Toolpath
 
 #: Largest ratio of measured and predicted force that is learned.
 MOST_LEVEL = 100.0
-#: What is left of the stock: part frame, millimetres.
-STOCK = "stock.stl"
 #: About how many points of a path are drawn in a scene.
 POINTS = 4000
 
@@ -88,10 +86,6 @@ def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
     with replace_folder(folder, "forces") as part:
         write_table(part / "forces.csv", _tabulate(found))
         write_text(part / "report.html", _render(found, summary))
-        if found.law.cutting is not None:
-            left = found.law.cutting.leave()
-            left.apply_scale(1e3)
-            (part / STOCK).write_bytes(left.export(file_type="stl"))
         write_json(part / "forces.json", summary)
     return summary
 

@@ -53,8 +53,7 @@ def run_plan(job: Job, folder: Path) -> CommandResult:
 def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     """Plan a job, a plan for each tool that it calls, and write what came of it; `note` is added to the first."""
     from compplan.api.verbs import plan_operations
-    from compplan.planning.operations import summarise_operations
-    from compplan.planning.result import summarise_plan
+    from compplan.planning.result import summarise_operations, summarise_plan
     from compplan.reporting.operations import describe_operations, describe_order
     from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
 
@@ -81,7 +80,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
 
 def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
     """Return which waypoints and limits stop plans that are not solved; None where all are."""
-    from compplan.planning.operations import worst_status
+    from compplan.planning.result import worst_status
 
     failing = [plan for plan in plans if plan.status != "solved"]
     if not failing:
@@ -222,13 +221,11 @@ def run_compare(job: Job, folder: Path) -> CommandResult:
     epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.",
 )  # fmt: skip
 def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> CommandResult:
-    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
-
-    stock.stl is what a cutter leaves of the stock, part frame, mm.
+    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html.
 
     Example: compplan forces examples/forces/pocket.toml --out out
     """
-    from compplan.job.force_prediction import predict_forces
+    from compplan.job.loading import predict_forces
     from compplan.process.learned_force import FILE as LESSON
     from compplan.reporting.forces import write_coefficients, write_forces, write_level
 
@@ -245,8 +242,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
     if table is not None:
         hint = "in a job: its [process.coefficients] in place of material"
         lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
-    left = ", stock.stl" if "engagement" in summary else ""
-    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])
+    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html to {folder}"])
 
 
 def _describe(summary: Mapping[str, Any]) -> Iterator[str]:
