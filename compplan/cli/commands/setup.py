@@ -218,7 +218,6 @@ def _round_down(value: float) -> float:
 
 def _check_toolpath(path: Path) -> None:
     """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
-    from compplan.job.commented_job import ANY_FEED
     from compplan.toolpath.readers.lines import read_bounded
 
     if not path.is_file():
