@@ -14,6 +14,7 @@ import numpy as np
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.feed import time_run
 from compplan.planning.measured_runs import (
+    LEAST_GAIN,
     SAME,
     TimedStart,
     band_beside,
@@ -85,11 +86,13 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
         runs += [run._replace(origin="programmed") for run in measure_runs(plain, request)]
 
     for origin in tuple(runs):
-        task = request.state(origin.start)
-        shaped = shape_start(task, origin.start, request, PRICES[preset], measure_beside(base, origin, task))
+        own = request.state(origin.start)
+        shaped = shape_start(own, origin.start, request, PRICES[preset], measure_beside(base, origin, own))
         if shaped is not None:
             runs += [run._replace(origin=origin.origin, shaped=shaped[1]) for run in measure_runs(shaped[0], request)]
-    best = runs if preset == "fast" else [min(runs, key=lambda run: band_beside(run, base))]
+    bands = [band_beside(run, base) for run in runs]  # of those alike the one nearest to the search's posture
+    alike = (run for run, band in zip(runs, bands, strict=True) if band <= (1.0 + LEAST_GAIN) * min(bands))
+    best = runs if preset == "fast" else [next(alike)]
     eased = [ease_run(preset, run, base, request) for run in best if run is not first]
     taken = choose_run(preset, [base, *eased], base)
     if compute_gain(preset, taken, first) >= 1.0 - SAME:

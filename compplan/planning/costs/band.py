@@ -26,8 +26,10 @@ class Band(Cost):
     weight: float  #: w / S against the other costs, S the whole programmed time. [1/s]
     bend: Array  #: A / d_0, then h / d_0 by pairs of joints. Shape (k, 3, nq + nq (nq + 1) / 2).
     name = "band"
-    formula = "w / S sum (|d| / d_0)^2 ds"
     timed = True
+
+    def __str__(self) -> str:
+        return f"{self.weight:g} sum (|d| / d_0)^2 ds"
 
     @property
     def numbers(self) -> Array:
