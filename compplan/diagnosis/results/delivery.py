@@ -1,7 +1,7 @@
 """Delivery: the robot folder that a diagnosis writes, judged by what its model predicts of poses that it never saw.
 
-The folder holds the mixture of all models (`validation.mixture`); where that predicts poses left out no better than the
-nominal robot by more than chance, the nominal robot is written.
+The folder holds the posterior of named effects and small errors (`validation.calibration`); where that predicts poses
+left out no better than the nominal robot by more than chance, the nominal robot is written.
 
 Its parts in doubt are all that it holds beside its names: small errors and doubtful causes; and the names too, unless
 they are beyond doubt or nothing is left that they do not explain; and every name that has rivals, which the campaign
@@ -32,16 +32,8 @@ from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, stands
 from compplan.diagnosis.validation.bounds import find_breach
+from compplan.diagnosis.validation.calibration import calibrate, calibrated_state, hold_out_calibration, is_calibrated
 from compplan.diagnosis.validation.held_out import Folds, HeldOut
-from compplan.diagnosis.validation.mixture import (
-    SMALL,
-    hold_out_stack,
-    is_built,
-    list_options,
-    mixed_state,
-    solve_option,
-    stack_options,
-)
 from compplan.effects import fold_effects, is_of_instrument
 from compplan.effects.linearization import Place
 from compplan.robot import Array, Robot
@@ -63,8 +55,7 @@ class Delivery:
         held: What its model predicts of rows that it never saw.
         residual: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
         uncertainty: How surely it is known.
-        posterior: The mixture's posterior; None for the nominal robot.
-        small: What small errors alone predict of rows that they never saw; None for the nominal robot.
+        posterior: The posterior that it holds; None for the nominal robot.
         visited: Its parts in doubt and how well they held at each stay; None without.
     """
 
@@ -74,7 +65,6 @@ class Delivery:
     residual: Array
     uncertainty: Uncertainty
     posterior: Posterior | None = None
-    small: HeldOut | None = None
     visited: ValidityRegion | None = None
 
     def robot(self, nominal: Robot, known: int) -> Robot:
@@ -87,7 +77,7 @@ class Delivery:
 def deliver_robot(
     folds: Folds, verdict: Verdict, plain: HeldOut, nominal: FitState, good: NDArray[np.bool_]
 ) -> Delivery:  # fmt: skip
-    """Build the mixture's robot; the nominal one where that predicts no better, by enough, than it.
+    """Build the calibrated robot; the nominal one where that predicts no better, by enough, than it.
 
     `plain` is what the nominal robot predicts, `nominal` its state; `good` tells rows that are no outliers. Shape (n,).
     """
@@ -95,13 +85,13 @@ def deliver_robot(
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
     seen, fold, rivals = good[plain.rows], folds.fold[plain.rows], name_alternatives(verdict)
     before = plain.of(seen)
-    blend = stack_options(folds, list_options(named, every), seen)
-    held = hold_out_stack(folds, blend)
+    found = calibrate(folds, named)
+    held = hold_out_calibration(folds, found)
     stated = held.correct_for_selection(fold, seen)
-    posterior = blend.posterior(fit.search.equations.p)
     # nothing goes out whose stated error is not below the nominal one
     better = held.of(seen).rms < (1.0 - NEGLIGIBLE) * before.rms and stated.of(seen).rms < before.rms
-    state = mixed_state(fit, posterior.values(fit.search.equations.p), blend.claimed()) if better else nominal
+    values = found.posterior.values(fit.search.equations.p)
+    state = calibrated_state(fit, values, found.named) if better else nominal
     if not better or not stands(problem, state):
         known = state_uncertainty(fit, every, nominal, plain, good, rivals)
         return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known)
@@ -118,9 +108,8 @@ def deliver_robot(
         and " ".join(part for part in signatures[f.signature].place if part) not in instead
     ]
     rest, places = folds.hold_out(sure, background=False), {signatures[claim.signature].place for claim in sure}
-    visited = list_visits(fit, state, blend.claimed(), places, rest, held, seen)
-    small = replace(held, residual=solve_option(folds, SMALL).residual)
-    return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, posterior, small, visited)
+    visited = list_visits(fit, state, found.named, places, rest, held, seen)
+    return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, found.posterior, visited)
 
 
 def possible_claims(fit: Fit, verdict: Verdict) -> list[Claim]:
@@ -224,7 +213,7 @@ def _list_parts(fit: Fit, state: FitState, claims: Sequence[int], sure: Collecti
         columns = [
             int(c) for c in equations.columns(number) if int(c) not in taken and equations.names[c] in state.values
         ]
-        if not columns or (number not in claims and not is_built(signature)):
+        if not columns or (number not in claims and not is_calibrated(signature)):
             continue
         taken.update(columns)
         if signature.place in sure:
