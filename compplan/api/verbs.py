@@ -216,7 +216,7 @@ def diagnose(
     )
     if target_offset_mm is not None:
         campaign = replace(campaign, target_offset=np.asarray(target_offset_mm, float) * 1e-3)
-    settle_questions(mounted, campaign, tuple(register), assume_ok, events=True)
+    settle_questions(mounted, campaign, tuple(register), assume_ok)
     result = diagnose_campaign(mounted, campaign, register=register, without=without, progress=progress)
     if out is not None:
         from compplan.reporting.diagnosis import deliver_diagnosis

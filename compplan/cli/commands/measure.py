@@ -117,7 +117,7 @@ def run_diagnose(
     parts = registered_parts(register, campaign)
     with show_progress() as progress:
         progress("questions")
-        asked = settle_questions(robot, campaign, parts, assume_ok, events=True)
+        asked = settle_questions(robot, campaign, parts, assume_ok)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
         table = deliver_diagnosis(diagnosis, folder, progress)
     what, headline = diagnosis.summary()[0]
