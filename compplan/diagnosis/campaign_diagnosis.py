@@ -102,7 +102,7 @@ def _conclude(
     progress("held out")
     folds = Folds(add_gear_waves(fit), make_folds(campaign))
     before = position_residual(campaign, nominal, solve_model_poses(nominal))
-    plain = folds.hold_out([], background=False)
+    plain = folds.hold_out([])
     if not problem.register:
         plain = replace(plain, residual=before[plain.rows])
     good = campaign.usable.copy()

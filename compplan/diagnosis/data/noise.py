@@ -133,7 +133,9 @@ def estimate_noise(
     robot, freedom, told = _repeatability(again - share * variance, 0 if odd else count, repeatability, single_row)
     source = " and ".join(label for label in (source, told) if label)
     if odd:
-        source += f"; poses met again scatter by {np.sqrt(again / usual):.1f} times what sigma and repeatability explain"
+        source += (
+            f"; poses met again scatter by {np.sqrt(again / usual):.1f} times what sigma and repeatability explain"
+        )
     if not single:
         return Noise(float(np.sqrt(variance)), witnesses, source, float(np.sqrt(robot)) if told else 0.0, plain)
     total = spread**2 * variance + robot

@@ -107,7 +107,7 @@ def deliver_robot(
         and (verdict.status == "explained" or f.probability >= SURE or is_of_instrument(f.effect.name))
         and " ".join(part for part in signatures[f.signature].place if part) not in instead
     ]
-    rest, places = folds.hold_out(sure, background=False), {signatures[claim.signature].place for claim in sure}
+    rest, places = folds.hold_out(sure), {signatures[claim.signature].place for claim in sure}
     visited = list_visits(fit, state, found.named, places, rest, held, seen)
     return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, found.posterior, visited)
 

@@ -133,7 +133,7 @@ def calibrate(folds: Folds, claims: Sequence[Claim]) -> Calibration:
     means = average_stays(fit.search.equations, claims, np.exp(fit.model.posterior.hyper.log_noise))
     whole = solve_means(means)
     near = whole if len(np.unique(folds.pose)) >= CALIBRATION.many_poses else None
-    parts = [solve_means(means, folds.fold[means.row] != number, near).values(p) for number, _ in folds.without_fold]
+    parts = [solve_means(means, folds.fold[means.row] != number, near).values(p) for number in folds.numbers]
     posterior = Posterior(
         0.0, whole.means.columns, whole.mean, fit.model.posterior.hyper, lambda: whole.covariance
     )  # fmt: skip
@@ -149,9 +149,9 @@ def calibrated_state(fit: Fit, values: Array, named: Sequence[int]) -> FitState:
 
 def hold_out_calibration(folds: Folds, found: Calibration) -> HeldOut:
     """Predict every row by the robot that a calibration without its fold makes, read from its folder."""
-    values = {number: own for (number, _), own in zip(folds.without_fold, found.without_fold, strict=True)}
+    values = dict(zip(folds.numbers, found.without_fold, strict=True))
 
-    def build(number: int, _: NormalEquations) -> tuple[Fit, FitState]:
+    def build(number: int) -> tuple[Fit, FitState]:
         return folds.fit, calibrated_state(folds.fit, values[number], found.named)
 
     return folds.hold_out_states(build)
