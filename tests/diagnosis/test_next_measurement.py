@@ -125,7 +125,7 @@ def test_moves_stay_within_joint_limits_and_loads(measured: tuple[Robot, Campaig
     robot, campaign = measured
     pool, moves = list_moves(robot, campaign)
     rows = np.array([row for move in moves for row in move.rows])
-    assert {move.kind for move in moves} == set(KINDS) - {"two_speeds"}
+    assert {move.kind for move in moves} == set(KINDS)
     assert (pool.q[rows] >= robot.lower).all()
     assert (pool.q[rows] <= robot.upper).all()
     largest = np.linalg.norm(campaign.wrench[:, :3], axis=1).max()
