@@ -1,4 +1,4 @@
-"""Whether a timed plan holds its limits at every millisecond: velocity, acceleration, jerk, torque.
+"""Whether a timed plan holds its limits at every millisecond: velocity, acceleration, torque.
 
     python -m benchmarks limits JOB [JOB ...]
 
@@ -23,9 +23,8 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 def sample_use(
-    q: Array, time: Array, runs: list[tuple[int, int]], velocity: Array, acceleration: Array,
-    jerk: Array | None = None, *, arm: Arm | Path | None = None, effort: Array | None = None,
-    wrench: Array | None = None,
+    q: Array, time: Array, runs: list[tuple[int, int]], velocity: Array, acceleration: Array, *,
+    arm: Arm | Path | None = None, effort: Array | None = None, wrench: Array | None = None,
 ) -> dict[str, float]:  # fmt: skip
     """Return the greatest share of every limit that the runs use.
 
@@ -35,13 +34,12 @@ def sample_use(
         runs: First and last row of every run from rest to rest.
         velocity: Limits. Shape (nq,). [rad/s or m/s]
         acceleration: Limits. Shape (nq,). [rad/s^2 or m/s^2]
-        jerk: Limits, or None. Shape (nq,). [rad/s^3 or m/s^3]
         arm: The robot with its tool, or its folder; None asks for no torques.
         effort: Limits. Shape (nq,). [N m or N]
         wrench: On the tool, base axes. Shape (n, 6). [N, N m]
     """
     cell = None if arm is None else SimulatedRobot(read_arm(arm) if isinstance(arm, Path) else arm)
-    found = {"velocity": 0.0, "acceleration": 0.0, "jerk": 0.0, "torque": 0.0}
+    found = {"velocity": 0.0, "acceleration": 0.0, "torque": 0.0}
     for first, last in runs:
         rows = np.arange(first, last + 1)
         rows = rows[np.r_[True, np.diff(time[rows]) > 1e-9]]
@@ -50,8 +48,8 @@ def sample_use(
         curve = CubicSpline(time[rows], q[rows], bc_type="clamped")
         at = np.arange(time[rows[0]], time[rows[-1]], CYCLE)
         samples = np.vstack([curve(at), q[rows[-1:]]]) if len(at) < 4 else curve(at)
-        for order, (name, limit) in enumerate((("velocity", velocity), ("acceleration", acceleration), ("jerk", jerk))):
-            if limit is not None and len(samples) > order + 1:
+        for order, (name, limit) in enumerate((("velocity", velocity), ("acceleration", acceleration))):
+            if len(samples) > order + 1:
                 most = np.abs(np.diff(samples, order + 1, axis=0)).max(axis=0) / CYCLE ** (order + 1)
                 found[name] = max(found[name], float((most / limit).max()))
         if cell is not None and effort is not None and wrench is not None:
@@ -68,7 +66,7 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("jobs", type=Path, nargs="+")
-    print(f"{'job':24} {'cycle':>8}  velocity  acceleration  jerk  torque   (shares of the limits, at 1 ms)")
+    print(f"{'job':24} {'cycle':>8}  velocity  acceleration  torque   (shares of the limits, at 1 ms)")
     for file in parser.parse_args().jobs:
         plan = plan_job(load_job(file))
         task = plan.task
@@ -78,11 +76,10 @@ def main() -> None:
             arm = mount_tool(read_arm(task.robot.folder), table)
         runs = task.runs
         use = sample_use(
-            plan.q, plan.timing.time, runs, task.velocity_limits, task.acceleration_limits, task.jerk_limits,
+            plan.q, plan.timing.time, runs, task.velocity_limits, task.acceleration_limits,
             arm=arm, effort=task.robot.effort_limits, wrench=task.wrench,
         )  # fmt: skip
         print(f"{file.stem:24} {plan.timing.time[-1]:8.2f}  {use['velocity']:8.4f}  {use['acceleration']:12.4f}  "
-              f"{use['jerk'] if task.jerk_limits is not None else np.nan:4.4f}  "
               f"{use['torque'] if arm is not None else np.nan:6.4f}")  # fmt: skip
 
 

@@ -1,16 +1,20 @@
-"""The verbs `compplan.plan`, `post`, `compare`, `diagnose`, `learn`: from files, arrays or DataFrames to a result."""
+"""The verbs `compplan.plan`, `post`, `compare`, `diagnose`, `learn`: from files, arrays or DataFrames to a result.
+
+Commands of the same names call them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from compplan.api.given import Table, make_job, make_post_job, take_robot
+from compplan.api.given import Table, make_job, make_post_job
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
+    from compplan.job.job import Job
     from compplan.learning.part import LearnedPart
     from compplan.planning.compare import Comparison
     from compplan.planning.result import Plan
@@ -25,22 +29,16 @@ def _say_nothing(text: str) -> None:
 
 @dataclass(frozen=True)
 class Posted:
-    """What came of a CAM file.
+    """What came of a CAM file."""
 
-    Attributes:
-        plans: One plan an operation (a tool); one in all where the file calls one tool.
-        folder: Where everything was written.
-        files: The files written.
-    """
-
-    plans: tuple[Plan, ...]
-    folder: Path
-    files: tuple[Path, ...]
+    plans: tuple[Plan, ...]  #: One plan an operation (a tool); one in all where the file calls one tool.
+    folder: Path  #: Where everything was written.
+    files: tuple[Path, ...]  #: The files written.
 
     @property
     def status(self) -> str:
         """Tell "solved", "infeasible" or "not_confirmed": the worst of the plans."""
-        from compplan.planning.operations import worst_status
+        from compplan.planning.result import worst_status
 
         return worst_status(self.plans)
 
@@ -114,21 +112,33 @@ def post(
     Raises:
         InputError: If something is not what it has to be; nothing is written then.
     """
-    from compplan.job.operations import split_job
-    from compplan.planning.plan import plan_job
-    from compplan.reporting.operations import deliver_operations
-    from compplan.reporting.writers.plan import deliver_plan, note_programs
-
     folder = Path("out" if out is None else out)
     job = make_post_job(
         camfile, robot=robot, part=part, program=program, profile=profile, tools=tools, tool=tool, process=process,
         cam=cam, plan=plan, output=output, stands_in=folder.absolute() / f"{Path(camfile).stem}.toml",
     )  # fmt: skip
-    plans = tuple(note_programs(plan_job(one)) for one in split_job(job))
+    return plan_operations(job, folder)
+
+
+def plan_operations(job: Job, folder: Path, note: str = "", progress: Progress = _say_nothing) -> Posted:
+    """Plan a job, one plan for each tool that it calls, and write them; `note` is added to the first plan."""
+    from compplan.job.operations import split_job
+    from compplan.planning.checks import state_notes
+    from compplan.planning.plan import plan_job
+    from compplan.reporting.operations import deliver_operations
+    from compplan.reporting.writers.plan import deliver_plan, note_programs
+
+    plans: list[Plan] = []
+    for one in split_job(job):
+        result = note_programs(plan_job(one, progress=progress))
+        plans.append(result.add_checks(state_notes([note]), first=True) if note and not plans else result)
+        progress("95 % band: where the true tip is")
+        _ = plans[-1].error_band, plans[-1].mismatch
+    progress("write: programs, joints.csv, report.html")
     if len(plans) == 1:
         done, files = deliver_plan(plans[0], folder)
         return Posted((done,), folder, tuple(files))
-    read, files = deliver_operations(plans, folder, job.name)
+    read, files = deliver_operations(plans, folder, job.name or job.file.stem)
     return Posted(tuple(read), folder, tuple(files))
 
 
@@ -166,7 +176,7 @@ def compare(
 
 def diagnose(
     measurements: Any, robot: str | Path | Robot, *, register: Sequence[str] = (), without: Sequence[str] = (),
-    tool: Mapping[str, Any] | None = None, target_offset_mm: Sequence[float] | None = None,
+    tool: Table | None = None, target_offset_mm: Sequence[float] | None = None,
     instrument: str | Path | None = None, assume_ok: bool = False,
     out: str | Path | None = None, progress: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:  # fmt: skip
@@ -182,7 +192,7 @@ def diagnose(
         robot: Name of a shipped robot, a robot folder, or a `Robot`.
         register: Frames that no model can know, of "base" and "tool"; they are fitted in every model.
         without: Effects to leave out of the candidates.
-        tool: The tool that was mounted, as [tool] of a job.
+        tool: The tool that was mounted, as [tool] of a job, or its TOML file.
         target_offset_mm: The measured point in the TCP frame; left out: the TCP. Shape (3,). [mm]
         instrument: TOML file of an instrument that sees no positions: contacts, readings, ball bars.
         assume_ok: Whether to go on where the log raises a question.
@@ -195,29 +205,10 @@ def diagnose(
     Raises:
         InputError: If a file is not what it has to be, the log raises a question, or it has too few rows.
     """
-    import numpy as np
-
-    from compplan.cli.measured import settle_questions
-    from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
-    from compplan.effects import EFFECTS
-    from compplan.errors import UnknownNameError
-    from compplan.measurement.campaign import Campaign
-    from compplan.measurement.instrument import read_instrument
-    from compplan.measurement.reading import read_campaign
-
-    for name in without:
-        if name not in EFFECTS:
-            raise UnknownNameError("effect", name, list(EFFECTS))
-    mounted = take_robot(robot, tool)
-    campaign = (
-        measurements
-        if isinstance(measurements, Campaign)
-        else read_campaign(measurements, mounted, None if instrument is None else read_instrument(Path(instrument)))
-    )
-    if target_offset_mm is not None:
-        campaign = replace(campaign, target_offset=np.asarray(target_offset_mm, float) * 1e-3)
-    settle_questions(mounted, campaign, tuple(register), assume_ok)
-    result = diagnose_campaign(mounted, campaign, register=register, without=without, progress=progress)
+    result, _ = diagnose_measured(
+        measurements, robot, register=register, without=without, assume_ok=assume_ok, progress=progress, tool=tool,
+        target_offset_mm=target_offset_mm, instrument=instrument,
+    )  # fmt: skip
     if out is not None:
         from compplan.reporting.diagnosis import deliver_diagnosis
 
@@ -225,10 +216,31 @@ def diagnose(
     return result
 
 
+def diagnose_measured(
+    measurements: Any, robot: str | Path | Robot, *, register: Sequence[str], without: Sequence[str], assume_ok: bool,
+    progress: Progress, **measured: Any,
+) -> tuple[Diagnosis, list[str]]:  # fmt: skip
+    """Diagnose as `diagnose` does; return the questions that were assumed answered, too."""
+    from compplan.api.measured import choose_frames, read_measured, settle_questions
+    from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
+    from compplan.effects import EFFECTS
+    from compplan.errors import UnknownNameError
+
+    for name in without:
+        if name not in EFFECTS:
+            raise UnknownNameError("effect", name, list(EFFECTS))
+    mounted, campaign = read_measured(measurements, robot, **measured)
+    frames = choose_frames(register, campaign)
+    progress("questions")
+    questions = settle_questions(mounted, campaign, frames, assume_ok)
+    return diagnose_campaign(mounted, campaign, register=frames, without=without, progress=progress), questions
+
+
 def learn(
     job: Any, measured: Any, robot: str | Path | Robot, *, frame: Literal["part", "base"] = "part",
-    align: Literal["datum", "best_fit"] | None = None, out: str | Path | None = None,
-    progress: Progress = _say_nothing,
+    align: Literal["datum", "best_fit"] | None = None, sigma_mm: float | None = None,
+    instrument: str | Path | None = None, mesh: str | Path | None = None, reach_mm: float | None = None,
+    assume_ok: bool = False, out: str | Path | None = None, progress: Progress = _say_nothing,
 ) -> LearnedPart:  # fmt: skip
     """Learn from measured points of a cut part: the corrected program of the next one, and the robot as now known.
 
@@ -243,6 +255,11 @@ def learn(
         frame: Frame of the points.
         align: "datum": the points stand where their frame says; "best_fit": a shift and turn of all is fitted and
             taken off; left out: as "datum", but where such a motion is most of what was measured it is asked about.
+        sigma_mm: Standard deviation of points whose file states none; assumed if left out. [mm]
+        instrument: TOML file of the instrument, whose sigma_mm counts where `sigma_mm` is left out.
+        mesh: Nominal surface of the part, STL or PLY in mm, in the frame of the points, which count along its normals.
+        reach_mm: How far from the path of the tip the tool makes that surface; left out: by the job's cutter. [mm]
+        assume_ok: Whether to go on where the points raise a question.
         out: Folder to write what the command of this name writes; nothing is written if left out.
         progress: Told what is being done; an exception raised in it ends the call.
 
@@ -253,12 +270,23 @@ def learn(
         InputError: If a file is not what it has to be, or too few of the points are of the cut.
     """
     from compplan.errors import InputError
+    from compplan.learning.measured_path import reach_of
     from compplan.learning.part import learn_from_part
+    from compplan.learning.scan import read_surface
+    from compplan.measurement.instrument import read_instrument
     from compplan.reporting.learn import write_learning
 
     if frame not in ("part", "base"):
         raise InputError(f"frame is {frame!r}, choose from ['part', 'base']")
-    result = learn_from_part(make_job(job), robot, measured, in_base=frame == "base", align=align, announce=progress)
+    checked = make_job(job)
+    if instrument is not None and sigma_mm is None:
+        sigma_mm = read_instrument(Path(instrument)).instrument.sigma_mm
+    reach = reach_of(checked.process) if reach_mm is None else reach_mm * 1e-3
+    result = learn_from_part(
+        checked, robot, measured, in_base=frame == "base", align=align,
+        sigma=None if sigma_mm is None else sigma_mm * 1e-3, sure=assume_ok,
+        surface=None if mesh is None else read_surface(Path(mesh), reach), announce=progress,
+    )  # fmt: skip
     if out is not None:
         write_learning(result, Path(out))
     return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import importlib
 import os
@@ -10,12 +11,13 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import click
 
-from compplan.cli.terminal import add_verbosity, steady_streams
+from compplan.cli.terminal import add_verbosity, close_streams, open_streams, refuse_output
 from compplan.errors import CompplanError, InputError, find_near
 from compplan.io.lazy_imports import put_off
 from compplan.io.provenance import record_inputs
@@ -45,7 +47,7 @@ COMMANDS = {
     "reproduce": "the figures of a paper beside ours",
     "place": "where the part should stand",
     "forces": "engagement and force along the path, and which coefficients fit a measured log",
-    "view": "a plan or a diagnosis in the browser, on this machine alone",
+    "view": "a plan in the browser, on this machine alone",
     "init": "write a commented job, a robot folder from a URDF, or an empty measurement log",
     "doctor": "what is odd about the installation, a robot folder or a log",
 }
@@ -126,12 +128,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.environ.setdefault(name, "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
     gc.set_threshold(50_000, 20, 50)  # a command makes much at its start that stays, and is over soon
-    _received.clear()
-    previous = signal.signal(signal.SIGTERM, _leave_on_term)
+    previous = signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    open_streams()
     try:
-        with steady_streams():
-            status = run_words(words)
+        status = run_words(words)
     finally:
+        close_streams()
         signal.signal(signal.SIGTERM, previous)
     sys.exit(status)
 
@@ -143,18 +145,22 @@ def run_words(words: list[str]) -> int:
             raise InputError("an argument is empty, expected a name or a path")
         with record_inputs():
             status = group.main(words, standalone_mode=False)
-        sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
-        click.echo("interrupted", err=True)
+        _complain("interrupted")
         return 130
     except Exception as error:
+        if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
+            error = refuse_output(error)
         if DEBUG in os.environ:
             traceback.print_exc()
-        if _received:  # an import that SIGTERM interrupts may turn the exit into an error of its own
-            return 128 + _received[0]
-        click.echo(f"error: {describe_fault(error)}", err=True)
+        _complain(f"error: {describe_fault(error)}")
         return error.exit_status if isinstance(error, CompplanError) else 2
     return status if isinstance(status, int) else 0
+
+
+def _complain(text: str) -> None:
+    with suppress(OSError):
+        click.echo(text, err=True)
 
 
 def describe_fault(error: Exception) -> str:
@@ -174,12 +180,3 @@ def describe_fault(error: Exception) -> str:
         where, length = f"{Path(place.filename).name}:{place.lineno}", 600
         line = f"internal fault {type(error).__name__}: {line} ({where}); {DEBUG}=1 shows where it comes from"
     return line if len(line) <= length else f"{line[: length // 2]} [...] {line[-length // 2 :]}"
-
-
-#: Signals that have asked this run to end.
-_received: list[int] = []
-
-
-def _leave_on_term(number: int, frame: object) -> None:
-    _received.append(number)
-    sys.exit(128 + number)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import click
-from click.shell_completion import CompletionItem
 
 from compplan.cli.terminal import show
 from compplan.errors import CompplanError, InputError
@@ -22,7 +21,7 @@ RESULTS = {
     "montecarlo": ("montecarlo.json", "report.html"),
     "map": ("map.json", "map_horizontal.png", "map_vertical.png"),
     "identify": ("identify.json", "report.html", "robot/robot.urdf", "robot/elasticity.toml"),
-    "diagnose": ("diagnosis.json", "report.html", "gap.csv", "robot/robot.urdf"),
+    "diagnose": ("diagnosis.json", "report.html", "robot/robot.urdf"),
     "campaign": ("campaign.json", "campaign.csv", "report.html"),
     "learn": ("learn.json", "plan.json", "joints.csv", "plan.html", "report.html", "robot/robot.urdf"),
     "reproduce": ("reproduction.json", "report.html"),
@@ -42,11 +41,7 @@ class ResultPath(click.Path):
         self.suffix = suffix
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path.
-
-        Raises:
-            InputError: If nothing can be written there.
-        """
+        """Return the path."""
         path = Path(str(super().convert(value, param, ctx)))  # type: ignore[arg-type]
         if self.suffix is None:
             check_results(path, RESULTS.get("" if ctx is None else str(ctx.info_name), ()))
@@ -138,19 +133,11 @@ def add_options(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
     return add
 
 
-def complete_robots(context: click.Context, option: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Complete the name of a shipped robot, or a folder."""
-    from compplan.robot.folder import robot_folders
-
-    names = [CompletionItem(name) for name in sorted(robot_folders()) if name.startswith(begun)]
-    return [*names, CompletionItem(begun, type="dir")]
-
-
 def robot_option(
     help: str = "Robot folder, or name of a shipped robot.", *, required: bool = True, name: str = "robot_name"
 ) -> Any:
-    """Return the option --robot, which completes the names of shipped robots."""
-    return click.option("--robot", name, required=required, shell_complete=complete_robots, help=help)
+    """Return the option --robot."""
+    return click.option("--robot", name, required=required, help=help)
 
 
 #: Plan with another robot than the job's.
@@ -160,11 +147,7 @@ robot_instead = robot_option(
 
 
 def split_numbers(text: str, count: int) -> list[float]:
-    """Read `count` numbers with commas between them.
-
-    Raises:
-        ValueError: If they are not.
-    """
+    """Read `count` numbers with commas between them."""
     numbers = [float(word) for word in text.split(",")]
     if len(numbers) != count:
         raise ValueError(f"{len(numbers)} numbers")
@@ -181,6 +164,20 @@ def _read_place(context: click.Context, option: click.Parameter, text: str | Non
         return None if text is None else split_numbers(text, 3)
     except ValueError:
         raise InputError(f"{option.opts[0]} is {text!r}, expected X,Y,Z in mm") from None
+
+
+measured_options = add_options(
+    click.option("--tool", type=INPUT,
+                 help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job; "
+                 "without a mass its weight is not known and bends nothing."),
+    click.option("--target-offset", "target_offset_mm", metavar="X,Y,Z", callback=_read_place,
+                 help="Measured point in the TCP frame, mm; left out: the TCP. With --register tool it is where "
+                 "the fit begins."),
+    click.option("--instrument", type=INPUT,
+                 help="TOML file of an instrument that sees no positions: contacts (ball in a socket, tip on a "
+                 "cone), readings along a direction (dial gauge, probe), distances (ball bar). The tool is fitted "
+                 "unless --target-offset says it."),
+)  # fmt: skip
 
 
 def take_cam_options(command: Command) -> Command:

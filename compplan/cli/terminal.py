@@ -12,8 +12,9 @@ import logging
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from typing import Any, TextIO, cast
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import click
 
@@ -30,11 +31,14 @@ def show(summary: Mapping[str, Any], as_json: bool, lines: Iterable[str]) -> Non
     """Print a summary as JSON, or lines for people unless the run is quiet."""
     from compplan.io.tables import dump_json
 
-    if as_json:
-        click.echo(dump_json(summary, indent=2))
-    elif not click.get_current_context().meta.get(QUIET):
-        for line in lines:
+    quiet = click.get_current_context().meta.get(QUIET)
+    try:
+        for line in [dump_json(summary, indent=2)] if as_json else [] if quiet else lines:
             click.echo(line)
+    except OSError as error:
+        _drop(sys.stdout)
+        if error.errno not in GONE:
+            raise refuse_output(error) from None
 
 
 def format_table(
@@ -56,20 +60,18 @@ def format_table(
 
 
 class Work:
-    """Say what is being done: in a line with bars on a terminal, else in the log."""
+    """Say what is being done: beside a spinner on a terminal, else in the log."""
 
-    def __init__(self, bars: Any = None, stages: Sequence[str] = ()) -> None:
-        self._bars, self._stages, self._done = bars, stages, 0
-        self._head = None if bars is None else bars.add_task("", total=len(stages) or None)
-        self._tasks: dict[str, Any] = {}
+    def __init__(self, bars: Any = None) -> None:
+        self._bars, self._tasks = bars, dict[str, Any]()
+        self._head = None if bars is None else bars.add_task("", total=None)
 
     def __call__(self, text: str) -> None:
         """Say what is done now."""
-        self._done = max(self._done, find_stage(text, self._stages))
         if self._bars is None:
             LOG.info(text)
         else:
-            self._bars.update(self._head, description=text, completed=self._done)
+            self._bars.update(self._head, description=text)
 
     def count(self, task: str, done: int, total: int) -> None:
         """Say how much of a task is done."""
@@ -80,11 +82,8 @@ class Work:
 
 
 @contextmanager
-def show_progress(stages: Sequence[str] = ()) -> Iterator[Work]:
-    """Give what says how far the work is; silent where stderr is no terminal.
-
-    stages: beginnings of what will be said, in order; a bar then shows how many are behind.
-    """
+def show_progress() -> Iterator[Work]:
+    """Give what says how far the work is; silent where stderr is no terminal."""
     if not sys.stderr.isatty() or LOG.isEnabledFor(logging.INFO):
         yield Work()
         return
@@ -94,12 +93,7 @@ def show_progress(stages: Sequence[str] = ()) -> Iterator[Work]:
     columns = (BarColumn(bar_width=24), MofNCompleteColumn(), TimeElapsedColumn())
     text = TextColumn("{task.description}", markup=False)
     with Progress(*columns, text, console=Console(stderr=True), transient=True) as bars:
-        yield Work(bars, stages)
-
-
-def find_stage(text: str, stages: Sequence[str]) -> int:
-    """Return how many stages are behind when a text is said; 0 for a text that begins as none of them."""
-    return next((number for number, stage in enumerate(stages) if text.startswith(stage)), 0)
+        yield Work(bars)
 
 
 def add_verbosity(command: click.Command) -> click.Command:
@@ -136,75 +130,36 @@ def _set_verbose(context: click.Context, parameter: click.Parameter, value: int)
     logger.setLevel(level)
 
 
-class SteadyStream:
-    """A text stream whose reader may leave: what nobody reads is dropped, the run keeps its exit status.
+def open_streams() -> None:
+    """Open the standard streams that were closed; letters that their encoding lacks are shown as escapes.
 
-    `name` is that of the stream in messages; "" for one whose every fault is dropped.
-    """
-
-    def __init__(self, stream: Any, name: str) -> None:
-        self._stream, self._name, self._fault = stream, name, ""
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-    def write(self, text: str) -> int:
-        """Write text; return its length."""
-        try:
-            self._stream.write(text)
-        except OSError as error:
-            self._lose(error)
-        return len(text)
-
-    def flush(self) -> None:
-        """Hand over what is written.
-
-        Raises:
-            InputError: Once, if the file that the stream leads to could not hold it, such as on a full disk.
-        """
-        try:
-            self._stream.flush()
-        except OSError as error:
-            self._lose(error)
-        fault, self._fault = self._fault, ""
-        if fault:
-            raise InputError(f"{self._name} cannot be written: {fault}; the output files are complete")
-
-    def _lose(self, error: OSError) -> None:
-        """Let the rest go nowhere, what the stream still holds too."""
-        nowhere = os.open(os.devnull, os.O_RDWR)
-        os.dup2(nowhere, self._stream.fileno())
-        os.close(nowhere)
-        with suppress(OSError):
-            self._stream.flush()
-        if self._name and error.errno not in GONE:
-            self._fault = error.strerror or str(error)
-
-
-@contextmanager
-def steady_streams() -> Iterator[None]:
-    """Run with standard streams that are open and that no write fails on.
-
-    Cron and graphical launchers start programs with closed streams; a file that is opened then gets the number of one,
-    so the numbers 0, 1 and 2 are taken first. Letters that an encoding lacks are shown as escapes.
+    Cron and graphical launchers start programs with closed streams; a file that is opened then would get the number of
+    one, so the numbers 0, 1 and 2 are taken first.
     """
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(number, True)
     os.close(number)
-    before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = _steady(sys.stdout, 1, "standard output"), _steady(sys.stderr, 2, "")
-    try:
-        yield
-    finally:
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):
-                stream.flush()
-        sys.stdout, sys.stderr = before
+    sys.stdout, sys.stderr = (stream or Path(os.devnull).open("w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
 
-def _steady(stream: Any, number: int, name: str) -> TextIO:
-    if stream is None:  # Python found it closed
-        stream = open(number, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
-    if hasattr(stream, "reconfigure"):
-        stream.reconfigure(errors="backslashreplace")
-    return cast(TextIO, SteadyStream(stream, name))
+def close_streams() -> None:
+    """Write what the standard streams hold; what nobody reads is dropped."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            _drop(stream)
+
+
+def refuse_output(error: OSError) -> InputError:
+    """Return the error of a run whose standard output leads to a file that could not hold it."""
+    return InputError(f"standard output cannot be written: {error.strerror or error}; the output files are complete")
+
+
+def _drop(stream: Any) -> None:
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)

@@ -33,9 +33,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         width = float(at.current.get((name, joint.name, None), {}).get(key, 0.0))
         width = width if abs(width) > 0.1 * scale[0] else 0.5 * float(scale[0])
         shape = lost_motion(np.nan_to_num(at.campaign.q[:, index]), width, CAME_FROM_BELOW) / width * free
-        encoder = np.zeros((len(direction), at.robot.nq, 1))
-        encoder[:, index, 0] = shape
-        twist = at.motion[:, :, index, None] * shape[:, None, None]
+        twist, encoder = at.joint_response(index, shape[:, None])
         yield Signature(name, joint.name, None, "", (key,), scale, twist, encoder, positive=True)
 
 
@@ -56,10 +54,8 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
     The link rests until the reading has crossed the play; the state is kept between runs. A negative width mirrors a
     positive one.
 
-    Args:
-        reading: Readings in time order. Shape (n,). [rad or m]
-        width: Full width of the play. [rad or m]
-        start: Link minus reading before the first row, in widths: -0.5 if the joint came from below.
+    reading: in time order, (n,); width: of the whole play; start: link minus reading before the first row, in widths,
+    -0.5 if the joint came from below.
     """
     half = 0.5 * abs(width)
     readings = reading.tolist()

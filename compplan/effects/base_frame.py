@@ -28,10 +28,8 @@ def base_twists(at: Linearization) -> Array:
 
 def signatures(at: Linearization) -> Iterable[Signature]:
     """Return the whole frame, its origin alone, and its directions alone."""
-    twist = base_twists(at)
-    yield Signature(name, None, None, "frame", KEYS, SCALE, twist, columns=KEYS)
-    yield Signature(name, None, None, "origin", KEYS[:3], SCALE[:3], twist[:, :, :3], columns=KEYS[:3])
-    yield Signature(name, None, None, "directions", KEYS[3:], SCALE[3:], twist[:, :, 3:], columns=KEYS[3:])
+    frame = Signature(name, None, None, "frame", KEYS, SCALE, base_twists(at), columns=KEYS)
+    yield from (frame, frame.part("origin", slice(3)), frame.part("directions", slice(3, None)))
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:

@@ -29,22 +29,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]:
     """Return a shift before a row: of the whole frame, or of its origin alone."""
     twist = base_twists(at) * since(at.scene, row)[:, None, None]
-    columns = tuple(f"{key} {row}" for key in KEYS)
-    yield Signature(
-        name, None, None, f"frame {row}", KEYS, SCALE, twist, fixed={"row": row}, tried=tried, columns=columns
-    )
-    yield Signature(
-        name,
-        None,
-        None,
-        f"origin {row}",
-        KEYS[:3],
-        SCALE[:3],
-        twist[:, :, :3],
-        fixed={"row": row},
-        tried=tried,
-        columns=columns[:3],
-    )
+    fixed, columns = {"row": row}, tuple(f"{key} {row}" for key in KEYS)
+    frame = Signature(name, None, None, f"frame {row}", KEYS, SCALE, twist, None, fixed, tried=tried, columns=columns)
+    yield from (frame, frame.part(f"origin {row}", slice(3)))
 
 
 def since(model: ForwardModel, row: int) -> Array:

@@ -56,10 +56,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         parts = shapes(np.nan_to_num(at.campaign.q[:, index]))
         for form, keys in FORMS.items():
             bent = spring.compliance * np.stack([parts[key] * motor_side for key in keys], axis=-1)
-            encoder = np.zeros((len(bent), at.robot.nq, len(keys)))
-            if spring.actuator:
-                encoder[:, index] = bent
-            twist = at.spring_motion[:, :, index, None] * bent[:, None]
+            twist, encoder = at.joint_response(index, bent, spring=True)
             scale = np.array([SCALE * (HIGHER if "_2_" in key else 1.0) for key in keys])
             yield Signature(name, joint.name, None, form, keys, scale, twist, encoder, columns=keys)
 

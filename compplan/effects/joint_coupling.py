@@ -29,10 +29,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             if not near or source.kind != joint.kind or float(np.ptp(q[:, other])) < 0.05:
                 continue
             twist = at.motion[:, :, index, None] * q[:, None, other, None]
-            fixed = {"other": source.name}
-            yield Signature(
-                name, joint.name, None, f"of {source.name}", ("ratio",), np.array([SCALE]), twist, fixed=fixed
-            )
+            form, fixed = f"of {source.name}", {"other": source.name}
+            yield Signature(name, joint.name, None, form, ("ratio",), np.array([SCALE]), twist, fixed=fixed)
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:

@@ -40,12 +40,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         usual = RIGID_SCALE[joint.kind] if joint.kind == "prismatic" else at.usual_compliance
         scale = RELATIVE_SCALE * nominal if nominal > 0 else usual
         load = at.own_load[:, index, None] * motor_side
-        encoder = np.zeros((len(load), at.robot.nq, 1))
-        if index not in at.own or at.own[index].actuator:
-            encoder[:, index] = load
-        twist = at.spring_motion[:, :, index, None] * load[:, None]
-        keys = (compliance_key(joint.kind),)
-        least = (-LEAST_SHARE * nominal,)
+        twist, encoder = at.joint_response(index, load, spring=True)
+        keys, least = (compliance_key(joint.kind),), (-LEAST_SHARE * nominal,)
         yield Signature(name, joint.name, None, "", keys, np.array([scale]), twist, encoder, least=least)
 
 

@@ -6,12 +6,13 @@ and loads, in the loaded state.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.effects.forward_model import (
     Attained,
@@ -61,18 +62,14 @@ class Linearization:
         return self.scene.campaign
 
     def twist(self, joint: str, axis: str) -> Array:
-        """Return the motion of the target per unit motion about or along an axis of a joint's child frame.
-
-        Shape (n, 6).
-        """
+        """Return the motion of the target per unit motion about or along an axis of a joint's child frame. (n, 6)"""
         k = self.elements[joint, axis]
         return unit_twist(self.axis[:, k], self.origin[:, k], self.point, axis[0] == "t")
 
     def parent_twist(self, joint: str, axis: str) -> Array:
         """Return the motion of the target per unit motion of a joint's origin, axes of its parent link.
 
-        The origin is that of the joint at zero.
-        Shape (n, 6).
+        The origin is that of the joint at zero. Shape (n, 6).
         """
         k, number = self.elements[self.before[joint], axis], self.robot.joint_names.index(joint)
         origin = self.origin[:, self.elements[joint, "rx"]]
@@ -121,12 +118,14 @@ class Linearization:
     @cached_property
     def yielding(self) -> Array:
         """Motion of the target per load on each elastic coordinate: J C. Shape (n, 6, s)."""
-        return np.asarray(coordinate_twists(self.attained, self.point) @ self.attained.chain.compliance)
+        moved = element_twists(self.attained, self.attained.chain.spring_elements, self.point)
+        return np.asarray(moved @ self.attained.chain.compliance)
 
     @cached_property
     def spring_jacobian(self) -> Array:
         """Motion of the TCP per motion of each elastic coordinate. Shape (n, 6, s)."""
-        return coordinate_twists(self.attained, self.attained.frames.tcp_position)
+        attained = self.attained
+        return element_twists(attained, attained.chain.spring_elements, attained.frames.tcp_position)
 
     @cached_property
     def encoder_of_coordinate(self) -> Array:
@@ -137,16 +136,20 @@ class Linearization:
                 matrix[spring.joint, spring.coordinate] = spring.sign
         return matrix
 
-    def load_response(self, loads: Array) -> tuple[Array, Array]:
-        """Return motion of the target and change of the link-side readings under loads on the elastic coordinates.
+    def joint_response(self, index: int, moved: Array, *, spring: bool = False) -> tuple[Array, Array]:
+        """Return motion of the target and change of the link-side readings as a joint moves behind its motor.
 
-        Args:
-            loads: Loads on the coordinates, k sets. Shape (n, s, k).
-
+        moved: k motions, (n, k) [rad or m]; spring: whether its own spring does it, without mimic joints.
         """
-        twist = self.yielding @ loads
-        theta = self.attained.chain.compliance @ loads
-        return twist, self.encoder_of_coordinate @ theta
+        motion = self.spring_motion if spring else self.motion
+        encoder = np.zeros((len(moved), self.robot.nq, moved.shape[1]))
+        if not spring or index not in self.own or self.own[index].actuator:
+            encoder[:, index] = moved
+        return motion[:, :, index, None] * moved[:, None], encoder
+
+    def load_response(self, loads: Array) -> tuple[Array, Array]:
+        """Return motion of the target and change of the link-side readings under k loads, (n, s, k), on the springs."""
+        return self.yielding @ loads, self.encoder_of_coordinate @ (self.attained.chain.compliance @ loads)
 
     def wrench_response(self, wrench: Array) -> tuple[Array, Array]:
         """Return motion of the target and change of link-side readings under k wrenches at the TCP, shape (n, 6, k)."""
@@ -156,13 +159,7 @@ class Linearization:
 def linearize_model(
     model: ForwardModel, attained: Attained, current: Mapping[Place, Mapping[str, Any]] | None = None
 ) -> Linearization:
-    """Compute Jacobians and loads of a model.
-
-    Args:
-        model: The model.
-        attained: Its solution.
-        current: Parameters of its effects, by name, joint and axis.
-    """
+    """Compute Jacobians and loads of a solved model; current: parameters of its effects by name, joint and axis."""
     robot = model.robot
     probed = replace(robot, springs=(*robot.springs, *_probes(robot)))
     chain = build_chain(probed)
@@ -185,15 +182,7 @@ def linearize_model(
         elements["base", name] = count + number
     n = len(attained.q)
     eye = np.broadcast_to(np.r_[np.eye(3), np.eye(3)], (n, 6, 3))
-    motion = np.stack(
-        [
-            unit_twist(attained.frames.axis[:, k], attained.frames.origin[:, k], attained.target, bool(chain_slides))
-            for k, chain_slides in zip(
-                attained.chain.joint_elements, attained.chain.translates[attained.chain.joint_elements], strict=True
-            )
-        ],
-        axis=-1,
-    )
+    motion = element_twists(attained, attained.chain.joint_elements, attained.target)
     return Linearization(
         scene=model,
         attained=attained,
@@ -216,29 +205,21 @@ def unit_twist(axis: Array, origin: Array, point: Array, slides: bool) -> Array:
     return np.concatenate([np.cross(axis, point - origin), axis], axis=1)
 
 
-def coordinate_twists(attained: Attained, point: Array) -> Array:
-    """Return the motion of points per motion of each elastic coordinate, in the loaded state. Shape (n, 6, s).
-
-    Args:
-        attained: Solution of a model.
-        point: A point of the tool in each row, base frame. Shape (n, 3). [m]
-    """
+def element_twists(attained: Attained, elements: Sequence[int] | NDArray[np.int_], point: Array) -> Array:
+    """Return the motion of points, (n, 3) [m], per motion of elements of the loaded chain. Shape (n, 6, e)."""
     chain, frames = attained.chain, attained.frames
-    columns = [
-        unit_twist(frames.axis[:, k], frames.origin[:, k], point, bool(chain.translates[k]))
-        for k in chain.spring_elements
-    ]
+    columns = [unit_twist(frames.axis[:, k], frames.origin[:, k], point, bool(chain.translates[k])) for k in elements]
     return np.stack(columns, axis=-1) if columns else np.zeros((len(point), 6, 0))
 
 
 def _with_mimics(attained: Attained, motion: Array) -> Array:
     """Add the motion of mimic joints."""
-    chain, frames = attained.chain, attained.frames
+    chain = attained.chain
     if (chain.q_index >= 0).sum() == chain.nq:
         return motion
     total = np.zeros_like(motion)
-    for k in np.flatnonzero(chain.q_index >= 0):
-        twist = unit_twist(frames.axis[:, k], frames.origin[:, k], attained.target, bool(chain.translates[k]))
+    moving = np.flatnonzero(chain.q_index >= 0)
+    for k, twist in zip(moving, np.moveaxis(element_twists(attained, moving, attained.target), 2, 0), strict=True):
         total[:, :, chain.q_index[k]] += chain.multiplier[k] * twist
     return total
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,16 +27,12 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     """
     for joint in at.robot.actuated:
         twists = {axis: at.parent_twist(joint.name, axis) for axis in AXES if not _own(joint, axis)}
-        for axis, twist in twists.items():
-            key = f"{axis}_{UNIT[axis[0]]}"
-            yield Signature(
-                name, joint.name, axis, "", (key,), np.array([SCALE[axis[0]]]), twist[:, :, None], columns=(key,)
-            )
         keys = tuple(f"{axis}_{UNIT[axis[0]]}" for axis in twists)
-        scale = np.array([SCALE[axis[0]] for axis in twists])
-        yield Signature(
-            name, joint.name, None, "all", keys, scale, np.stack(list(twists.values()), axis=-1), columns=keys
-        )
+        scale, twist = np.array([SCALE[axis[0]] for axis in twists]), np.stack(list(twists.values()), axis=-1)
+        every = Signature(name, joint.name, None, "all", keys, scale, twist, columns=keys)
+        for k, axis in enumerate(twists):
+            yield replace(every.part("", slice(k, k + 1)), axis=axis)
+        yield every
 
 
 def _own(joint: Joint, axis: str) -> bool:

@@ -72,6 +72,14 @@ class Signature:
         own = self.columns or tuple(f"{self.axis} {self.form} {key}" for key in self.keys)
         return tuple(f"{self.name} {self.joint} {column}" for column in own)
 
+    def part(self, form: str, keys: slice) -> Signature:
+        """Return a form of the effect with some of its parameters alone."""
+        encoder = None if self.encoder is None else self.encoder[:, :, keys]
+        return replace(
+            self, form=form, keys=self.keys[keys], scale=self.scale[keys], twist=self.twist[:, :, keys],
+            encoder=encoder, columns=self.columns[keys], least=self.least[keys],
+        )  # fmt: skip
+
     def without_motion(self) -> Signature:
         """Return it without `twist` and `encoder`, which take most of the memory."""
         return replace(self, twist=np.zeros((0, *self.twist.shape[1:])), encoder=None, between=None)

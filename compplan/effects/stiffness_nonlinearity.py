@@ -69,12 +69,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         for form, keys, zone in forms:
             parts = shapes(load, reference, zone)
             bent = spring.compliance * np.stack([parts[key] * motor_side for key in keys], axis=-1)
-            encoder = np.zeros((len(load), at.robot.nq, len(keys)))
-            if spring.actuator:
-                encoder[:, index] = bent
+            twist, encoder = at.joint_response(index, bent, spring=True)
             fixed = {"compliance": spring.compliance, "reference_load": reference, "zone_load": zone}
             scale = np.array([SCALE * (reference / zone if key == SOFT else 1.0) for key in keys])
-            twist = at.spring_motion[:, :, index, None] * bent[:, None]
             columns = tuple(f"{key} {zone if key in (SOFT, BENT) else 0.0:.6g}" for key in keys)
             least = tuple(LEAST[key] for key in keys)
             yield Signature(name, joint, None, form, keys, scale, twist, encoder, fixed, least=least, columns=columns)

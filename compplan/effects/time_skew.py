@@ -28,11 +28,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         twist = -np.einsum("nij,nj->ni", at.motion, campaign.speed)[:, :, None]
         yield Signature(name, None, None, "skew", ("skew_s",), np.array([SKEW_SCALE]), twist)
         if campaign.link is not None:
-            encoder = campaign.speed[:, :, None]
-            nothing = np.zeros((len(campaign), 6, 1))
-            yield Signature(
-                name, None, None, "encoder skew", ("encoder_skew_s",), np.array([SKEW_SCALE]), nothing, encoder
-            )
+            still, encoder, keys = np.zeros((len(campaign), 6, 1)), campaign.speed[:, :, None], ("encoder_skew_s",)
+            yield Signature(name, None, None, "encoder skew", keys, np.array([SKEW_SCALE]), still, encoder)
     move = static_move(campaign)
     if (np.abs(move).max(axis=0, initial=0.0) > 1e-3).any():
         twist = np.einsum("nij,nj->ni", at.motion, move)[:, :, None]

@@ -34,9 +34,15 @@ def tool_twists(at: Linearization) -> Array:
 def signatures(at: Linearization) -> Iterable[Signature]:
     """Return an offset of the TCP, and one with a rotation where orientation or an offset target shows it."""
     twist = tool_twists(at)
-    yield Signature(name, None, None, "offset", KEYS[:3], SCALE[:3], twist[:, :, :3], columns=KEYS[:3])
-    if at.campaign.rotation is not None or np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6:
-        yield Signature(name, None, None, "offset+turn", KEYS, SCALE, twist, columns=KEYS)
+    both = Signature(name, None, None, "offset+turn", KEYS, SCALE, twist, columns=KEYS)
+    yield both.part("offset", slice(3))
+    if shows_turn(at, twist):
+        yield both
+
+
+def shows_turn(at: Linearization, twist: Array) -> bool:
+    """Tell whether orientation or an offset target shows a turn of the tool."""
+    return at.campaign.rotation is not None or bool(np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6)
 
 
 def twist_values(effect: Effect) -> Array:

@@ -11,7 +11,7 @@ from compplan.effects.forward_model import ForwardModel
 from compplan.effects.frame_shift import since
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.effects.tool_frame import KEYS, SCALE, tool_twists, twist_values
+from compplan.effects.tool_frame import KEYS, SCALE, shows_turn, tool_twists, twist_values
 
 name = "tool_shift"
 words = "tool or target moved on the flange during the campaign"
@@ -27,23 +27,11 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]:
     """Return a shift before a row: an offset, or one with a rotation where the data show it."""
     twist = tool_twists(at) * since(at.scene, row)[:, None, None]
-    columns = tuple(f"{key} {row}" for key in KEYS)
-    yield Signature(
-        name,
-        None,
-        None,
-        f"offset {row}",
-        KEYS[:3],
-        SCALE[:3],
-        twist[:, :, :3],
-        fixed={"row": row},
-        tried=tried,
-        columns=columns[:3],
-    )
-    if at.campaign.rotation is not None or np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6:
-        yield Signature(
-            name, None, None, f"offset+turn {row}", KEYS, SCALE, twist, fixed={"row": row}, tried=tried, columns=columns
-        )
+    form, fixed, columns = f"offset+turn {row}", {"row": row}, tuple(f"{key} {row}" for key in KEYS)
+    both = Signature(name, None, None, form, KEYS, SCALE, twist, None, fixed, tried=tried, columns=columns)
+    yield both.part(f"offset {row}", slice(3))
+    if shows_turn(at, twist):
+        yield both
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:

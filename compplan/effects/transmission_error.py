@@ -121,9 +121,7 @@ def _signature(
 ) -> Signature:
     joint = at.robot.actuated[index]
     shape = shape * ~at.campaign.link_controlled[:, None]
-    encoder = np.zeros((len(shape), at.robot.nq, shape.shape[1]))
-    encoder[:, index] = shape
-    twist = at.motion[:, :, index, None] * shape[:, None]
+    twist, encoder = at.joint_response(index, shape)
     return Signature(name, joint.name, None, form, keys, np.full(len(keys), SCALE[joint.kind]), twist, encoder, fixed)
 
 

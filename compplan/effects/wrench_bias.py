@@ -37,19 +37,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     for axes, wrench in (("base", base), ("sensor", sensor)):
         twist, encoder = at.wrench_response(wrench)
         fixed, columns = {"axes": axes}, tuple(f"{axes} {key}" for key in KEYS)
-        yield Signature(name, None, None, axes, KEYS, SCALE, twist, encoder, fixed, columns=columns)
-        yield Signature(
-            name,
-            None,
-            None,
-            f"{axes}, force",
-            KEYS[:3],
-            SCALE[:3],
-            twist[:, :, :3],
-            encoder[:, :, :3],
-            fixed,
-            columns=columns[:3],
-        )
+        both = Signature(name, None, None, axes, KEYS, SCALE, twist, encoder, fixed, columns=columns)
+        yield from (both, both.part(f"{axes}, force", slice(3)))
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:

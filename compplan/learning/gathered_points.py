@@ -17,6 +17,8 @@ from compplan.robot.pose import rigid_columns
 NEAR = 2e-3
 #: Distance over which directions that were measured count for a place: both sides of a corner do there (assumed). [m]
 AROUND = 0.01
+#: Share of the steps between neighbouring points that are no longer than the usual one (assumed: the rest are gaps).
+USUAL = 0.9
 #: Points of a scan at one row that err apart (assumed: an instrument's errors are smooth).
 ALONE = 10.0
 #: A combination of shift and turn that points tell less than this of what they tell best is not told (rounding).
@@ -66,16 +68,23 @@ def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
 
 
 def measured_directions(gathered: Gathered, tip: Array, place: Array) -> Array:
-    """Return at places, (n, 3) [m], how far each direction was measured around there, from 0 to 1. Shape (n, 3, 3).
+    """Return at places, (n, 3) [m], how far each direction was measured there, from 0 to 1. Shape (n, 3, 3).
 
-    A direction counts whole from where half of the points around tell it: a corner is known by both its sides. tip: at
-    the rows of the path, (k, 3) [m].
+    A direction counts whole from where half of the points around tell it: a corner is known by both its sides. A place
+    counts whole within the usual distance of neighbouring points, and beyond it less as a normal curve of that width.
+    tip: at the rows of the path, (k, 3) [m].
     """
-    away = cdist(place, tip[gathered.row]) ** 2
-    weight = np.exp(-0.5 * (away - away.min(axis=1, keepdims=True)) / AROUND**2)
+    point = tip[gathered.row]
+    away = cdist(place, point)
+    nearest = away.min(axis=1, keepdims=True)
+    weight = np.exp(-0.5 * (away**2 - nearest**2) / AROUND**2)
     around = np.einsum("nb,bij->nij", weight / weight.sum(axis=1, keepdims=True), gathered.counts)
     value, vector = np.linalg.eigh(around)
-    return np.asarray(np.einsum("nik,nk,njk->nij", vector, np.clip(2.0 * value, 0.0, 1.0), vector))
+    directions = np.einsum("nik,nk,njk->nij", vector, np.clip(2.0 * value, 0.0, 1.0), vector)
+    steps = np.linalg.norm(np.diff(point, axis=0), axis=1)
+    reach = max(AROUND, float(np.quantile(steps, USUAL)) if len(steps) else 0.0)
+    beyond = np.maximum(nearest[:, :, None] / reach - 1.0, 0.0)
+    return np.asarray(np.exp(-0.5 * beyond**2) * directions)
 
 
 def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected: Array) -> tuple[str, bool]:
@@ -83,11 +92,8 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected:
 
     Only combinations of shift and turn that the points tell and that stand out of the noise count.
 
-    Args:
-        gathered: The points.
-        tip: Tip at the rows of the path. Shape (k, 3). [m]
-        R_base_part: Part axes seen from the base. Shape (3, 3).
-        expected: Covariance of the deviations by what is uncertain (`expect_deviations`). Shape (3 b, 3 b). [m^2]
+    tip: at the rows of the path, (k, 3) [m]; R_base_part: part axes seen from the base, (3, 3); expected: covariance of
+    the deviations by what is uncertain (`expect_deviations`), (3 b, 3 b) [m^2].
     """
     size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
     sigma = np.repeat(np.sqrt(gathered.variance), 3)

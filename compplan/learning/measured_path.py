@@ -21,14 +21,7 @@ from compplan.io.in_memory import is_file_name, open_table
 from compplan.io.meshes import is_scan
 from compplan.io.parsing import LEAST_SIGMA, LEAST_SIGMA_MM
 from compplan.io.tables import Table
-from compplan.learning.plausibility import (
-    check_extent,
-    describe_motion,
-    explain_points,
-    find_pasted,
-    fit_rigid,
-    sample_cut,
-)
+from compplan.learning.alignment import describe_motion, fit_rigid, sample_cut
 from compplan.learning.scan import SCAN_SIGMA, Surface, read_scan
 from compplan.measurement.instrument import read_directions
 from compplan.measurement.observations import fit_sphere
@@ -42,6 +35,8 @@ FARTHEST = 0.02
 BEYOND = 1e-3
 #: Another stretch of the path claims a point where it is less than so many times as far.
 CLAIMED = 2.0
+#: Points that extend over less than this share of the path are of one spot (assumed: nobody measures so little).
+SPOT = 0.02
 #: Points without their place along the path: shares left out that are said, and that are too many (assumed).
 STRANGE, MOST_OUT = 0.1, 0.5
 #: Points nearer than this to the path are taken for so far off. [m]
@@ -155,17 +150,10 @@ def match_points(
     table: Table, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str = "datum",
     sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
 ) -> MeasuredPath:  # fmt: skip
-    """Bring measured points to the path that was wanted.
+    """Bring measured points (`read_measured_points`) to the path that was wanted, nominal, base frame.
 
-    Args:
-        table: The points, see `read_measured_points`.
-        nominal: The path, base frame.
-        T_base_part: Pose of the part frame. Shape (4, 4). [m]
-        in_base: Whether the points are in the base frame; otherwise in the part frame.
-        align: "datum" or "best_fit" (`compplan.learning.part.learn_from_part`).
-        sigma: Standard deviation of points whose file states none; assumed if left out. [m]
-        sure: Whether points most of which are of no cut are meant as they are.
-        surface: The nominal surface in the frame of the points, or None.
+    Options as of `compplan.learning.part.learn_from_part`; T_base_part: pose of the part frame, (4, 4) [m]; surface: in
+    the frame of the points.
 
     Raises:
         InputError: If too few of the points are of the cut.
@@ -190,17 +178,18 @@ def match_points(
             _at_nearest(nominal, point) if normal is None else _at_normals(nominal, point, normal)
         )
     distance = np.linalg.norm(deviation, axis=1)
-    if not sure:
-        place_of_cut = sample_cut(nominal)[1]
-        local = (place_of_cut - T_base_part[:3, 3]) @ T_base_part[:3, :3]
-        check_extent(table, given, place_of_cut if in_base else local)
+    wide, whole = (np.ptp(np.quantile(part, (0.05, 0.95), axis=0), axis=0).max() for part in (given, nominal.position))
+    if not sure and wide < SPOT * whole:
+        raise table.error(
+            f"the points extend over {wide * 1e3:.3g} mm and the path over {whole * 1e3:.3g} mm, are they in metres or"
+            " inches, not in mm? --assume-ok learns them as they are"
+        )
     strange = not scanned and not sure and float((distance > FARTHEST).mean()) > MOST_OUT
     if good.sum() < FEWEST or strange:
-        other = explain_points(given, nominal, T_base_part, in_base=in_base, whole=not scanned)
         raise table.error(
             f"{int(good.sum())} of {len(point)} points are of the cut, expected at least {FEWEST} and half of all"
             f" within {FARTHEST * 1e3:g} mm (median distance {float(np.median(distance)) * 1e3:.3g} mm); are they of"
-            f" this part, in the {'base' if in_base else 'part'} frame, in mm{other or '?'}"
+            f" this part, in the {'base' if in_base else 'part'} frame (--frame), in mm, with its axes?"
         )
     places = len(np.unique(np.round(length[good], 6)))
     if places < FEWEST:
@@ -217,6 +206,16 @@ def match_points(
         length[good], deviation[good], counts[good], spread[good], left_out, tuple(notes), scanned,
         motion,
     )  # fmt: skip
+
+
+def find_pasted(table: Table) -> NDArray[np.bool_]:
+    """Tell rows that say in every number what one before says; readings of a probe may agree by rounding. Shape (m,)"""
+    if "reading" in table or "distance" in table:
+        return np.zeros(len(table), bool)
+    values = np.stack([np.nan_to_num(column, nan=np.inf) for column in table.values.values()], axis=1)
+    again = np.ones(len(table), bool)
+    again[np.unique(values, axis=0, return_index=True)[1]] = False
+    return again
 
 
 def _place_points(

@@ -19,7 +19,6 @@ from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, take_blocks
-from compplan.learning.plausibility import POSSIBLE, explain_points
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
 from compplan.learning.scan import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
@@ -58,6 +57,8 @@ WHOLE_PART = (
     "--align best_fit takes that off, [noise] part_frame_mm of the job allows for how parts are clamped, --align datum"
     " learns it as the robot's"
 )
+#: Bands that the median point may be off before somebody is asked (assumed: widths of a folder are rough).
+POSSIBLE = 4.0
 #: Moves longer than this are corrected at their ends only. [m]
 LONG_MOVE = 0.02
 
@@ -108,11 +109,8 @@ class LearnedPart(Shown):
     def curves(self) -> Curves:
         """Return the measured deviation along the path and what stays by the model. [mm]."""
         order = np.argsort(self.measured.length)
-        measured = np.linalg.norm(self.measured.seen, axis=1)[order] * 1e3
-        explained = (
-            np.linalg.norm(self.model_update.physics + self.model_update.pushed + self.model_update.residual, axis=1)
-            * 1e3
-        )
+        measured, update = np.linalg.norm(self.measured.seen, axis=1)[order] * 1e3, self.model_update
+        explained = 1e3 * np.linalg.norm(update.physics + update.pushed + update.residual, axis=1)
         repeats = Curve("what repeats", self.length * 1e3, explained, "after")
         lines = (Curve("measured", self.measured.length[order] * 1e3, measured, "before"), repeats)
         return Curves(self.job.name or self.job.file.stem, "along the path [mm]", "deviation of the part [mm]", lines)
@@ -181,7 +179,7 @@ def learn_from_part(
     points = read_measured_points(measured)
     robot = robot_name if isinstance(robot_name, Robot) else load_robot(robot_name)
     old = read_residual(residual_file(robot, job), robot)
-    job = job.with_force(read_learned_force(robot.folder, job.process))
+    job = job.with_context(force=(read_learned_force(robot.folder, job.process),))
     announce("the plan that was cut")
     wanted, before = plan_learned(job, robot, old)
     matched = match_points(
@@ -198,7 +196,7 @@ def learn_from_part(
     expected = expect_deviations(slopes, known, gathered, own, left_open)
     if not sure:
         band = band_radius(take_blocks(expected, len(gathered.row)))
-        ask_possible(points, gathered, band, wanted, job.T_base_part, in_base=in_base, whole=not matched.scanned)
+        ask_possible(points, gathered, band)
     allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
     stood, beyond = ("", False) if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3], expected)
     if beyond and align is None and not sure:
@@ -215,7 +213,7 @@ def learn_from_part(
     if told:
         residual, model_update = add_residual(old, model_update, cut, before.task, others)
     announce("the plan that follows")
-    job = job.with_force(others.force)
+    job = job.with_context(force=(others.force,))
     after = plan_learned(job, others.robot, residual)[1] if told else before
     after = with_band(after, model_update, slopes, known) if residual is not None else after
     return LearnedPart(
@@ -229,41 +227,30 @@ def _list_notes(
     model_update: ModelUpdate, travel: Transfer, matched: MeasuredPath, wanted: Toolpath, stood: str
 ) -> tuple[str, ...]:
     """Return why the update is taken or left, and what to know of the points and of long moves."""
+    if not model_update.taken:
+        return (model_update.reason, *matched.notes)
+    whole = [f"{stood}: learned as an error of the robot"] if stood else []
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
-    told = (
-        (travel.reason, *([f"{stood}: learned as an error of the robot"] if stood else []))
-        if model_update.taken
-        else ()
-    )
     return (
-        model_update.reason,
-        *told,
-        *matched.notes,
-        *([coarse] if model_update.taken and longest > LONG_MOVE else []),
-    )
+        model_update.reason, travel.reason, *whole, *matched.notes, *([coarse] if longest > LONG_MOVE else []),
+    )  # fmt: skip
 
 
-def ask_possible(
-    points: Table, gathered: Gathered, band: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, whole: bool
-) -> None:
+def ask_possible(points: Table, gathered: Gathered, band: Array) -> None:
     """Ask about points that are farther off than folder, force, clamping and instrument let a part be.
 
     Raises:
         InputError: If the typical point is.
     """
     size = np.linalg.norm(gathered.deviation, axis=1)
-    if float(np.median(size / np.maximum(band, 1e-12))) <= POSSIBLE:
-        return
-    said = (
-        f"the points are {float(np.median(size)) * 1e3:.3g} mm off (median), {np.median(size / band):.2g} times the"
-        f" {float(np.median(band)) * 1e3:.3g} mm that robot folder, force and instrument allow with 95 %"
-    )
-    other = explain_points(points.stack(["x", "y", "z"]), nominal, T_base_part, in_base=in_base, whole=whole)
-    raise points.error(
-        f"{said}{other}; is it this part, at the place of the job? --align best_fit removes a shift of the whole part,"
-        " --assume-ok learns it as it is"
-    )
+    if float(np.median(size / np.maximum(band, 1e-12))) > POSSIBLE:
+        raise points.error(
+            f"the points are {float(np.median(size)) * 1e3:.3g} mm off (median), {np.median(size / band):.2g} times the"
+            f" {float(np.median(band)) * 1e3:.3g} mm that robot folder, force and instrument allow with 95 %; is it"
+            " this part, in this unit and frame, at the place of the job? --align best_fit removes a shift of the whole"
+            " part, --assume-ok learns it as it is"
+        )
 
 
 def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:
@@ -318,9 +305,9 @@ def add_residual(
 ) -> tuple[Residual, ModelUpdate]:
     """Add what stays with the path: what the update says of its tip, less what robot folder and process now say there.
 
-    It moves in measured directions alone: elsewhere it interpolates what other places of the path say. What robot
-    folder and process say is a model that stretches left out support, and moves in all of them. The band of the update
-    that is returned counts what is not taken off.
+    It moves at measured places in measured directions alone: elsewhere it would continue what other places say. What
+    robot folder and process say is a model that stretches left out support, and moves everywhere. The band of the
+    update that is returned counts what is not taken off.
 
     old: what was learned before, or None; others: what robot folder and process say now.
     """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,37 +122,20 @@ def fit_registration(
     if not len(index) or not parts:
         return registration
     _check_rows(campaign, position[index], len(index), parts)
-    seen = _Seen(
-        position[index], rotation[index], campaign.position[index],
-        None if campaign.rotation is None else campaign.rotation[index], campaign.target_index[index],
-        None if campaign.sights is None else campaign.sights.take(index),
-        1.0 if campaign.sigma is None else float(np.nanmedian(campaign.sigma[index])),
-    )  # fmt: skip
+    log, p, R = campaign.take(index), position[index], rotation[index]
     if "base" in parts:
-        registration = replace(registration, base=_start_base(seen))
+        registration = replace(registration, base=_start_base(log, p, R))
     if campaign.sights is not None:
         tool = registration.tool[campaign.target_index, :3, 3]
         point = np.where(campaign.usable[:, None], position + np.einsum("nij,nj->ni", rotation, tool), np.nan)
         places = campaign.sights.start_places(point)
         registration = replace(registration, contacts=campaign.sights.names, places=places)
     for _ in range(STEPS):
-        step = _step(seen, registration)
-        registration = move_frames(registration, step, seen.turned is not None)
+        step = _step(log, p, R, registration)
+        registration = move_frames(registration, step, log.rotation is not None)
         if np.abs(step).max(initial=0.0) < SETTLED:
             break
     return registration
-
-
-class _Seen(NamedTuple):
-    """Rows that frames are fitted to: TCP of the model and what was measured; n rows."""
-
-    p: Array  #: TCP, base frame. Shape (n, 3). [m]
-    R: Array  #: Its orientation. Shape (n, 3, 3).
-    measured: Array  #: Measured target, NaN where there is none. Shape (n, 3). [m]
-    turned: Array | None  #: Measured orientation, or None. Shape (n, 3, 3).
-    tool_of: NDArray[np.int_]  #: Number of the target. Shape (n,).
-    sights: Observations | None  #: What other instruments saw, or None.
-    sigma: float  #: Standard deviation of a row, against that of known distances. [m]
 
 
 def _check_rows(campaign: Campaign, position: Array, count: int, parts: Sequence[str]) -> None:
@@ -170,11 +152,11 @@ def _check_rows(campaign: Campaign, position: Array, count: int, parts: Sequence
             raise InputError(message, file=campaign.file)
 
 
-def _start_base(seen: _Seen) -> Array:
+def _start_base(log: Campaign, position: Array, rotation: Array) -> Array:
     """Start from orientations where there are any, otherwise from the best rigid fit of the positions."""
-    base, here = np.eye(4), np.isfinite(seen.measured).all(axis=1)
-    p, R, measured = seen.p[here], seen.R[here], seen.measured[here]
-    turned = np.full((len(p), 3, 3), np.nan) if seen.turned is None else seen.turned[here]
+    base, here = np.eye(4), log.measured
+    p, R, measured = position[here], rotation[here], log.position[here]
+    turned = np.full((len(p), 3, 3), np.nan) if log.rotation is None else log.rotation[here]
     known = np.isfinite(turned).all((1, 2))
     if known.sum() >= 3:
         base[:3, :3] = _base_rotation(R[known], turned[known])
@@ -196,35 +178,35 @@ def _base_rotation(R: Array, turned: Array) -> Array:
     return np.asarray(Rotation.align_vectors(b[fair], a[fair])[0].as_matrix())
 
 
-def _step(rows: _Seen, frames: Registration) -> Array:
-    """Take one weighted Gauss-Newton step, in the order of `move_frames`."""
-    n, base, local = len(rows.p), frames.base, frames.tool[rows.tool_of]
-    point = rows.p + np.einsum("nij,nj->ni", rows.R, local[:, :3, 3])
+def _step(log: Campaign, p: Array, R: Array, frames: Registration) -> Array:
+    """Take one weighted Gauss-Newton step, in the order of `move_frames`. p, R: TCP of the model at the rows."""
+    base, local, turned, sights = frames.base, frames.tool[log.target_index], log.rotation, log.sights
+    point = p + np.einsum("nij,nj->ni", R, local[:, :3, 3])
     seen = point @ base[:3, :3].T + base[:3, 3]
-    parts = frame_columns(frames, seen, rows.R, rows.tool_of, rows.turned is not None, rows.sights)
-    jacobian, residual = np.concatenate(parts, axis=2), np.zeros((n, 6))
+    parts = frame_columns(frames, seen, R, log.target_index, turned is not None, sights)
+    jacobian, residual = np.concatenate(parts, axis=2), np.zeros((len(p), 6))
     size = jacobian.shape[2]
-    residual[:, :3] = rows.measured - seen
-    if rows.turned is not None:
-        known, world = np.isfinite(rows.turned).all((1, 2)), base[:3, :3] @ rows.R @ local[:, :3, :3]
-        residual[known, 3:] = Rotation.from_matrix(rows.turned[known] @ np.swapaxes(world[known], 1, 2)).as_rotvec()
+    residual[:, :3] = log.position - seen
+    if turned is not None:
+        known, world = np.isfinite(turned).all((1, 2)), base[:3, :3] @ R @ local[:, :3, :3]
+        residual[known, 3:] = Rotation.from_matrix(turned[known] @ np.swapaxes(world[known], 1, 2)).as_rotvec()
         jacobian[~known, 3:] = 0.0
     else:
         jacobian[:, 3:] = 0.0
     residual[:, 3:] *= ANGLE_WEIGHT
     jacobian[:, 3:] *= ANGLE_WEIGHT
-    if rows.sights is not None:
-        sighted = rows.sights.seen
-        slopes = along(rows.sights.directions(point, frames.places), base[:3, :3].T @ jacobian[:, :3])
-        residual[:, :3] = np.where(sighted[:, None], rows.sights.gap(point, frames.places), residual[:, :3])
+    if sights is not None:
+        sighted = sights.seen
+        slopes = along(sights.directions(point, frames.places), base[:3, :3].T @ jacobian[:, :3])
+        residual[:, :3] = np.where(sighted[:, None], sights.gap(point, frames.places), residual[:, :3])
         jacobian[:, :3] = np.where(sighted[:, None, None], slopes, jacobian[:, :3])
     length = np.linalg.norm(residual, axis=1)
     knee = 3.0 * max(float(np.median(length)), 1e-9)
     root = np.sqrt(np.minimum(1.0, knee / np.maximum(length, 1e-12)))
     a, b = (jacobian * root[:, None, None]).reshape(-1, size), (residual * root[:, None]).reshape(-1)
-    if rows.sights is not None and CONTACTS in frames.parts:
-        sure = rows.sights.known
-        weight, own = rows.sigma / sure.sigma, sure.slopes(frames.places).reshape(len(sure), 3 * len(frames.places))
+    if sights is not None and CONTACTS in frames.parts:
+        sure, sigma = sights.known, 1.0 if log.sigma is None else float(np.nanmedian(log.sigma))
+        weight, own = sigma / sure.sigma, sure.slopes(frames.places).reshape(len(sure), 3 * len(frames.places))
         slopes = np.hstack([np.zeros((len(sure), size - 3 * len(frames.places))), own])
         a, b = np.vstack([a, slopes * weight[:, None]]), np.r_[b, sure.gap(frames.places) * weight]
     return np.asarray(np.linalg.lstsq(a, b, rcond=1e-10)[0])

@@ -5,7 +5,7 @@ the zones of their language, at the speed that the controller gives them, follow
 Where a job asks for no moves of the tool, the drives follow the waypoints at their times.
 
 It decides what is written: zones are made smaller where they would leave the path by more than `ROUNDED` of the
-tolerance, and where identified drives would leave the tolerance, the run is made slower (`slow_around`).
+tolerance.
 
 Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
 (`compplan.controllers.motion.run`). To second order the inverse of it, a delay T of the whole path aside, is
@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from compplan.controllers.motion.align import find_nearest
@@ -40,7 +39,6 @@ from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
 from compplan.planning.task import PlanTask, attain_rows, cutting_runs
-from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -52,9 +50,6 @@ from compplan.toolpath.toolpath import interpolate
 NEAR = 8
 #: Poses that are followed at once.
 BLOCK = 100_000
-#: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`. It reaches so
-#: many smoothing times before and behind, and in each turn this much farther: what follows a corner comes from before.
-FURTHER, SLOWEST, REACH, FARTHER = 1.15, 5.0, 2.0, 3.0
 #: Places of the executed path that are looked at, at most: of longer ones every second, third .. cycle.
 MOST_PLACES = 200_000
 
@@ -74,8 +69,6 @@ class ExecutedPath:
     zone: BlendZone | None = None
     duration: float = 0.0  #: Time that it takes for the moves of the path, as far as its speed law is known. [s]
     smaller: int = 0  #: Corners at which programs ask for a smaller zone than their language's.
-    #: Ends and kinds of the written moves, with arcs, or None.
-    pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
 
     @property
     def known(self) -> bool:
@@ -104,26 +97,6 @@ class ExecutedPath:
         return f"{left}; a lead by their lag is not written, it does not help or a limit of a joint forbids it."
 
 
-def describe_floor(task: PlanTask, q: Array) -> str:
-    """Say where the whole correction of a command (n, nq) is below what the robot can move (resolution_mm), else ""."""
-    floor = load_motion(task.robot)[0].resolution
-    if not floor or not task.cut.any():
-        return ""
-    away = locate_frames(task.chain, q[task.cut]).tcp_position - task.position[task.cut]
-    most = float(np.linalg.norm(away, axis=1).max())
-    if not 1e-9 < most <= floor:
-        return ""
-    return (f"The whole correction, {1e3 * most:.3g} mm at most, is below the motion resolution of the robot "
-            f"({1e3 * floor:g} mm, controller.toml): it is not written.")  # fmt: skip
-
-
-def describe_unfollowed(output: OutputTable, *, carries: bool) -> list[str]:
-    """Say which written moves the executed path leaves out; `carries`: whether joints carry the part."""
-    carried = "Executed path: written moves are not followed where joints carry the part."
-    moves = carries and output.form != "joint" and set(output.programs) - {"csv"}
-    return [carried] * bool(moves)
-
-
 class ReachedPath(NamedTuple):
     """What a controller makes of a command; the last three as of `ExecutedPath`."""
 
@@ -131,34 +104,6 @@ class ReachedPath(NamedTuple):
     place: Array  #: The place of each in the waypoints. Shape (k,).
     duration: float
     smaller: int = 0
-    pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
-
-
-def bound_executed(task: PlanTask) -> Array:
-    """Return how far the executed tip may be off across the path at each waypoint. Shape (n,). [m]"""
-    return np.full(len(task), task.tolerance) if task.allowed is None else task.allowed.normal
-
-
-def excess_executed(task: PlanTask, executed: ExecutedPath | None) -> Array | None:
-    """Return the share of its tolerance that each waypoint uses behind identified drives; None where all keep it."""
-    if executed is None or not executed.known:
-        return None
-    use = executed.near / bound_executed(task)
-    return use if use.max(initial=0.0) > 1.0 else None
-
-
-def slow_around(task: PlanTask, timing: Timing, use: Array, slow: Array, turn: int) -> Array:
-    """Return factors that make a run slower around waypoints whose drives leave the tolerance. Shape (n,).
-
-    `use` is the share of the tolerance that each waypoint uses, `slow` the factors so far, shapes (n,); `turn` counts
-    how often the run is made slower, from 1.
-    """
-    slower, reach = np.ones(len(task)), REACH * FARTHER ** (turn - 1) * task.smoothing
-    far = np.flatnonzero(use > 1.0)
-    ends = (np.searchsorted(timing.time, timing.time[far] + side * reach).tolist() for side in (-1.0, 1.0))
-    for k, begin, end in zip(far, *ends, strict=True):
-        np.maximum(slower[begin:end], FURTHER * use[k], out=slower[begin:end])
-    return np.minimum(slower * slow, SLOWEST)
 
 
 def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
@@ -257,7 +202,7 @@ def _write_follower(
         program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
                                 exact=exact, events=nominal.events)  # fmt: skip
         tolerance = output.bound_fit(task.tolerance)
-        program = replace(program, tolerance=tolerance, coarser=task.coarser, cycle=motion.cycle, free=task.lead,
+        program = replace(program, tolerance=tolerance, cycle=motion.cycle, free=task.lead,
                           form=output.form, arc_of=nominal.arc, asked=1e3 * nominal.feed,
                           **bound_zones(task, motion))  # fmt: skip
         assert program.tcp is not None and program.corner is not None
@@ -278,14 +223,15 @@ def _write_follower(
         along = np.interp(s[some], path.ends, length[rows])
         smaller = int((np.isfinite(stated) & mark_moves(fitted.program)).sum())
         place = np.interp(along, length, np.arange(len(q)))
-        return ReachedPath(reached[some], place, float(schedule.time[-1]), smaller, (fitted.rows, fitted.kinds))
+        return ReachedPath(reached[some], place, float(schedule.time[-1]), smaller)
 
     return follow
 
 
 def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
     """Return how far zones may lead beside the path of a task, and how its controller blends, as a `Program` has it."""
-    return {"corner": ROUNDED * bound_executed(task), "blend_share": motion.blend_share, "smoothing": motion.smoothing}
+    corner = np.full(len(task), ROUNDED * task.tolerance)
+    return {"corner": corner, "blend_share": motion.blend_share, "smoothing": motion.smoothing}
 
 
 def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, float, float]:

@@ -6,9 +6,8 @@ and no joint passes a limit:
 
     command <- loads,   run <- command,   loads <- run,   slower where a limit is passed.
 
-A settled turn whose tip strays between waypoints divides those moves; one whose tip leaves the tolerance behind
-identified drives slows the run down there. Both go on with the same loop. The nonlinear program is solved for the loads
-that it ends with.
+A settled turn whose tip strays between waypoints divides those moves and goes on with the same loop. The nonlinear
+program is solved for the loads that it ends with.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from compplan.job.output import OutputTable
 from compplan.planning.deflection import follow_links, plan_loads
-from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed, excess_executed, slow_around
+from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.lost_motion import find_crossings, without_play
 from compplan.planning.motion_limits import TorqueRules
@@ -40,7 +39,8 @@ from compplan.planning.strategies import command_path, nlp
 from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
-from compplan.simulation.vibration import build_dynamics, inertial_loads
+from compplan.simulation.exact import load_by_motion
+from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import Chain
 from compplan.statics.inertia import build_moving_chain
 from compplan.statics.stiffness import attain_pose
@@ -48,8 +48,8 @@ from compplan.toolpath.toolpath import interpolate
 
 #: Stated tolerance: force, feed and motion agree where a turn moves the tip by less than this share of the tolerance.
 SETTLED = 1e-3
-#: Turns between two divisions, divisions of the path, and rounds that slow the run down behind identified drives.
-TURNS, DIVISIONS, SLOWER = 12, 5, 4
+#: Turns between two divisions, and divisions of the path.
+TURNS, DIVISIONS = 12, 5
 #: Shift of the tip that asks for no new correction. [m]
 EXACT = 1e-10
 #: Moves this near to a waypoint that fails are not divided for it.
@@ -65,7 +65,7 @@ class Compensation:
     """A command with the time and the loads that belong to it."""
 
     task: PlanTask  #: The task as divided, with the feed programmed and the wrench at the feed driven.
-    strategy: str  #: The strategy; "none" where the correction lies below the robot's resolution.
+    strategy: str  #: The strategy.
     command: Command  #: The command.
     timing: Timing  #: Its run.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
@@ -82,8 +82,8 @@ def compensate(
 ) -> Compensation:  # fmt: skip
     """Let a strategy command a task, with the run and the loads that belong to the command.
 
-    Inertia that keeps a plan from being one is left to the error band. A correction that lies below what the robot can
-    move is not made. `output` is what programs are asked for, if it is known.
+    Inertia that keeps a plan from being one is left to the error band. `output` is what programs are asked for, if it
+    is known.
     """
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
@@ -94,9 +94,6 @@ def compensate(
         found = _settle(task, strategy, feed_request, output, progress)
         note = f"The inertia of the motion is not compensated here: with it {reason}. The 95 % band counts all of it."
         found = replace(found, notes=(*found.notes, note))
-    if floor := describe_floor(found.task, found.command.q):
-        found = _settle(task, "none", feed_request, output, progress)
-        found = replace(found, notes=(*found.notes, floor))
     return found
 
 
@@ -109,7 +106,7 @@ def _refuse_inertia(found: Compensation) -> str:
         return f"joint limits are passed by a factor of {found.excess:.3g}"
     if found.change > SETTLED * task.tolerance:
         return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
-    if ((driven := found.between.driven) > task.move_tolerance).any():
+    if ((driven := found.between.driven) > task.tolerance).any():
         return f"the tip strays by {1e3 * float(driven.max(initial=0.0)):.2g} mm between waypoints"
     return ""
 
@@ -127,8 +124,7 @@ def _settle(
     masses = build_moving_chain(task.robot) if task.inertia else None
     task = _divide_ahead(resolve_starts(task, feed_request), feed_request)
     mending, slow, run, command = Mending(), np.ones(len(task)), None, None
-    first: Compensation | None = None
-    turn, divisions, rounds = 0, 0, 0
+    turn, divisions = 0, 0
     while True:
         turn += 1
         if run is None:
@@ -168,22 +164,7 @@ def _settle(
         if strategy == "nlp" and (coupled or not command.nlp):
             progress("compensation: nonlinear program")
             found = _solve_program(found)
-        executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
-        found = replace(found, executed=executed)
-        first = first or found
-        use = (
-            None if feed_request.constant or found.command.status != "solved" else excess_executed(found.task, executed)
-        )
-        if use is None or rounds == SLOWER:
-            break
-        progress("slower where the drives leave the tolerance")
-        command, run, turn, rounds = found.command, None, 0, rounds + 1
-        slow = slow_around(task, timing, use, slow, rounds)
-    if not rounds or use is not None or found.command.status != "solved" or not (found.executed and first.executed):
-        return first
-    note = (f"The run is up to {slow.max():.3g} times slower where the drives as identified would take the tip beyond "
-            f"the tolerance ({1e3 * first.executed.most:.3g} mm, now {1e3 * found.executed.most:.3g}).")  # fmt: skip
-    return replace(found, notes=(*found.notes, note))
+        return replace(found, executed=evaluate_executed(found.task, found.command.q, found.timing.time, output))
 
 
 def _divide_ahead(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
@@ -195,7 +176,7 @@ def _divide_ahead(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
             timing = time_run(task, task.q_start, feed_request)[1]
             task, time = _load(task, timing, task.q_start, None), timing.time
         bow = measure_between(task, task.q_start, time, bow=True)
-        pieces = mending.allow(task, wanted_pieces(bow, task.move_chord), bow.most)
+        pieces = mending.allow(task, wanted_pieces(bow, task.chord), bow.most)
         if task.follows_feed:
             pieces = np.maximum(pieces, _force_pieces(task))
         pieces[task.missed[1:] | task.missed[:-1]] = 1
@@ -289,7 +270,7 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     moves = rests - np.tile([0, 1], len(runs))
     step = np.maximum(np.diff(time)[moves], 1e-12)[:, None]
     push = 2.0 * (task.q_start[moves + 1] - task.q_start[moves]) / step**2 * np.tile([[1.0], [-1.0]], (len(runs), 1))
-    loads, still = inertial_loads(dynamics, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
+    loads, still = load_by_motion(dynamics.standing, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
     bent, plain = (
         attain_pose(task.chain, task.q_start[rests], still, slope=False, torque_bias=bias).position
         for bias in (loads, None)
@@ -313,7 +294,7 @@ def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     crosses = find_crossings(found.command.q, q)
     for way, whole in zip(between[:2], found.between, strict=False):
         way[crosses] = np.maximum(way, whole)[crosses]
-    pieces = wanted_pieces(between, task.move_chord)
+    pieces = wanted_pieces(between, task.chord)
     pieces[task.nominal.steps < 1e-6] = 1
     pieces = _even_crossings(np.diff(found.timing.time), np.flatnonzero(crosses), pieces)
     for waypoint in found.command.failures:

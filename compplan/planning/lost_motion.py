@@ -8,25 +8,14 @@ crosses the play at once. Swings too small to matter do not change the side.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects.backlash import CAME_FROM_BELOW
-from compplan.planning.posture.motion import (
-    LEAST_STROKE,
-    TIMES_LOST,
-    MotionFigures,
-    count_reversals,
-    is_play,
-    list_plays,
-    width_of,
-)
+from compplan.planning.posture.motion import is_play, list_plays, width_of
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
-from compplan.statics.chain import joint_jacobian, locate_frames
-from compplan.toolpath.toolpath import pick_even
 
 #: Swings of a link that turn no side: this share of the play, and at least so much (assumed). [1, rad or m]
 SWING, LEAST = 0.02, 1e-6
@@ -108,63 +97,3 @@ def find_sides(position: Array, swing: float, first: float) -> Array:
             begin, side, far, most = far + 1, -side, row, value
     sides[begin:] = side
     return sides
-
-
-#: Turns of the spin that count. [rad]
-SPIN_STROKE = float(np.radians(1.0))
-#: Postures whose levers are looked at.
-LOOKED_AT = 100
-
-
-class Reversals(NamedTuple):
-    """How often an axis turns back."""
-
-    axis: str  #: Name of the joint, or "spin".
-    slides: bool  #: Whether it slides.
-    turns: int  #: How often it turns back, ways shorter than thrice its lost motion left out.
-    travel: float  #: How far it moves in all. [rad or m]
-    lost: float  #: Its lost motion. [rad or m]
-    assumed: bool  #: Whether that is assumed.
-    #: What one turn costs at the tip: lost motion times the joint's mean lever; 0 for the spin, whose joints count by
-    #: themselves. [m]
-    price: float
-
-    def describe(self) -> dict[str, Any]:
-        """Describe it for plan.json."""
-        scale, unit = (1e3, "mm") if self.slides else (180.0 / np.pi, "deg")
-        return {
-            "axis": self.axis, "count": self.turns, f"travel_{unit}": scale * self.travel,
-            f"lost_motion_{unit}": scale * self.lost, "lost_motion_assumed": self.assumed,
-            "price_each_mm": 1e3 * self.price,
-        }  # fmt: skip
-
-
-def list_reversals(task: PlanTask, q: Array) -> tuple[Reversals, ...]:
-    """List how often every joint, and the spin, turns back along a command (n, nq)."""
-    robot, widths, figures = task.robot, list_plays(task.robot), MotionFigures()
-    some = pick_even(q, LOOKED_AT)
-    columns = joint_jacobian(task.chain, locate_frames(task.chain, some))[:, :3]
-    lever = np.sqrt(np.einsum("nij,nij->j", columns, columns) / len(some))
-    assumed = np.where(robot.prismatic, LEAST_STROKE / TIMES_LOST, figures.lost)
-    lost = np.where(widths > 0.0, widths, assumed)
-    found = [
-        Reversals(name, bool(robot.prismatic[j]), count_reversals(q[:, j], TIMES_LOST * float(lost[j])),
-                  float(np.abs(np.diff(q[:, j])).sum()), float(lost[j]), bool(widths[j] == 0.0),
-                  float(lost[j] * lever[j]))
-        for j, name in enumerate(robot.joint_names)
-    ]  # fmt: skip
-    if task.start is not None and task.start.posture_choice is not None:
-        spin = task.start.posture_choice.spin
-        travel = float(np.abs(np.diff(spin)).sum())
-        found.append(Reversals("spin", False, count_reversals(spin, SPIN_STROKE), travel, 0.0, False, 0.0))
-    return tuple(found)
-
-
-def describe_reversals(found: tuple[Reversals, ...]) -> str:
-    """Say how often axes turn back and what each turn costs, the assumed figures named."""
-    turning = [entry for entry in found if entry.turns]
-    if not turning:
-        return "none"
-    parts = [f"{entry.axis} {entry.turns}" + (f" at {1e3 * entry.price:.2g} mm" if entry.price > 1e-9 else "")
-             for entry in turning]  # fmt: skip
-    return ", ".join(parts) + (" (lost motion assumed)" if any(entry.assumed for entry in turning) else "")

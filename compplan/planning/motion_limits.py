@@ -1,8 +1,6 @@
-"""By what factor a run is too fast for velocity, acceleration, jerk and torque of its joints.
+"""By what factor a run is too fast for velocity, acceleration and torque of its joints.
 
-Velocity and acceleration count by differences of the joint positions. Where jerk or torque has a limit, all count along
-a cubic spline over time through the run, at rest at both ends, as a controller may follow it: between two waypoints its
-acceleration is linear and its jerk constant, so that their greatest values are known exactly.
+Velocity and acceleration count by differences of the joint positions, torque along a cubic spline over time.
 """
 
 from __future__ import annotations
@@ -15,11 +13,9 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from compplan.robot import Array, Robot
-from compplan.simulation.exact import build_exact_robot
+from compplan.simulation.exact import build_exact_robot, hold_load
 from compplan.statics.chain import build_chain, locate_frames
 
-#: Time in which an acceleration counts as come that a run begins or ends with. [s]
-CYCLE = 1e-3
 #: Steps of time below this are none. [s]
 AT_ONCE = 1e-9
 #: Torque left to move with where the static load alone is beyond a limit, as a share of the load.
@@ -28,59 +24,20 @@ STATIC_ROOM = 1.05
 Torques = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 
 
-def describe_jerk(robot: Robot) -> str:
-    """Say what limits the jerk, "" where nothing does."""
-    if robot.jerk_limits is None:
-        return ""
-    return "The jerk of every joint is held to jerk_limits of the robot folder, with the motion as a cubic spline."
+def measure_torque_use(q: Array, time: Array, torques: Torques) -> Array:
+    """Tell by what factor a run from rest to rest is too fast for joint torques: 1 at a limit. Shape (k,).
 
-
-def measure_smooth_use(
-    q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array, jerk_limits: Array | None,
-    torques: Torques | None = None,
-) -> Array:  # fmt: skip
-    """Tell by what factor a run from rest to rest is too fast, as a cubic spline over time: 1 at a limit. Shape (k,).
-
-    Slower by a factor f, a run has 1/f of the velocity, 1/f^2 of the acceleration and of what inertia puts on the
-    joints, 1/f^3 of the jerk: the greatest of |v|/v_max, (|a|/a_max)^(1/2), (|j|/j_max)^(1/3), of an
-    acceleration that is there at once (|a|/CYCLE/j_max)^(1/2), and, with the torque D of
-    inertia and S of weight and force within L, (D / (L - S))^(1/2). Positions (k, nq), times (k,) [s], limits (nq,);
-    `torques`: those that a motion along the run needs, or None.
+    Slower by a factor f, a run has 1/f^2 of what inertia puts on the joints: with the torque D of inertia and S of
+    weight and force within L, the factor is (D / (L - S))^(1/2). It counts at the waypoints of a cubic spline over time
+    through the run, at rest at both ends, as a controller may follow it. Positions (k, nq), times (k,) [s].
     """
     rows = np.flatnonzero(np.r_[True, np.diff(time) > AT_ONCE])
     if len(rows) < 2:
         return np.ones(len(q))
-    step = np.diff(time[rows])[:, None]
-    at_ends, push, jerk = spline_motion(q[rows], step[:, 0])
-    start, speed = push[:-1], at_ends[:-1]
-    still = np.clip(np.where(jerk == 0.0, 0.0, -start / np.where(jerk == 0.0, 1.0, jerk)), 0.0, step)
-    fastest = np.maximum(np.abs(speed), np.abs(speed + still * (start + 0.5 * still * jerk)))
-    by_move = (fastest / velocity_limits).max(axis=1)
-    at_rows = np.sqrt((np.abs(push) / acceleration_limits).max(axis=1))
-    if jerk_limits is not None:
-        by_move = np.maximum(by_move, np.cbrt((np.abs(jerk) / jerk_limits).max(axis=1)))
-        ends = np.sqrt((np.abs(push[[0, -1]]) / CYCLE / jerk_limits).max(axis=1))
-        at_rows[[0, -1]] = np.maximum(at_rows[[0, -1]], ends)
-    if torques is not None:
-        velocity = np.zeros_like(q)
-        acceleration = np.zeros_like(q)
-        velocity[rows], acceleration[rows] = at_ends, push
-        _, moving, held, most = torques(velocity, acceleration)
-        room = np.where(moving > 0.0, most - held, most + held)[rows]
-        at_rows = np.maximum(at_rows, np.sqrt((np.abs(moving[rows]) / np.maximum(room, 1e-12)).max(axis=1)))
-    at_rows = np.maximum(at_rows, np.maximum(np.r_[by_move, 0.0], np.r_[0.0, by_move]))
-    return np.asarray(at_rows[np.searchsorted(rows, np.arange(len(q)), side="right") - 1])
-
-
-def spline_motion(q: Array, step: Array) -> tuple[Array, Array, Array]:
-    """Return velocities and accelerations at k waypoints, and jerks of the moves between, of a cubic spline.
-
-    It is at rest at both ends; q: shape (k, nq), step: times of the moves, shape (k - 1,) [s].
-    """
-    curve = CubicSpline(np.r_[0.0, np.cumsum(step)], q, bc_type="clamped")
-    jerk, start = 6.0 * curve.c[0], 2.0 * curve.c[1]
-    push = np.vstack([start, start[-1:] + jerk[-1:] * step[-1]])
-    return np.vstack([curve.c[2], np.zeros((1, q.shape[1]))]), push, jerk
+    curve = CubicSpline(time[rows], q[rows], bc_type="clamped")
+    _, moving, held, most = torques(curve(time, 1), curve(time, 2))
+    room = np.where(moving > 0.0, most - held, most + held)
+    return np.asarray(np.sqrt((np.abs(moving) / np.maximum(room, 1e-12)).max(axis=1)))
 
 
 def measure_use(q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
@@ -132,9 +89,9 @@ class TorqueRules:
         if robot.ground:
             turn = np.swapaxes(locate_frames(build_chain(robot), q).ground, 1, 2)
             wrench = np.hstack([(turn @ part[..., None])[..., 0] for part in (wrench[:, :3], wrench[:, 3:])])
-        self.model, self.tcp, self.commanded = rigid.model, rigid.tcp, rigid.commanded
+        self.model, self.commanded = rigid.model, rigid.commanded
         self.positions = q @ rigid.commanded.T + rigid.shift
-        static = self.held = self._static(self.positions, wrench)
+        static = self.held = hold_load(rigid, q, wrench)
         efforts = np.where(np.isfinite(robot.effort_limits), robot.effort_limits, 1e9)
         greatest = np.abs(static).max(axis=0)
         self.limits = np.maximum(efforts, STATIC_ROOM * greatest)
@@ -155,15 +112,3 @@ class TorqueRules:
             a[i] = pin.rnea(self.model, data, place[i], still, speed[i]) - weight
             b[i] = pin.rnea(self.model, data, place[i], speed[i], bend[i]) - weight
         return a @ self.commanded, b @ self.commanded, self.held[start : end + 1], self.limits
-
-    def _static(self, place: Array, wrench: Array) -> Array:
-        """Return the torques that hold weight and wrench: shape (k, nq) [N m]."""
-        data = self.model.createData()
-        torque = np.empty((len(place), self.model.nv))
-        for i in range(len(place)):
-            columns = pin.computeFrameJacobian(
-                self.model, data, place[i], self.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-            )
-            weight = pin.computeGeneralizedGravity(self.model, data, place[i])
-            torque[i] = weight - columns.T @ wrench[i]
-        return torque @ self.commanded

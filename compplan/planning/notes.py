@@ -1,55 +1,35 @@
-"""Notes of a plan: where the feed is lowered and why, where the arm swings over, what is assumed."""
+"""Notes of a plan: where the feed is lowered and why, what is assumed."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.joint_convention import load_controller, locate_pendant
+from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
-from compplan.planning.checks import REMARK, SETTLE, Check, state_notes
+from compplan.planning.checks import REMARK, Check, state_notes
 from compplan.planning.deflection import Bending
-from compplan.planning.motion_limits import describe_jerk
 from compplan.planning.stability import describe_depth_limit
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.task import Command, PlanTask, group_waypoints
 from compplan.planning.timing import Timing
-from compplan.robot import Robot, load_robot, robot_folders
-from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
-from compplan.robot.urdf import describe_soft_limits
+from compplan.robot import Robot, load_robot
+from compplan.robot.mounting import name_axis, outward_axis
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
 #: Force models of a turning tool.
 TURNING = ("milling", "end_mill", "drill")
-#: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
-SWING = 0.5
-
-
-def describe_shrinkage(robot: Robot, share: float) -> str:
-    """Say that parts of the robot folder may not hold along the path, and what the plan makes of that."""
-    parts = [] if robot.visited is None else robot.visited.parts
-    names = ", ".join(dict.fromkeys(part.effect.replace("_", " ") for part in parts))
-    return (
-        f"The campaign of the robot folder does not validate its uncertain errors ({names}) at the poses and "
-        f"loads of this path: {100.0 * share:.0f} % of them are compensated, the rest widens the 95 % band. Measure "
-        "poses near the path under its load: compplan campaign."
-    )
 
 
 def list_notes(
     task: PlanTask, command: Command, timing: Timing, bending: Bending, job: Job | None
 ) -> tuple[Check, ...]:
     """Return what a user should know of a plan, as checks that failed."""
-    first = [*task.nominal.notes, "" if task.law is None else task.law.note, *_describe_positioner(task.robot, job)]
+    first = [*task.nominal.notes, "" if task.law is None else task.law.note]
     if job is not None:
         first += [*describe_spindle(task, job), *describe_frames(task, job)]
         if job.tool is not None and job.tool.mass_kg is None:
@@ -57,16 +37,13 @@ def list_notes(
     scene = None if task.start is None else task.start.settings.scene
     last = [*(() if scene is None else scene.notes), describe_causes(task, timing)]
     if job is not None:
-        last += [describe_outside(job, task.robot), describe_tool_x(task, job)]
-    if told := describe_soft_limits(task.robot):
-        last.append(f"{told[0].upper()}{told[1:]}.")
+        last.append(describe_outside(job))
     if not np.isfinite(task.robot.acceleration_limits).any():
         last.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     if conflict := command.nlp.get("conflict"):
         last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     last.append(describe_depth_limit(task, command.q))
-    last.append(describe_jerk(task.robot))
-    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task), _check_swing(task)]
+    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task)]
     return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
 
 
@@ -101,14 +78,6 @@ def _check_limit_margin(task: PlanTask) -> list[Check]:
     return [Check("joint limit nearer than asked for, rad", asked - kept, 0.01 * asked, sentence, REMARK)]
 
 
-def _check_swing(task: PlanTask) -> Check:
-    """No joint swings over in a move of the cut."""
-    move = np.where(task.nominal.rapid[1:], 0.0, np.abs(np.diff(task.q_start, axis=0)).max(axis=1))
-    worst = int(move.argmax())
-    sentence = f"The posture swings over in the move to waypoint {worst + 1}: near a singularity."
-    return Check("swing in a move of the cut, rad or m", float(move[worst]), SWING, sentence, SETTLE)
-
-
 def describe_spindle(task: PlanTask, job: Job) -> list[str]:
     """Say that nothing turns the spindle of a cut that comes from a CAM file."""
     if job.process.model not in TURNING or not isinstance(job.toolpath, str) or job.output.templates:
@@ -123,28 +92,6 @@ def describe_spindle(task: PlanTask, job: Job) -> list[str]:
     ]  # fmt: skip
 
 
-def describe_tool_x(task: PlanTask, job: Job) -> str:
-    """Say that a stated x of the TCP frame means nothing where it points along the tool axis."""
-    wanted = np.asarray(job.tool_x_base, float)
-    across = np.linalg.norm(np.cross(task.nominal.axis, wanted / np.linalg.norm(wanted)), axis=1)
-    if "tool_x" not in job.plan.model_fields_set or across.max() > np.sin(np.radians(1.0)):
-        return ""
-    return "plan.tool_x points along the tool axis and is ignored: the rotation about the axis is free."
-
-
-def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
-    """Say what carries the part, what holds still, and what is taken for granted of it."""
-    if not robot.ground:
-        return []
-    names = [joint.name for joint in robot.actuated[: int(robot.carriers.sum())]]
-    held = [] if job is None else list(job.positioner.hold_deg)
-    stays = f" (held: {', '.join(held)})" if held else ""
-    return [
-        f"The part is carried by {', '.join(names)}{stays}: poses and deviations count from {robot.base}. It is taken "
-        "as rigid and exact; the weight of the part is unknown."
-    ]
-
-
 #: Angle between tool and flange from which on the tool is asked about. [deg]
 SIDEWAYS = 60.0
 #: A tip nearer to the flange than this says nothing of a direction. [m]
@@ -156,10 +103,9 @@ LONG = 0.5
 def describe_frames(task: PlanTask, job: Job) -> list[str]:
     """Ask about a tool across the flange or too long and a spindle below the part; say how a part frame was fitted."""
     notes = [] if job.part.fit is None else [job.part.fit.tell()]
-    if job.tool is None:
-        return [*notes, *look_at_spindle(task.nominal.axis, job)]
-    robot = job.mounted or load_robot(job.robot, relative_to=job.folder)
-    return [*notes, *ask_about_tool(job, robot), *ask_about_form(job, robot), *look_at_spindle(task.nominal.axis, job)]
+    if job.tool is not None:
+        notes += ask_about_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
+    return [*notes, *look_at_spindle(task.nominal.axis, job)]
 
 
 def describe_part_frame(job: Job) -> str:
@@ -173,54 +119,29 @@ def describe_part_frame(job: Job) -> str:
 
 
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
-    """Ask about a tool that leaves the flange sideways, where no mesh of it says that it does, or is very long."""
+    """Ask about a tool that leaves the flange sideways without a mesh of it, is very long, or has a guessed frame."""
     if job.tool is None:
         return []
     pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
-    length = float(np.linalg.norm(pose[:3, 3]))
-    notes: list[str] = []
+    length, notes = float(np.linalg.norm(pose[:3, 3])), list[str]()
+    pendant = locate_pendant(robot) if job.tool.frame == "pendant" else None
+    if pendant is not None and not pendant.confirmed:
+        notes.append(Stop(
+            f"The tool frame of the pendant of {robot.name} is not confirmed ({pendant.source}): jog along +x of tool "
+            f"0 and check the direction against compplan doctor {robot.name}."
+        ))  # fmt: skip
     if length > LONG * robot.longest_reach:
         notes.append(Stop(
             f"The tool is {1e3 * length:.4g} mm long, the arm's links end to end {1e3 * robot.longest_reach:.4g} mm: "
             "little of the wrist's turning is left at such a tip. Is tool.position_mm in mm?"
         ))  # fmt: skip
-    if job.collision is not None and job.collision.tool is not None:
-        return notes
-    angle = _angle(out, pose[:3, 2])
-    aside = _angle(out, pose[:3, 3]) if length > SHORT else 0.0
-    if max(angle, aside) <= SIDEWAYS:
-        return notes
-    said = (f"The tool points {angle:.3g} deg away from" if angle > SIDEWAYS
-            else f"The tip lies {aside:.3g} deg aside of")  # fmt: skip
-    return [*notes, Stop(f"{said} the direction {name_axis(out)} in which the flange of {robot.name} points: is "
-                         f"that right? {_straight(robot, length or 0.1)}")]  # fmt: skip
-
-
-def _straight(robot: Robot, length: float) -> str:
-    """Say how a straight tool of a length is written, in the pendant's frame where that is known."""
-    pendant = locate_pendant(robot)
-    if pendant is not None and pendant.stated:
-        z = [0.0, 0.0, round(1e3 * length, 3)]
-        return f'A straight one has frame = "pendant", position_mm = {z}, as the teach pendant shows it.'
-    turn = Rotation.from_matrix(mounted_tool(robot)[:3, :3]).as_rotvec(degrees=True).round(3) + 0.0
-    place = (1e3 * length * outward_axis(robot)).round(3).tolist()
-    return f"A straight one has position_mm = {place}, rotation_deg = {turn.tolist()}."
-
-
-def ask_about_form(job: Job, robot: Robot) -> list[str]:
-    """Ask about angles in the form of another maker, and about a pendant frame that nobody confirmed."""
-    notes: list[str] = []
-    maker = load_controller(robot).name
-    for name, table in (("tool", job.tool), ("part", job.part)):
-        if table is not None and table.abc_deg is not None and "Doosan" in maker:
-            turns = "are KUKA's A B C (z, y', x''), those of a Doosan turn z, y', z''"
-            notes.append(Stop(f"{name}.abc_deg {turns}: write quaternion."))
-    found = locate_pendant(robot) if job.tool is not None and job.tool.frame == "pendant" else None
-    if found is not None and not found.confirmed:
-        notes.append(Stop(
-            f"The tool frame of the pendant of {robot.name} is not confirmed ({found.source}): jog along +x of tool 0 "
-            f"and check the direction against compplan doctor {robot.name} says."
-        ))  # fmt: skip
+    angle, aside = _angle(out, pose[:3, 2]), _angle(out, pose[:3, 3]) if length > SHORT else 0.0
+    drawn = job.collision is not None and job.collision.tool is not None
+    if max(angle, aside) > SIDEWAYS and not drawn:
+        said = (f"The tool points {angle:.3g} deg away from" if angle > SIDEWAYS
+                else f"The tip lies {aside:.3g} deg aside of")  # fmt: skip
+        notes.append(Stop(f"{said} the direction {name_axis(out)} in which the flange of {robot.name} points: is that "
+                          f"right? compplan init --robot {robot.name} writes a straight tool."))  # fmt: skip
     return notes
 
 
@@ -241,61 +162,18 @@ def _angle(a: Array, b: Array) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-#: Tables of a job whose files go into programs line by line.
-COPIED = "output.templates."
-
-
-def describe_outside(job: Job, robot: Robot) -> str:
-    """List the files that the plan reads from outside the job's folder, links followed; "" where there are none.
-
-    Robots that ship with compplan do not count. The note must be settled where lines of such a file go into a program.
-    """
+def describe_outside(job: Job) -> str:
+    """Name templates from outside the job's folder, links followed: their lines go into programs; "" for none."""
     home = (job.folder if job.file.is_file() else Path.cwd()).resolve()
-    found = [
-        (key, path)
-        for key, text in _list_words(job.model_dump(by_alias=True, exclude_unset=True), "")
-        if key not in ("robot", "name") and (path := _find_file(job.folder, text)) and not path.is_relative_to(home)
-    ]
-    folder = None if robot.folder is None else robot.folder.resolve()
-    shipped = [each.resolve() for each in robot_folders().values()]
-    if folder is not None and not folder.is_relative_to(home) and folder not in shipped:
-        found.append(("robot", folder))
-    copied = any(key.startswith(COPIED) for key, _ in found)
-    listed = "; ".join(f"{key} = {path}" for key, path in found)
-    said = f"Files outside the job's folder: {listed}{' (lines go into the programs)' if copied else ''}."
-    return "" if not found else Stop(said) if copied else said
+    files = {name: (job.folder / text).resolve() for name, text in job.output.templates.items()}
+    listed = "; ".join(f"{name} = {path}" for name, path in files.items() if not path.is_relative_to(home))
+    return Stop(f"Templates outside the job's folder go into the programs: {listed}.") if listed else ""
 
 
-def _list_words(table: Any, key: str) -> Iterator[tuple[str, str]]:
-    if isinstance(table, str):
-        yield key, table
-    elif isinstance(table, dict):
-        for name, value in table.items():
-            yield from _list_words(value, f"{key}.{name}" if key else str(name))
-    elif isinstance(table, list | tuple):
-        for number, value in enumerate(table):
-            yield from _list_words(value, f"{key}[{number}]")
-
-
-def _find_file(folder: Path, text: str) -> Path | None:
-    with suppress(OSError, ValueError):  # a name that is too long, or holds a null byte
-        path = (folder / text).resolve()
-        return path if path.is_file() else None
-    return None
-
-
-#: Times of smoothing around a rest in which the tool gains its speed, and around a limit to which that reaches.
-FROM_REST, FROM_LIMIT = 3.0, 1.0
-#: The same around both ends of a cut, where starting up and coming to rest do not count.
+#: Times of smoothing around both ends of a cut, where starting up and coming to rest do not count.
 FROM_END = 4.0
 #: Stretches that a sentence lists.
 LISTED = 5
-
-
-def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
-    """Group waypoints into spans (first, last)."""
-    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
-    return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
 
 
 def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
@@ -309,56 +187,20 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
     return np.asarray(slow & beside)
 
 
-def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.int_]]]:
-    """Sort the slow waypoints by what slows them; each cause in words, with its waypoints.
-
-    Near a rest within the cut the tool starts up or stops, and nearly so near a rounded corner; near a waypoint where a
-    joint is at its limit, that limit holds. What is left is slower for the joints' motion to follow the corrections
-    where these follow the feed, and for the run's smoothness elsewhere.
-    """
-    left, reach = mark_slow(task, timing), FROM_REST * task.smoothing
-    causes: list[tuple[str, NDArray[np.bool_]]] = []
-    curved = np.zeros(len(task), bool) if task.nominal.rounded is None else task.nominal.rounded > 0.0
-    for words, marked in (("at corners, where the tool comes to rest", task.rests & ~task.nominal.rapid),
-                          ("at rounded corners", curved)):  # fmt: skip
-        near = left & (_distance(timing.time, marked) <= reach)
-        causes, left = [*causes, (words, near)], left & ~near
-    if (limited := timing.limiting >= 0).any():
-        own = _find_nearest(timing.time, limited, timing.time)
-        near = left & (np.abs(timing.time - timing.time[own]) <= FROM_LIMIT * task.smoothing)
-        joint, by_velocity = timing.limiting[own], timing.by_velocity[own]
-        for number, fast in sorted({(int(joint[i]), bool(by_velocity[i])) for i in np.flatnonzero(near)}):
-            words = f"by the {'velocity' if fast else 'acceleration'} limit of {task.robot.joint_names[number]}"
-            causes.append((words, near & (joint == number) & (by_velocity == fast)))
-        left = left & ~near
-    if left.any():
-        use = {"velocity": np.abs(timing.velocity[left]) / task.velocity_limits,
-               "acceleration": np.abs(timing.acceleration[left]) / task.acceleration_limits}  # fmt: skip
-        kind = max(use, key=lambda name: float(use[name].max()))
-        busiest = task.robot.joint_names[int(use[kind].max(axis=0).argmax())]
-        follows = task.follows_feed or task.inertia
-        words = "so that the joints can follow the corrections" if follows else "to keep the run smooth around limits"
-        causes.append((f"{words} ({kind} of {busiest} up to {100 * use[kind].max():.2g} % of its limit)", left))
-    return [(text, np.flatnonzero(rows)) for text, rows in causes if rows.any()]
-
-
 def describe_causes(task: PlanTask, timing: Timing) -> str:
-    """Say at which waypoints the feed is lowered, why, and how far; "" where it is not."""
-    slow = np.flatnonzero(mark_slow(task, timing)).tolist()
-    if not slow:
+    """Say at which waypoints the feed is lowered, how far, and which limits are reached there; "" where it is not."""
+    slow = np.flatnonzero(mark_slow(task, timing))
+    if not len(slow):
         return ""
-    spans, count = group_waypoints(slow), len(slow)
+    spans, least = group_waypoints(slow.tolist()), int(slow[timing.share[slow].argmin()])
     listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
-    reasons = []
-    for words, rows in list_causes(task, timing):
-        least = int(rows[timing.share[rows].argmin()])
-        reasons.append(f"{words}, down to {100 * timing.share[least]:.3g} % at waypoint {least}")
-    return f"The feed is lowered at {count} waypoints ({listed}): {'; '.join(reasons)}."
-
-
-def _distance(time: Array, marked: NDArray[np.bool_]) -> Array:
-    """Return the time from each waypoint to the nearest marked one, infinite without any. Shape (n,). [s]"""
-    return np.abs(time - time[_find_nearest(time, marked, time)]) if marked.any() else np.full(len(time), np.inf)
+    reached = {(int(timing.limiting[k]), bool(timing.by_velocity[k])) for k in slow if timing.limiting[k] >= 0}
+    causes = [f"by the {'velocity' if fast else 'acceleration'} limit of {task.robot.joint_names[joint]}"
+              for joint, fast in sorted(reached)]  # fmt: skip
+    causes += ["at corners, where the tool comes to rest"] if task.rests.any() else []
+    return (f"The feed is lowered at {len(slow)} waypoints ({listed}), down to {100 * timing.share[least]:.3g} % at "
+            f"waypoint {least}: {', '.join([*causes, 'to keep the run smooth'])}."
+            )  # fmt: skip
 
 
 def _find_nearest(time: Array, marked: NDArray[np.bool_], when: Array) -> NDArray[np.int_]:

@@ -13,7 +13,7 @@ from compplan.controllers.writers import check_languages
 from compplan.effects import robot_effects
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
-from compplan.job.loading import load_path, refuse_unsettled
+from compplan.job.loading import load_path, name_file, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
@@ -27,7 +27,7 @@ from compplan.planning.evaluate import (
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
-from compplan.planning.notes import describe_shrinkage, list_notes
+from compplan.planning.notes import list_notes
 from compplan.planning.posture.configuration import check_start
 from compplan.planning.posture.kept_posture import Kept, find_kept_start, read_lock
 from compplan.planning.posture.settings import PostureSettings, read_settings
@@ -45,7 +45,6 @@ from compplan.toolpath.contact import check_tool_x
 from compplan.toolpath.toolpath import Toolpath, check_toolpath, pick_even
 from compplan.uncertainty.posture_errors import posture_errors
 from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
-from compplan.uncertainty.shrinkage import shrink_robot
 from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
 
@@ -161,13 +160,12 @@ def plan_task(
     )
     told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
     told += list_notes(task, command, timing, bending, job)
-    plan = Plan(
+    return Plan(
         name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
+        executed=executed,
     )  # fmt: skip
-    plan.__dict__["executed"] = executed
-    return plan
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
@@ -197,12 +195,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
             partial(_state_task, robot, chain, options), options.tube,
         )  # fmt: skip
         start = better_start(start, request, shape=options.strategy == "nlp")
-    task = _state_task(robot, chain, options, start)
-    faded, share = shrink_robot(robot, start.q, task.wrench)
-    if faded is robot:
-        return task
-    start = replace(start, notes=(*start.notes, describe_shrinkage(robot, share)))
-    return _state_task(faded, build_chain(faded), options, start)
+    return _state_task(robot, chain, options, start)
 
 
 def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:
@@ -224,7 +217,6 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         step_time=programmed_times(nominal),
         velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
-        jerk_limits=robot.jerk_limits,
         max_correction=options.max_correction,
         tolerance=options.tolerance,
         spin_free=options.spin_free,
@@ -243,15 +235,13 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
 def job_robot(job: Job) -> Robot:
     """Load the robot of a job, with the tool that the job mounts."""
     try:
-        robot = job.mounted or load_robot(job.robot, relative_to=job.folder)
+        robot = job.context.mounted or load_robot(job.robot, relative_to=job.folder)
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
     refuse_unsettled(job)
-    try:
+    with name_file(job.file):
         robot = job.positioner.hold(robot)
         return robot if job.tool is None else job.tool.mount(robot)
-    except InputError as error:
-        raise error if error.file else InputError(error.message, file=job.file, where=error.where) from None
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:
@@ -261,7 +251,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         strategy=table.strategy,
         spin_free=table.rotate_about_tool_axis,
         max_correction=table.max_correction_mm * 1e-3,
-        tolerance=job.strictest_tolerance,
+        tolerance=1e-3 * job.plan.tolerance_mm,
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,15 +20,12 @@ from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, evaluate_mismatch
-from compplan.planning.executed import ExecutedPath, evaluate_executed
-from compplan.planning.lost_motion import Reversals, list_reversals
-from compplan.planning.notes import group_waypoints
+from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.task import Command, PlanTask, group_waypoints
 from compplan.planning.timing import Timing
-from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance, explain_width
-from compplan.process.force_models import FORCE_MODELS
+from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot
 from compplan.simulation.simulated_robot import EXACT_EVALUATION
 from compplan.statics.chain import locate_frames
@@ -35,29 +33,12 @@ from compplan.uncertainty.band import ErrorBand, estimate_band
 from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.uncertainty.touch_off import read_touch, touch_part
-from compplan.version import VERSION
 
+#: Words from the best to the worst.
+STATUSES = ("solved", "not_confirmed", "infeasible")
+VERDICTS = ("keeps", "not_known", "may_not_keep")
 #: Stretches and limits that a sentence lists, and its letters at most.
 LISTED, LONGEST = 3, 300
-#: The papers, by what is used of them.
-METHODS = {
-    "joint springs": "J. K. Salisbury: Active stiffness control of a manipulator in Cartesian coordinates, "
-    "IEEE Conference on Decision and Control, 1980",
-    "stiffness under load": "S.-F. Chen, I. Kao: Conservative congruence transformation for joint and Cartesian "
-    "stiffness matrices of robotic hands and fingers, International Journal of Robotics Research 19(9), 2000",
-    "timing": "H. Pham, Q.-C. Pham: A new approach to time-optimal path parameterization based on reachability "
-    "analysis, IEEE Transactions on Robotics 34(3), 2018",
-    "independent check": "J. Carpentier et al.: The Pinocchio C++ library, IEEE/SICE International Symposium on System "
-    "Integration, 2019",
-    "derivatives": "J. A. E. Andersson et al.: CasADi, a software framework for nonlinear optimization and optimal "
-    "control, Mathematical Programming Computation 11, 2019",
-    "posture": "C. Dumas, S. Caro, S. Garnier, B. Furet: Joint stiffness identification of six-revolute industrial "
-    "serial robots, Robotics and Computer-Integrated Manufacturing 27(4), 2011",
-}
-#: The program itself.
-PROGRAM = "The compplan developers: compplan, offline path compensation for industrial robots, version {version}"
-#: Strategies that solve for derivatives.
-WITH_DERIVATIVES = ("nlp",)
 
 
 @dataclass(frozen=True, repr=False)
@@ -80,6 +61,8 @@ class Plan(Shown):
     checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
     clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
     job: Job | None = None  #: The job, or None.
+    #: Where the controller takes the loaded tip, and what programs hold; None where neither is known.
+    executed: ExecutedPath | None = None
     learned: ErrorBand | None = None  #: Uncertainty of the tip learned from measured parts on this path, or None.
 
     @property
@@ -109,10 +92,10 @@ class Plan(Shown):
 
     def add_checks(self, checks: tuple[Check, ...], *, first: bool = False) -> Plan:
         """Return the plan with more checks; what has been worked out from the rest of it stays known."""
-        added = replace(self, checks=(*checks, *self.checks) if first else (*self.checks, *checks))
-        kept = ["error_band", "mismatch", "executed", "command_feed", "correction", "reversals"]
-        kept += ["verdict"] if added.breaches == self.breaches else []
-        added.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
+        added = copy(self)
+        object.__setattr__(added, "checks", (*checks, *self.checks) if first else (*self.checks, *checks))
+        for name in ("breaches", "notes", "verdict"):
+            added.__dict__.pop(name, None)
         return added
 
     @property
@@ -133,11 +116,6 @@ class Plan(Shown):
         moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
         return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
 
-    @cached_property
-    def executed(self) -> ExecutedPath | None:
-        """Where the controller takes the loaded tip, and what programs hold; None where neither is known."""
-        return evaluate_executed(self.task, self.q, self.timing.time, None if self.job is None else self.job.output)
-
     @property
     def sent(self) -> Array:
         """Joint positions that native programs hold: the command, or what leads by the drives' lag. (n, nq)."""
@@ -147,11 +125,6 @@ class Plan(Shown):
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
-
-    @cached_property
-    def reversals(self) -> tuple[Reversals, ...]:
-        """How often every joint, and the spin, turns back."""
-        return list_reversals(self.task, self.q)
 
     @cached_property
     def mismatch(self) -> Evaluation:
@@ -175,7 +148,6 @@ class Plan(Shown):
         followed = self.executed is not None and self.executed.zone is not None  # as written: that counts already
         if output is not None and output.programs and output.form != "joint" and not followed:
             bow += output.bound_fit(task.tolerance)
-            left = left + output.bound_fit(task.tolerance) * (task.coarser - 1.0)
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
@@ -188,20 +160,19 @@ class Plan(Shown):
             return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
                                 between=bow, motion=self.bending.motion, part=part, touched=task.touched,
                                 touchable=touchable, uncorrected=self.before.deviation,
-                                tolerance=task.tolerance)  # fmt: skip
+                                written=left - self.after.distance, tolerance=task.tolerance)  # fmt: skip
         except ConvergenceError:
             return None
 
     @cached_property
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
-        found = check_tolerance(
+        return check_tolerance(
             self.task, self.status, self.error_band, left=self.after.distance, inertia=self.bending.inertia,
             failures=self.command.failures, failure=self.explain_failures(),
             compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
-        return replace(found, sentence=found.sentence + explain_width(self.error_band, self.before.max_deviation))
 
     @property
     def solved_by(self) -> str:
@@ -283,15 +254,6 @@ class Plan(Shown):
         """Return what plan.json holds."""
         return summarise_plan(self)
 
-    def citations(self) -> tuple[str, ...]:
-        """List what to cite for this plan: the program, the methods used, the sources of the robot's numbers."""
-        start, model = self.task.start, None if self.job is None else self.job.process.model
-        return list_citations(
-            VERSION, self.strategy, bends=bool(self.robot.springs or self.robot.link_elasticities),
-            chosen_posture=start is not None and start.posture_choice is not None, force_model=model,
-            sources=[f"{name} of {self.robot.name}: {text}" for name, text in self.robot.sources.items()],
-        )  # fmt: skip
-
 
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
@@ -315,32 +277,15 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
-        "under_mismatch": [
-            {
-                "cell": worst.cell,
-                "rms_mm": worst.figures["rms"],
-                "max_mm": worst.figures["max"],
-                "waypoints": int(worst.cut.sum()),
-            }
-        ],
+        "under_mismatch": [{"cell": worst.cell, **{f"{key}_mm": worst.figures[key] for key in ("rms", "max")},
+                            "waypoints": int(worst.cut.sum())}],
         "between_waypoints_mm": {"max": between.max_deviation * 1e3}
         | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
-        **(
-            {}
-            if learned is None
-            else {
-                "process_force": {
-                    "level": learned.level,
-                    "turn_deg": np.degrees(learned.turn).tolist(),
-                    "source": learned.source,
-                }
-            }
-        ),
         **plan.bending.describe(),
         **summarise_band(plan.error_band),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
-        "within_tolerance": float((plan.task.use_tolerance(plan.after.deviation)[plan.after.cut] <= 1.0).mean()),
+        "within_tolerance": plan.after.share_within(plan.task.tolerance),
         "correction_mm": {"max": margins.max_correction * 1e3},
         "margins": {
             "position_limit_deg": float(np.degrees(margins.position)),
@@ -349,13 +294,15 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             "acceleration_ratio": margins.acceleration_ratio,
         },
         "duration_s": float(plan.timing.time[-1]),
-        "reversals": [entry.describe() for entry in plan.reversals],
         "judge": plan.evaluated_by,
         "checks": [check.describe() for check in plan.checks if check.severity == STOP],
         "notes": [*plan.reasons, *plan.notes],
         "stops": list_stops([*plan.reasons, *plan.notes]),
         "made_by": describe_origin(),
-    }
+    }  # fmt: skip
+    if learned is not None:
+        turn = np.degrees(learned.turn).tolist()
+        summary["process_force"] = {"level": learned.level, "turn_deg": turn, "source": learned.source}
     start = plan.task.start
     if start is not None and start.posture_choice is not None:
         program = {} if start.program is None else {"program": dict(start.program)}
@@ -402,15 +349,67 @@ def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def list_citations(
-    version: str, strategy: str, *, bends: bool, chosen_posture: bool, force_model: str | None, sources: Iterable[str]
-) -> tuple[str, ...]:
-    """List what to cite for a plan: the program, the methods that it used, the sources of the robot's numbers."""
-    used = ["timing", "independent check"]
-    used += ["joint springs", "stiffness under load"] if bends else []
-    used += ["derivatives"] if strategy in WITH_DERIVATIVES else []
-    used += ["posture"] if chosen_posture else []
-    papers = [f"{name}: {text}" for name, text in METHODS.items() if name in used]
-    force = "" if force_model is None else getattr(FORCE_MODELS[force_model], "cites", "")
-    papers += [f"force model {force_model}: {force}"] if force else []
-    return (PROGRAM.format(version=version), *papers, *(f"robot model: {text}" for text in sources))
+def worst_status(plans: Sequence[Plan]) -> str:
+    """Return the status of several plans as one: the worst."""
+    return max((plan.status for plan in plans), key=STATUSES.index)
+
+
+def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
+    """Return what plan.json says of the plans of a job of several tools: the worst of each figure, and each one's own.
+
+    Root mean squares and means go over the waypoints of all cuts.
+    """
+    parts = [summarise_plan(plan) for plan in plans]
+    cuts = np.array([np.count_nonzero(plan.task.cut) for plan in plans], float)
+    share, verdicts = cuts / max(cuts.sum(), 1.0), [part["verdict"] for part in parts]
+    beyond = [verdict.get("beyond_share") for verdict in verdicts]  # of all cuts; None where one does not know it
+    labels = ["" if plan.job is None else plan.job.label for plan in plans]
+
+    def worst(table: str, key: str = "max") -> float:
+        return max(float(part[table][key]) for part in parts)
+
+    def join_errors(key: str) -> dict[str, float]:
+        rms, mean = (np.array([part[key][name] for part in parts]) for name in ("rms", "mean"))
+        return {"rms": float(np.sqrt(share @ rms**2)), "mean": float(share @ mean), "max": worst(key)}
+
+    kept = ("schema", "strategy", "robot", "robot_grade", "configuration", "judge", "made_by")
+    whole: dict[str, Any] = {
+        **{key: parts[0][key] for key in kept},
+        "name": name,
+        "status": worst_status(plans),
+        "verdict": {
+            **max(verdicts, key=lambda verdict: VERDICTS.index(verdict["word"])),
+            "beyond_share": None if None in beyond else float(share @ np.array(beyond, float)),
+        },
+        "waypoints": sum(part["waypoints"] for part in parts),
+        "solve_time_s": round(sum(part["solve_time_s"] for part in parts), 4),
+        "duration_s": sum(part["duration_s"] for part in parts),
+        **{key: join_errors(key) for key in ("error_before_mm", "error_after_mm")},
+        **{key: {"max": worst(key)} for key in ("between_waypoints_mm", "correction_mm")},
+        "margins": {
+            "position_limit_deg": min(part["margins"]["position_limit_deg"] for part in parts),
+            **{key: worst("margins", key) for key in ("velocity_ratio", "acceleration_ratio")},
+        },
+        "notes": list(dict.fromkeys(
+            note if note in plan.task.nominal.notes else type(note)(f"{label}: {note}")
+            for plan, label in zip(plans, labels, strict=True) for note in (*plan.reasons, *plan.notes)
+        )),
+        "tools": [_summarise_operation(plan, part, label)
+                  for plan, part, label in zip(plans, parts, labels, strict=True)],
+    }  # fmt: skip
+    if all("error_band_mm" in part for part in parts):
+        whole["error_band_mm"] = {"p95_max": worst("error_band_mm", "p95_max")}
+    failing = [f"{label}: {part['failure']}" for part, label in zip(parts, labels, strict=True) if "failure" in part]
+    if failing:
+        whole["failure"] = "; ".join(failing)
+    return whole
+
+
+def _summarise_operation(plan: Plan, part: dict[str, Any], label: str) -> dict[str, Any]:
+    """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
+    kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
+    length = 1e3 * float(np.linalg.norm(plan.robot.joints[-1].placement[:3, 3]))
+    return {
+        "operation": None if plan.job is None else plan.job.cam.operation, "label": label, "folder": label,
+        "length_mm": round(length, 6), **{key: part[key] for key in (*kept, "error_band_mm") if key in part},
+    }  # fmt: skip

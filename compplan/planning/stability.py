@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.deflection import DAMPING
-from compplan.planning.task import PlanTask
+from compplan.planning.task import PlanTask, pick_worst
 from compplan.process.cutting import edge_wrenches
 from compplan.process.engagement import Engagement
-from compplan.process.force_models.end_mill import EndMillProcess, ToolModeTable
+from compplan.process.force_models.end_mill import EndMillProcess
 from compplan.process.materials import Coefficients
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, find_modes
@@ -31,9 +29,7 @@ def find_buckling(task: PlanTask, q: Array) -> dict[int, str]:
     rows = np.flatnonzero(task.compensated)
     if not len(rows) or not task.chain.n_springs:
         return {}
-    size = np.linalg.norm(task.wrench[rows, :3], axis=1)
-    heavy = rows[np.argsort(size)[-TRIED // 2 :]]
-    rows = np.union1d(heavy, pick_even(rows, TRIED // 2))
+    rows = pick_worst(rows, np.linalg.norm(task.wrench[rows, :3], axis=1), TRIED)
     share, spring = measure_buckling(task.chain, q[rows], task.wrench[rows])
     return {
         int(rows[k]): f"buckling of {task.chain.spring_names[spring[k]]} (load {share[k]:.3g} of the critical one)"
@@ -71,15 +67,12 @@ def explain_buckling(task: PlanTask) -> InfeasibleError | None:
     row = failing[:1]
     frames = locate_frames(task.chain, task.q_start[row])
     elements = task.chain.spring_elements
-    torque = load_elements(task.chain, frames, task.wrench[row])[0, elements]
-    give = task.chain.compliance @ torque
+    give = task.chain.compliance @ load_elements(task.chain, frames, task.wrench[row])[0, elements]
     lever = np.linalg.norm(jacobian(task.chain, frames)[0, :3, elements], axis=1)
     worst = int(np.argmax(np.abs(give) * lever))
-    name, slides = task.chain.spring_names[worst], task.chain.translates[elements[worst]]
-    size = f"{1e3 * abs(give[worst]):.3g} mm" if slides else f"{np.degrees(abs(give[worst])):.3g} deg"
+    name = task.chain.spring_names[worst]
     message = (
-        f"the arm buckles at waypoint {failing[0]}: to first order the spring of {name} gives way by {size} under "
-        f"{abs(torque[worst]):.4g} {'N' if slides else 'N m'}, and no equilibrium is found "
+        f"the arm buckles at waypoint {failing[0]}: no equilibrium is found, the spring of {name} gives way the most "
         f"({len(failing)} of {len(rows)} waypoints tried); check the compliances and the force"
     )
     return InfeasibleError(message, waypoints=failing, limits=[f"equilibrium of {name}"])
@@ -91,30 +84,6 @@ MODES, PLACES = 5, 12
 EVEN, NEAR = 600, np.sinh(np.linspace(-6.0, 6.0, 81))
 #: Depths that a limit is sought among, shares of the depth that is cut.
 SCALES = np.geomspace(0.02, 20.0, 120)
-
-
-@dataclass(frozen=True)
-class Modes:
-    """Modes of a tool on its arm."""
-
-    omega: Array  #: Angular frequencies, rising. Shape (m,). [rad/s]
-    shape: Array  #: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
-    damping: Array  #: Share of critical damping of each. Shape (m,).
-
-    def turn(self, axes: Array) -> Modes:
-        """Return the same, seen in other axes (columns). Shape of `axes`: (3, 3)."""
-        return replace(self, shape=axes.T @ self.shape)
-
-    def join(self, tool: ToolModeTable | None) -> Modes:
-        """Return these with the mode of the tool, alike along both path axes across the tool."""
-        if tool is None:
-            return self
-        omega = 2.0 * np.pi * tool.frequency_Hz
-        across = np.eye(3)[:, :2] * omega / np.sqrt(1e3 * tool.stiffness_N_mm)
-        every = np.append(self.omega, [omega, omega])
-        order = np.argsort(every)
-        shape = np.concatenate([self.shape, across], axis=1)
-        return Modes(every[order], shape[:, order], np.append(self.damping, [tool.damping] * 2)[order])
 
 
 def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
@@ -138,18 +107,26 @@ def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth:
     return gains
 
 
-def compute_depth_limit(mean: Array, period: float, modes: Modes, scales: Array = SCALES) -> float:
+def compute_depth_limit(
+    mean: Array, period: float, omega: Array, shape: Array, damping: Array, scales: Array = SCALES
+) -> float:
     """Return the least unstable depth as a share of the one that is cut; inf for none among the rising scales.
 
-    `mean` is B0 at the depth that is cut, shape (3, 3) [N/m], `period` that of the teeth [s]; modes have the same axes.
+    Args:
+        mean: B0 at the depth that is cut. Shape (3, 3). [N/m]
+        period: Time from tooth to tooth. [s]
+        omega: Angular frequencies of the modes of tool and arm. Shape (m,). [rad/s]
+        shape: Motion of the tip in each, of a modal mass of 1 kg, axes of `mean`. Shape (3, m).
+        damping: Share of critical damping of each. Shape (m,).
+        scales: Depths that are tried, as shares.
     """
-    last = 20.0 * modes.omega[-1]
-    near = modes.omega[:, None] * (1.0 + modes.damping[:, None] * NEAR / 2.0)
+    last = 20.0 * omega.max()
+    near = omega[:, None] * (1.0 + damping[:, None] * NEAR / 2.0)
     grid = np.linspace(0.0, last, int(np.clip(last * period, EVEN, 20 * EVEN)))
-    omega = np.unique(np.clip(np.concatenate([grid, near.ravel()]), 0.0, last))
-    peak = modes.omega**2 - omega[:, None] ** 2 + 2j * modes.damping * modes.omega * omega[:, None]
-    answer = np.einsum("im,wm,jm->wij", modes.shape, 1.0 / peak, modes.shape)
-    loop = (1.0 - np.exp(-1j * omega * period))[:, None, None] * (answer @ mean)
+    at = np.unique(np.clip(np.concatenate([grid, near.ravel()]), 0.0, last))
+    peak = omega**2 - at[:, None] ** 2 + 2j * damping * omega * at[:, None]
+    answer = np.einsum("im,wm,jm->wij", shape, 1.0 / peak, shape)
+    loop = (1.0 - np.exp(-1j * at * period))[:, None, None] * (answer @ mean)
     trace = np.einsum("wii->w", loop)
     square = 0.5 * (trace**2 - np.einsum("wij,wji->w", loop, loop))
     b = np.asarray(scales, float)[:, None]
@@ -172,10 +149,14 @@ def describe_depth_limit(task: PlanTask, q: Array) -> str:
     tool, axes = process.tool_mode, path_axes(task.nominal)[there]
     feed = process.feed_per_tooth(task.nominal.feed[there])
     gains = process.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
-    modes = [Modes(own.omega, own.tip, np.full(len(own.omega), DAMPING)).turn(way).join(tool)
-             for own, way in zip(find_modes(dynamics, q[there], MODES), axes, strict=True)]  # fmt: skip
-    period = 1.0 / (process.spindle_rpm / 60.0 * process.teeth)
-    limits = np.array([compute_depth_limit(b, period, own) for b, own in zip(gains, modes, strict=True)])
+    period, limits = 1.0 / (process.spindle_rpm / 60.0 * process.teeth), np.empty(len(rows))
+    for k, own in enumerate(find_modes(dynamics, q[there], MODES)):
+        omega, shape, damping = own.omega, axes[k].T @ own.tip, np.full(len(own.omega), DAMPING)
+        if tool is not None:  # its mode is alike along both path axes across the tool
+            rate = 2.0 * np.pi * tool.frequency_Hz
+            shape = np.hstack([shape, np.eye(3)[:, :2] * rate / np.sqrt(1e3 * tool.stiffness_N_mm)])
+            omega, damping = np.r_[omega, rate, rate], np.r_[damping, tool.damping, tool.damping]
+        limits[k] = compute_depth_limit(gains[k], period, omega, shape, damping)
     worst = int(limits.argmin())
     depth = float(cutting.engagement.axial[rows[worst]])
     known = (f"arm damped by {100 * DAMPING:.3g} % (assumed), "

@@ -32,7 +32,7 @@ from compplan.planning.motion_limits import (
     TorqueRules,
     Torques,
     difference_motion,
-    measure_smooth_use,
+    measure_torque_use,
     measure_use,
     spread_factors,
 )
@@ -48,8 +48,6 @@ LOWERED = 0.995
 FULL_USE, SLOW_ROUNDS = 0.999, 8
 #: What of a run counts as its end: rows, time, and spans of smoothing. [1, s, 1]
 END_ROWS, END_TIME, END_SPANS = 100, 6.0, 20.0
-#: Windows of smoothing that are tried where a limit of the jerk slows a run down, in those of the task.
-WINDOWS = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)
 #: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
 FULL_SPEED_AFTER = 0.5
 #: Stands for an acceleration limit that the robot folder does not state. [rad/s^2 or m/s^2]
@@ -167,45 +165,26 @@ def state_timing(task: PlanTask, q: Array, time: Array) -> Timing:
 
 def _time_run(task: PlanTask, along: Array, q: Array, rows: Torques | None, slow: Array) -> Array:
     """Time one run from rest to rest, smoothly, and slow it down where differences of q are beyond a limit."""
-    time, rounds = _smooth_run(task, along, q, rows, slow, task.smoothing)
-    if rounds == 1 or (task.jerk_limits is None and rounds <= SLOW_ROUNDS):
-        return time
-    for factor in WINDOWS:  # a longer ramp may cost less than a slower run
-        other = _smooth_run(task, along, q, rows, slow, factor * task.smoothing)[0]
-        if other[-1] > 1.1 * time[-1]:
-            break
-        time = min(time, other, key=lambda each: float(each[-1]))
-    return time
-
-
-def _smooth_run(
-    task: PlanTask, along: Array, q: Array, rows: Torques | None, slow: Array, window: float
-) -> tuple[Array, int]:
-    """Time one run with a window of smoothing; also tell after how many rounds it keeps its limits."""
     if len(along) < 3:
-        fine, between = subdivide(along, q)
-        time, rounds = _smooth_run(task, fine, between, None, np.interp(fine, along, slow), window)
-        return time[[0, -1]], rounds
-    limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
+        fine = np.linspace(along[0], along[-1], 21)
+        return _time_run(task, fine, interpolate(fine, along, q), None, np.interp(fine, along, slow))[[0, -1]]
+    limits, window = (FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits), task.smoothing
     gentle = 1.0 / window if window > 0 and task.follows_feed else NO_LIMIT
-    for count in range(SLOW_ROUNDS):
+    for _ in range(SLOW_ROUNDS):
         speed = time_cut(along, q, *limits, rows, slow=slow, gentle=gentle)
         for share in INERTIA_WINDOWS if task.inertia else (1.0,):
             time, speed = smooth_profile(along, speed, share * window)
         use = _use_of(task, q, time, rows)
         if use.max() <= 1.0:
-            return time, count + 1
+            return time
         slow = slow * np.minimum(spread_factors(use, time, window), 4.0) * 1.002
-    return _stretch_time(task, q, time, use, rows), SLOW_ROUNDS + 1
+    return _stretch_time(task, q, time, use, rows)
 
 
 def _use_of(task: PlanTask, q: Array, time: Array, rows: Torques | None) -> Array:
-    """Tell by what factor a run is too fast: by its differences, and as a spline where jerk or torque has a limit."""
+    """Tell by what factor a run is too fast for velocity, acceleration and, with `rows`, torque of its joints."""
     use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
-    if task.jerk_limits is None and rows is None:
-        return use
-    limits = task.velocity_limits, task.acceleration_limits, task.jerk_limits
-    return np.maximum(use, measure_smooth_use(q, time, *limits, rows))
+    return use if rows is None else np.maximum(use, measure_torque_use(q, time, rows))
 
 
 def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array, rows: Torques | None) -> Array:
@@ -246,8 +225,6 @@ def _turn_in_place(task: PlanTask, q: Array, start: int) -> Array:
     feed = task.nominal.feed[start + 1]
     tip = locate_frames(task.chain, q[[0, -1]]).tcp_position
     length = float(np.linalg.norm(tip[1] - tip[0]))
-    if task.jerk_limits is not None:  # its greatest jerk is 60 d / T^3, at its ends
-        duration = max(duration, float(np.cbrt(60.0 * distance / (FULL_USE * task.jerk_limits)).max()))
     duration = max(1.1 * duration, 1.875 * length / feed if feed > 0 else 0.0, task.gentle_time)
     return ease_times(way / max(way[-1], 1e-300), duration)
 
@@ -457,9 +434,3 @@ def ease_duration(distance: Array, velocity_limits: Array, acceleration_limits: 
         by_speed = np.nan_to_num(1.875 * distance / velocity_limits).max(initial=0.0)
         by_push = np.sqrt(np.nan_to_num(5.774 * distance / acceleration_limits).max(initial=0.0))
     return float(max(by_speed, by_push))
-
-
-def subdivide(along: Array, q: Array) -> tuple[Array, Array]:
-    """Divide the straight move between two waypoints into twenty."""
-    grid = np.linspace(along[0], along[-1], 21)
-    return grid, interpolate(grid, along, q)

@@ -1,20 +1,18 @@
-"""A diagnosis in words: its effects, the three answers (where, which, how far), the next step, what is unexplained."""
+"""A diagnosis in words: its effects, the next step, what is unexplained."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, WEIGHT, Share, SmallErrors, kind_of
 from compplan.diagnosis.results.verdict import CALIBRATED, FLOORS_LEFT
 from compplan.diagnosis.validation.unmodelled import describe_unmodelled
 from compplan.effects import EFFECTS
-from compplan.io.quantities import format_length, format_number, format_percent
+from compplan.io.quantities import format_length, format_number
 from compplan.reporting.page import join_names
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
-    from compplan.diagnosis.results.where import Split
 
 #: Units that keys of parameters end in, where they are written otherwise.
 UNITS = {
@@ -81,119 +79,10 @@ def _show(value: Any) -> str:
     return format_number(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
-def describe_where(verdict: Mapping[str, Any], split: Split, *, taken_up: bool = False) -> str:
-    """Answer where the gap lies, in a sentence; `taken_up`: whether a calibration takes up what has no name."""
-    shares, status = split.shares, verdict["status"]
-    gap = f"Where: the nominal model leaves {format_length(split.spread.rms)} rms"
-    if status == CALIBRATED and split.small_errors is not None:
-        places = sorted(split.small_errors.by_place.items(), key=lambda item: (item[0] == UNEXPLAINED, -item[1].share))
-        carried = [
-            f"{'no model explains' if name == UNEXPLAINED else name + ' carries'} {_describe_share(share)}"
-            for name, share in places if share.share >= 0.02
-        ]  # fmt: skip
-        return f"{gap}; {'; '.join(carried)}."
-    if status == "none":
-        return f"{gap}, and no place is named that carries a part of it: it is no more than noise."
-    parts: list[str] = []
-    for carrier in shares.carriers[:3]:
-        if carrier.share.share >= 0.05 or not parts:
-            sure = f"probability {carrier.probability:.2f}, {_describe_interval(carrier.share)} if so"
-            carries = "carry" if carrier.place == "links" else "carries"
-            share, how = format_percent(carrier.share.share), carrier.effect.replace("_", " ")
-            parts.append(f"{carrier.place} {carries} {share} by {how} ({sure})")
-    rest = {
-        "small errors everywhere (calibration) carry": (shares.by_place[CALIBRATION], _describe_beside_names(split)),
-        "what has no name carries" if taken_up else "no model explains": (shares.by_place[UNEXPLAINED], ""),
-    }
-    parts += [f"{what} {_describe_share(share, more)}" for what, (share, more) in rest.items() if share.share >= 0.02]
-    if shares.noise >= 0.02:
-        parts.append(f"noise is {format_percent(shares.noise)}")
-    if not shares.carriers:
-        parts.insert(0, "no joint, frame, sensor or load is named that carries a part of it")
-    return f"{gap}; {'; '.join(parts)}."
-
-
-def _describe_beside_names(split: Split) -> str:
-    """Say which kinds of small errors, each at one joint, are the largest beside the named effects."""
-    if split.small_errors is None:
-        return ""
-    named = {(c.place, kind_of(c.effect, loaded)) for c in split.shares.carriers for loaded in (False, True)}
-    largest = [
-        f"{kind} of {place} {format_percent(share.share)}"
-        for place, kind, share in split.small_errors.groups
-        if share.share >= 0.05 and (place, kind) not in named and (kind != WEIGHT or ("links", WEIGHT) not in named)
-    ][:3]
-    return f"; {', '.join(largest)} in the updated robot" if largest else ""
-
-
-def _describe_interval(share: Share) -> str:
-    return f"95 %: {format_percent(share.low)} to {format_percent(share.high)}"
-
-
-def _describe_share(share: Share, more: str = "") -> str:
-    return f"{format_percent(share.share)} ({_describe_interval(share)}{more})"
-
-
 def reaches_noise(gap: Mapping[str, float | None], delivered: str) -> bool:
     """Tell whether a calibration goes out that takes what has no name up to the noise of rows left out."""
     after, floor = gap.get("held_out_after_rms_mm"), gap.get("noise_floor_mm")
     return bool(delivered == "calibrated" and after and floor and after <= FLOORS_LEFT * floor)
-
-
-def describe_which(
-    verdict: Mapping[str, Any], structure: Sequence[str], split: Split, *, taken_up: bool = False
-) -> str:  # fmt: skip
-    """Answer which effect causes the gap, in a sentence; `taken_up`: whether a calibration takes the rest up."""
-    status, effects = verdict["status"], verdict["effects"]
-    if status == "none":
-        return "Which: none; the residual is noise."
-    if status == CALIBRATED and split.small_errors is not None:
-        return _describe_small_errors(split.small_errors)
-    if not effects:
-        if taken_up:
-            return "Which: unknown; no single effect makes it, and the calibration of the updated robot takes it up."
-        text = " ".join(structure[:1])
-        return f"Which: unknown; there is structure in the residual and no effect explains it. {text}".rstrip()
-    parts = [
-        f"{describe_effect(effect)} ({change + ', ' if (change := describe_change(effect)) else ''}"
-        f"probability {effect['probability']:.2f})"
-        for effect in effects[:3]
-    ]
-    text = f"Which: {'; '.join(parts)}"
-    text += f"; and {len(effects) - 3} more" if len(effects) > 3 else ""
-    for effect in effects[:3]:
-        rivals = [name_effect(rival) for rival in effect.get("ambiguous_with", [])]
-        if rivals:
-            text += f"; these measurements fit {name_effect(effect)} as well as {' or '.join(rivals[:3])}"
-    if status != "partly_explained":
-        return f"{text}."
-    text += "; the rest has no name" if taken_up else "; structure is left that none of them explains"
-    text += ", and the calibration of the updated robot takes it up to the noise" if taken_up else ""
-    return " ".join([f"{text}.", *structure[:1]])
-
-
-def _describe_small_errors(errors: SmallErrors) -> str:
-    """Say what a robot that was not calibrated has small errors of, and where."""
-    kinds = [
-        f"{kind} {_describe_share(share)}"
-        for kind, share in sorted(errors.by_kind.items(), key=lambda item: -item[1].share)
-        if share.share >= 0.02 and kind != UNEXPLAINED
-    ]
-    text = f"Which: no single cause; small errors make the gap: {', '.join(kinds)}"
-    groups = [f"{kind} of {place}, {format_percent(share.share)}" for place, kind, share in errors.groups[:3]]
-    return f"{text}. The largest: {'; '.join(groups)}." if groups else f"{text}."
-
-
-def describe_how_far(gap: Mapping[str, float | None]) -> str:
-    """Answer how far the gap shrinks, in a sentence."""
-    before, after = gap.get("held_out_before_rms_mm"), gap.get("held_out_after_rms_mm")
-    if before is None or after is None:
-        return "How far: too few rows to leave some out, so no figure can be given."
-    text = f"How far: on rows that had no part in the choice the deviation goes from {format_length(1e-3 * before)} "
-    text += f"to {format_length(1e-3 * after)} rms"
-    if floor := gap.get("noise_floor_mm"):
-        text += f", {format_number(after / floor, 3)} times the noise floor of {format_length(1e-3 * floor)}"
-    return f"{text}."
 
 
 def describe_next(verdict: Mapping[str, Any], delivered: str, poses: str) -> str:

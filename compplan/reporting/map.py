@@ -10,10 +10,9 @@ import numpy as np
 from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
-from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_deflection, draw_joint_map
-from compplan.reporting.maps.reach import ELBOWS
-from compplan.reporting.maps.survey import WRIST_FOR_QUALITY_DEG, DeflectionMap, RobotMaps
-from compplan.reporting.page import Columns, DataTable, Picture, Section, Summary, render_page
+from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_deflection
+from compplan.reporting.maps.survey import DeflectionMap, RobotMaps
+from compplan.reporting.page import DataTable, Picture, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot
 from compplan.robot import Array
 
@@ -21,27 +20,21 @@ from compplan.robot import Array
 ROWS = {
     "worst_unit_force_um_per_N": "deflection under the worst unit force [µm/N]",
     "under_wrench_mm": "deflection under the given wrench [mm]",
-    "full_minus_reduced_um_per_N": "full minus reduced model [µm/N]",
     "inverse_condition": "dexterity 1/κ",
 }
 #: What the lines of a map mean.
 LINES = (
-    "White lines: contours. Black line: limit of reach inside the joint limits. Dotted line: the stiffer posture "
-    "changes from elbow up to elbow down. Cross: maximum. The arm is drawn where the worst unit force has its maximum."
+    "White lines: contours. Black line: limit of reach inside the joint limits. Cross: maximum. The arm is drawn where "
+    "the worst unit force has its maximum."
 )
 POSTURE_WORDS = {"straight": "wrist straight", "down": "tool down", "outward": "tool outward"}
 
 
 def write_map(result: RobotMaps, folder: Path) -> None:
     """Write map.json, the pictures and report.html into a folder."""
-    table, joints = result.summary(), result.dexterity
+    table = result.summary()
     for name, plane in result.planes.items():
         table["planes"][name] |= _list_values(plane, result.quality[name])
-    table["dexterity_over_joints"] = {
-        "joints": [result.robot.joint_names[j] for j in joints.joints],
-        "first_deg": _round(np.degrees(joints.first)), "second_deg": _round(np.degrees(joints.second)),
-        "inverse_condition": _round(joints.inverse_condition),
-    }  # fmt: skip
     table["made_by"] = describe_origin()
     pictures = _draw_maps(result)
     with replace_folder(folder, "map") as part:
@@ -53,35 +46,25 @@ def write_map(result: RobotMaps, folder: Path) -> None:
 
 def _draw_maps(result: RobotMaps) -> dict[str, Picture]:
     """Draw the pictures, by the names of their files."""
-    settings, joints, pictures = result.settings, result.dexterity, {}
+    settings, pictures = result.settings, dict[str, Picture]()
     where = {"horizontal": f"z = {settings.height * 1e3:.0f} mm",
              "vertical": f"azimuth {np.degrees(settings.azimuth):.0f} deg"}  # fmt: skip
     for name, plane in result.planes.items():
         title = f"{result.robot.name}: {name} plane, {where[name]}, {POSTURE_WORDS[settings.posture]}"
         panels = deflection_panels(plane, result.quality[name])
         pictures[f"map_{name}.png"] = Picture(draw_deflection(result.robot, plane, panels, title), LINES, title)
-    first, second = (result.robot.joint_names[j] for j in joints.joints)
-    caption = (
-        f"Inverse condition number of the Jacobian over the characteristic length of {joints.length * 1e3:.0f} mm. "
-        f"Wrist joints are at {WRIST_FOR_QUALITY_DEG:.0f} deg, the first joint in the middle of its limits."
-    )
-    png = draw_joint_map(joints, [], (first, second), "Dexterity 1/κ (1 is best)")
-    return {**pictures, "dexterity.png": Picture(png, caption)}
+    return pictures
 
 
 def _list_values(plane: DeflectionMap, quality: Array) -> dict[str, Any]:
     flat, level = plane.plane.name == "horizontal", plane.plane.level
-    table = {
+    return {
         "u_mm": _round(plane.plane.u * 1e3), "v_mm": _round(plane.plane.v * 1e3),
         "level_mm" if flat else "level_deg": level * 1e3 if flat else float(np.degrees(level)),
-        "worst_unit_force_map_um_per_N": _round(plane.best.worst * 1e6),
-        "under_wrench_map_mm": _round(plane.best.under_wrench * 1e3),
+        "worst_unit_force_map_um_per_N": _round(plane.worst * 1e6),
+        "under_wrench_map_mm": _round(plane.under_wrench * 1e3),
         "inverse_condition_map": _round(quality),
-        "elbow_map": [[None if k < 0 else ELBOWS[k] for k in row] for row in plane.chosen],
     }  # fmt: skip
-    if np.isfinite(plane.best.reduced_gap).any():
-        table["full_minus_reduced_map_um_per_N"] = _round(plane.best.reduced_gap * 1e6)
-    return table
 
 
 def _round(values: Array) -> Any:
@@ -98,11 +81,10 @@ def _render(result: RobotMaps, pictures: dict[str, Picture]) -> str:
         [name, title, *(plane[key][k] for k in ("min", "mean", "max"))]
         for name, plane in summary["planes"].items() for key, title in ROWS.items() if key in plane
     ]  # fmt: skip
-    caption = "Over the reached points, in the stiffer elbow configuration."
+    caption = "Over the reached points, in the stiffest posture."
     sections = [
         Section("Figures", [DataTable(["plane", "quantity", "least", "mean", "greatest"], rows, caption)]),
         *(Section(f"{name.capitalize()} plane", [pictures[f"map_{name}.png"]]) for name in result.planes),
-        Section("Dexterity over the second and third joint", [Columns([[pictures["dexterity.png"]], []])]),
     ]
     flat, plane = summary["planes"]["horizontal"]["worst_unit_force_um_per_N"], result.planes["horizontal"]
     verdict = (
@@ -114,12 +96,11 @@ def _render(result: RobotMaps, pictures: dict[str, Picture]) -> str:
         (f"{flat['mean']:.2f} mm", "mean over the horizontal plane"),
         (f"{flat['max']:.2f} mm", "where it is softest"),
     ]
-    panel = Panel("Under 1000 N in the worst direction", plane.best.worst * 1e6, "mm")
+    panel = Panel("Under 1000 N in the worst direction", plane.worst * 1e6, "mm")
     caption = f"Deflection of the tool over the plane z = {result.settings.height * 1e3:.0f} mm, seen from above."
     picture = Picture(draw_deflection(robot, plane, [panel], robot.name), caption)
     todo = "Put the part where the map is low: compplan place JOB finds it."
     assumptions = ["tool axis and roll of the tool on the grid are those of the chosen posture, not of a job"]
-    assumptions += [f"reduced model: {result.reduced_note}"] if result.reduced_note else []
     facts = [("poses", str(summary["poses"])), ("time for the maps", f"{result.seconds:.2f} s")]
     return render_page(
         f"Deflection maps of {robot.name}", Summary(verdict, "", figures, picture, todo), sections, kind="Map",

@@ -13,6 +13,7 @@ from compplan.reporting.maps.pictures import deflection_panels, draw_deflection,
 from compplan.reporting.maps.reach import make_plane, reach_plane, working_limits
 from compplan.reporting.maps.survey import DeflectionMap, map_deflection
 from compplan.reproduce.mamedov_circles import (
+    FITTED,
     MAXIMA_BEFORE,
     MEANS_AFTER,
     MEANS_BEFORE,
@@ -20,7 +21,6 @@ from compplan.reproduce.mamedov_circles import (
     RADII,
     CircleErrors,
     compensate_circles,
-    fit_posture,
 )
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, describe_paper, statement
 from compplan.robot import Array, LinkElasticity, Robot
@@ -66,7 +66,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     own = identify_reduced(full)
     planes = map_planes(full, table_3)
     walls = [sweep_wall(full, wall) for wall in (0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.10)]
-    circles = fit_circles(full, table_3)
+    circles = compensate_circles(full, table_3, FITTED)
     rows = [
         *_rows_of_table_3(full, own),
         *_rows_of_maps(full, planes, own.robot, table_3),
@@ -79,7 +79,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         lede=(
             "Six joint springs fitted to the full model come out within "
             f"{np.abs(own.compliance * 1e6 / TABLE_3 - 1).max():.0%} of the paper's Table 3, and the deflection "
-            f"maps peak at {np.nanmax(planes['horizontal'].best.worst) * 1e6:.2f} µm/N where the paper reads about 4. "
+            f"maps peak at {np.nanmax(planes['horizontal'].worst) * 1e6:.2f} µm/N where the paper reads about 4. "
             "The circles of Tables 4 and 5 need a posture that the paper leaves out: fitted to all twelve means, it "
             f"meets them within {np.abs(circles.misfit()).max():.0%}."
         ),
@@ -99,13 +99,6 @@ def identify_reduced(
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     wrench = FORCE_N * np.hstack([directions[0], lever * directions[1]])
     return reduce_model(full, q, wrench, rotation_weight=rotation_weight)
-
-
-def fit_circles(full: Robot, reduced: Robot, draws: int = 6) -> CircleErrors:
-    """Fit the posture of the circles from several draws; return the errors of the best one that stays in reach."""
-    fits = [compensate_circles(full, reduced, fit_posture(full, reduced, seed=seed)) for seed in range(draws)]
-    reached = [errors for errors in fits if np.isfinite(errors.after).all()]
-    return min(reached, key=lambda errors: float(np.sum(errors.misfit() ** 2)))
 
 
 def with_material(full: Robot, young: float) -> Robot:
@@ -136,8 +129,8 @@ def map_planes(full: Robot, reduced: Robot, points: int = GRID) -> dict[str, Def
 
 def compensated_share(full: Robot, reduced: Robot, plane: DeflectionMap) -> Array:
     """Compute which share of the full deflection under its worst force the reduced model takes out, reached points."""
-    reached = plane.best.reached
-    q, force = plane.best.q[reached], plane.best.force[reached]
+    reached = plane.reached
+    q, force = plane.q[reached], plane.force[reached]
     moved, predicted = (_yield_under(robot, q, force) for robot in (full, reduced))
     return np.asarray(1 - np.linalg.norm(moved - predicted, axis=1) / np.linalg.norm(moved, axis=1))
 
@@ -148,8 +141,8 @@ def sweep_wall(full: Robot, wall: float) -> WallStep:
     own = identify_reduced(thick).robot
     plane = map_planes(thick, own, 40)["vertical"]
     share = compensated_share(thick, own, plane)
-    reached = plane.best.reached
-    q, force = plane.best.q[reached], plane.best.force[reached]
+    reached = plane.reached
+    q, force = plane.q[reached], plane.force[reached]
     links, both = (
         np.linalg.norm(_yield_under(robot, q, force), axis=1).mean() for robot in (replace(thick, springs=()), thick)
     )
@@ -194,12 +187,12 @@ def _rows_of_table_3(full: Robot, own: ReducedModel) -> list[Row]:
 def _rows_of_maps(full: Robot, planes: dict[str, DeflectionMap], own: Robot, table_3: Robot) -> list[Row]:
     rows = []
     for name, plane in planes.items():
-        largest = float(np.nanmax(plane.best.worst)) * 1e6
+        largest = float(np.nanmax(plane.worst)) * 1e6
         rows.append(
             compare(f"Fig. 3: largest deflection, {name} plane", 4.0, largest, "µm/N", f"{STRAIGHT}; {ALUMINIUM}")
         )
     for name, plane in planes.items():
-        gap = float(np.nanmax(plane.best.reduced_gap)) * 1e6
+        gap = float(np.nanmax(plane.reduced_gap)) * 1e6
         rows.append(compare(f"Fig. 6: largest full minus reduced, {name} plane", 0.8, gap, "µm/N",
                             f"{STRAIGHT}; reduced model of the paper's Table 3"))  # fmt: skip
     for name, plane in planes.items():

@@ -79,8 +79,6 @@ def _expect_three(value: object) -> object:
 
 #: Range of acceleration limits. [rad/s^2, m/s^2]
 Acceleration = Annotated[float, Field(ge=1e-3, le=1e6)]
-#: Range of jerk limits. [rad/s^3, m/s^3]
-Jerk = Annotated[float, Field(ge=1e-2, le=1e9)]
 Triple = Annotated[Vector3, BeforeValidator(_expect_three)]
 
 
@@ -173,7 +171,6 @@ class ElasticityTable(StrictTable):
     part: str | None = Field(default=None, min_length=1)
     gravity: Triple | None = None
     acceleration_limits: Annotated[tuple[Acceleration, ...], Field(strict=False)] | None = None
-    jerk_limits: Annotated[tuple[Jerk, ...], Field(strict=False)] | None = None
     repeatability_mm: float | None = Field(default=None, ge=0.0, le=MOST_SCATTER)
     sources: dict[str, str] = Field(default_factory=dict)
     grade: str = "placeholder"

@@ -21,9 +21,7 @@ from compplan.robot.elasticity import ElasticityTable, build_links, build_spring
 from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
-from compplan.robot.urdf import read_numbers, read_placement, read_urdf
-from compplan.robot.validity import FILE as VISITED
-from compplan.robot.validity import format_visited, read_visited
+from compplan.robot.urdf import UrdfNode, read_placement, read_urdf
 
 
 class EffectTable(StrictTable):
@@ -100,13 +98,11 @@ def read_robot_folder(folder: Path) -> Robot:
         if not file.is_file():
             raise InputError(f"no {file.name} in this robot folder", file=folder)
     robot = _assemble(read_text(urdf_file), read_elasticity(elasticity_file), folder)
-    nq = len(robot.joint_names)
     return replace(
         robot,
         name=escape_bytes(folder.resolve().name),
         effects=_read_effects(folder / "effects.toml"),
         uncertainty=read_uncertainty(folder / UNCERTAINTY),
-        visited=read_visited(folder / VISITED, nq),
     )
 
 
@@ -125,7 +121,7 @@ def as_read(robot: Robot) -> Robot:
         effects = _list_effects(check_table(EffectsTable, table, file=folder / "effects.toml"))
     read = _assemble(_edit_urdf(robot), springs, folder)
     return replace(read, name=robot.name, folder=robot.folder, effects=effects,
-                   uncertainty=robot.uncertainty, visited=robot.visited)  # fmt: skip
+                   uncertainty=robot.uncertainty)  # fmt: skip
 
 
 def _as_toml(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -152,11 +148,10 @@ def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
         joints, base, ground = [*back, *joints], table.part, base
         chain_links = [base, *(joint.child for joint in joints)]
     nq = sum(joint.actuated for joint in joints)
-    accelerations, jerks = table.acceleration_limits, table.jerk_limits
-    for name, limits in (("acceleration_limits", accelerations), ("jerk_limits", jerks)):
-        if limits is not None and len(limits) != nq:
-            message = f"has {len(limits)} numbers, expected {nq}, one a joint"
-            raise InputError(message, file=elasticity_file, where=name)
+    accelerations = table.acceleration_limits
+    if accelerations is not None and len(accelerations) != nq:
+        message = f"has {len(accelerations)} numbers, expected {nq}, one a joint"
+        raise InputError(message, file=elasticity_file, where="acceleration_limits")
     return Robot(
         name=folder.name,
         urdf=text,
@@ -170,7 +165,6 @@ def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
         flange=flange,
         gravity=None if table.gravity is None else np.array(table.gravity),
         acceleration_limits=np.full(nq, np.inf) if accelerations is None else np.array(accelerations),
-        jerk_limits=None if jerks is None else np.array(jerks),
         repeatability=None if table.repeatability_mm is None else table.repeatability_mm * 1e-3,
         sources=dict(table.sources),
         grade=table.grade,
@@ -200,10 +194,6 @@ def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) 
         write_text(folder / UNCERTAINTY, format_uncertainty(robot.uncertainty))
     else:
         (folder / UNCERTAINTY).unlink(missing_ok=True)
-    if robot.visited is not None:
-        write_text(folder / VISITED, format_visited(robot.visited))
-    else:
-        (folder / VISITED).unlink(missing_ok=True)
     if robot.folder is not None:
         for name in ("controller.toml", "controller.urdf"):
             source = robot.folder / name
@@ -265,18 +255,17 @@ def _edit_urdf(robot: Robot) -> str:
         robot.urdf, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     )
     elements = {element.attrib["name"]: element for element in root.findall("joint")}
-    file = Path("robot.urdf")
     for joint in robot.joints[robot.carrying :]:
         element = elements[joint.name]
         origin = element.find("origin")
-        if not np.allclose(read_placement(origin, file, joint.name), joint.placement, rtol=0, atol=1e-14):
+        if not np.allclose(read_placement(origin), joint.placement, rtol=0, atol=1e-14):
             if origin is None:
                 origin = ElementTree.SubElement(element, "origin")
             origin.set("xyz", _text(joint.placement[:3, 3]))
             origin.set("rpy", _text(roll_pitch_yaw_of(joint.placement[:3, :3])))
         axis = element.find("axis")
         if axis is not None and joint.kind != "fixed":
-            old = read_numbers(axis, "xyz", "1 0 0", file, joint.name)
+            old = UrdfNode(axis, Path("robot.urdf"), joint.name).vector("xyz", "1 0 0")
             if not np.allclose(old / np.linalg.norm(old), joint.axis, rtol=0, atol=1e-14):
                 axis.set("xyz", _text(joint.axis))
     _edit_masses(root, robot)
@@ -315,8 +304,6 @@ def _elasticity_table(robot: Robot) -> dict[str, Any]:
         table["gravity"] = [float(value) for value in robot.gravity]
     if np.isfinite(robot.acceleration_limits).all():
         table["acceleration_limits"] = [float(value) for value in robot.acceleration_limits]
-    if robot.jerk_limits is not None:
-        table["jerk_limits"] = [float(value) for value in robot.jerk_limits]
     if robot.repeatability is not None:
         table["repeatability_mm"] = robot.repeatability * 1e3
     table["sources"] = dict(robot.sources)

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from compplan.io.columns import to_unit
 from compplan.io.display import Shown
 from compplan.robot.uncertainty import Uncertainty
-from compplan.robot.validity import ValidityRegion
 
 Array = NDArray[np.float64]
 
@@ -119,7 +118,6 @@ class Robot(Shown):
     flange: str  #: Frame on which tools are mounted.
     gravity: Array | None  #: Gravity in base axes, or None where the model carries no gravity load. Shape (3,). [m/s^2]
     acceleration_limits: Array  #: One per actuated joint, infinite where unknown. Shape (nq,). [rad/s^2 or m/s^2]
-    jerk_limits: Array | None = None  #: Jerk limits, or None where unknown. Shape (nq,). [rad/s^3 or m/s^3]
     repeatability: float | None = None  #: One standard deviation, or None. [m]
     sources: Mapping[str, str] = field(default_factory=dict)  #: Sources of the numbers.
     grade: str = "placeholder"  #: Grade of the compliances: identified, literature, scaled or placeholder.
@@ -130,8 +128,6 @@ class Robot(Shown):
     #: the identification of the springs.
     weights: tuple[Body, ...] = ()
     uncertainty: Uncertainty | None = None  #: Parameter covariance (uncertainty.toml), or None.
-    #: Uncertain parts and the poses at which they were validated (visited.toml), or None.
-    visited: ValidityRegion | None = None
     #: Fixed link where a positioner carries the part, else "". The chain then begins at the link that carries the part
     #: (`base`, the reference frame of poses and wrenches), runs through the positioner to this link, in whose axes
     #: gravity is given, and on through the arm.
@@ -210,7 +206,6 @@ class Robot(Shown):
         rest, own = self.joints[self.carrying :], ~self.carriers
         return replace(
             self, joints=rest, base=self.ground, ground="", acceleration_limits=self.acceleration_limits[own],
-            jerk_limits=None if self.jerk_limits is None else self.jerk_limits[own],
         )  # fmt: skip
 
     @cached_property
@@ -294,7 +289,6 @@ class Robot(Shown):
             urdf=_urdf_with_tool(self, tool),
             weights=weights,
             uncertainty=None if self.uncertainty is None else self._uncertainty_with_tool(names),
-            visited=None if self.visited is None else self.visited.of_arm(names),
         )
 
     def _uncertainty_with_tool(self, joints: set[str]) -> Uncertainty | None:

@@ -13,14 +13,13 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.meshes import load_mesh
 from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
-from compplan.robot.pose import build_pose
 from compplan.robot.solids import UrdfShape
+from compplan.robot.urdf import UrdfNode, read_placement
 
 #: Greatest distance to the next joint of a body without shapes, visuals and mass that counts as a frame. [m]
 FRAME = 0.03
@@ -102,7 +101,7 @@ def read_bodies(robot: Robot) -> tuple[BodyShapes, ...]:
             except InputError as error:
                 body.dropped.append(f"{name}: {error}" if carrier != link else str(error))
                 continue
-            body.shapes.append(UrdfShape(name, carrier, form, pose @ read_origin(shape.find("origin"))))
+            body.shapes.append(UrdfShape(name, carrier, form, pose @ read_placement(shape.find("origin"))))
     return tuple(_assess(body, robot.longest_reach) for body in bodies)
 
 
@@ -136,8 +135,9 @@ def read_form(geometry: ElementTree.Element | None, folder: Path | None) -> Any:
     if geometry is None or not len(geometry):
         raise InputError("no geometry")
     shape = geometry[0]
+    node = UrdfNode(shape, Path("robot.urdf"), None)
     if shape.tag == "box":
-        return ("box", _numbers(shape, "size"))
+        return ("box", node.vector("size", ""))
     if shape.tag in ("cylinder", "capsule"):
         return (shape.tag, float(shape.attrib["radius"]), float(shape.attrib["length"]))
     if shape.tag == "sphere":
@@ -146,15 +146,7 @@ def read_form(geometry: ElementTree.Element | None, folder: Path | None) -> Any:
     file = find_mesh(name, folder)
     if file is None:
         raise InputError(f"mesh {name!r} is not found")
-    return load_mesh(file, "m").apply_scale(_numbers(shape, "scale", "1 1 1"))
-
-
-def read_origin(element: ElementTree.Element | None) -> Array:
-    """Read an <origin> without checks. Shape (4, 4) [m]."""
-    if element is None:
-        return np.eye(4)
-    turn = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0"))
-    return build_pose(_numbers(element, "xyz", "0 0 0"), turn.as_matrix())
+    return load_mesh(file, "m").apply_scale(node.vector("scale", "1 1 1"))
 
 
 def _gather(robot: Robot) -> list[_Body]:
@@ -191,7 +183,7 @@ def _find_beside(
             if below in chain:
                 continue
             carrier, pose = carriers.get(above, (above, np.eye(4)))
-            carriers[below] = carrier, pose @ read_origin(element.find("origin"))
+            carriers[below] = carrier, pose @ read_placement(element.find("origin"))
             if element.get("type") != "fixed" or above in loose:
                 loose.add(below)
             waiting.append(below)
@@ -218,7 +210,3 @@ def _assess(body: _Body, reach: float) -> BodyShapes:
     else:
         return found
     return replace(found, size_fault=size_fault)
-
-
-def _numbers(element: ElementTree.Element, key: str, default: str = "") -> list[float]:
-    return [float(value) for value in element.attrib.get(key, default).split()]

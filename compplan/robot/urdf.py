@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,10 +14,12 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.parsing import GREATEST, parse_xml
 from compplan.io.tables import is_plain
-from compplan.robot.model import Array, Body, Joint, Mimic, Robot
+from compplan.robot.model import Array, Body, Joint, Mimic
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
 MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
+#: Attributes of a shape that hold lengths.
+SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "capsule": ("radius", "length")}
 #: Greatest length [m] and angle [rad]; beyond them the file is in mm or degrees.
 FARTHEST, WIDEST = 100.0, 50.0
 #: Greatest velocity limit [rad/s or m/s], mass [kg] and length of a name.
@@ -27,13 +29,85 @@ MOST_LINKS = 1000
 
 
 @dataclass(frozen=True)
+class UrdfNode:
+    """An element of a URDF, or one that is left out, and where it stands, for messages."""
+
+    element: ElementTree.Element | None
+    file: Path
+    where: str | None
+
+    def fault(self, message: str) -> InputError:
+        """Return the error of a wrong value here."""
+        return InputError(message, file=self.file, where=self.where)
+
+    def child(self, tag: str) -> UrdfNode:
+        """Return the first child of this tag."""
+        return replace(self, element=None if self.element is None else self.element.find(tag))
+
+    def text(self, key: str) -> str | None:
+        """Return an attribute, or None."""
+        return None if self.element is None else self.element.get(key)
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """Return a finite number; the default where it is left out.
+
+        Raises:
+            InputError: If it is no such number, or left out without a default.
+        """
+        assert self.element is not None
+        text = self.element.get(key)
+        if text is None:
+            if default is None:
+                raise self.fault(f"{self.element.tag} has no {key}")
+            return default
+        value = _parse(text)
+        if not abs(value) <= GREATEST:
+            raise self.fault(f"{self.element.tag} {key} is {text!r}, expected a finite number up to {GREATEST:g}")
+        return value
+
+    def vector(self, key: str, default: str) -> Array:
+        """Return three finite numbers of an attribute. Shape (3,).
+
+        Raises:
+            InputError: If they are not three finite numbers.
+        """
+        text = default if self.element is None else self.element.get(key, default)
+        values = [_parse(word) for word in text.split()]
+        if len(values) != 3 or not all(abs(value) <= GREATEST for value in values):
+            tag = "" if self.element is None else f"{self.element.tag} "
+            raise self.fault(f"{tag}{key} is {text!r}, expected three numbers up to {GREATEST:g}")
+        return np.array(values)
+
+    def placement(self) -> Array:
+        """Return the pose of an <origin>. Shape (4, 4). [m]
+
+        Raises:
+            InputError: If it is invalid, or too far away to be in metres.
+        """
+        pose = np.eye(4)
+        pose[:3, 3] = self.vector("xyz", "0 0 0")
+        far = float(np.abs(pose[:3, 3]).max())
+        if far > FARTHEST:
+            raise self.fault(f"origin xyz lies {far:g} m away, at most {FARTHEST:g} m; URDF is in metres")
+        turned = self.vector("rpy", "0 0 0")
+        if turned.any():
+            pose[:3, :3] = Rotation.from_euler("xyz", turned).as_matrix()
+        return pose
+
+
+def read_placement(element: ElementTree.Element | None) -> Array:
+    """Return the pose of an <origin> of a URDF that was checked before. Shape (4, 4). [m]"""
+    return UrdfNode(element, Path("robot.urdf"), None).placement()
+
+
+@dataclass(frozen=True)
 class Urdf:
-    """Contents of a URDF: joints, link names and link elements."""
+    """Contents of a URDF: joints, names of links, and the masses of links in their own frame."""
 
     file: Path
     joints: tuple[Joint, ...]
     links: tuple[str, ...]
-    elements: tuple[ElementTree.Element, ...]
+    masses: tuple[Body, ...]
 
     def chain_to(self, tcp: str) -> tuple[list[Joint], str]:
         """Return the joints from the base to a frame, and the base.
@@ -87,16 +161,13 @@ class Urdf:
         """Collect the masses; links beside the chain count with the chain link that carries them, joints at zero."""
         by_child = {joint.child: joint for joint in self.joints}
         bodies = []
-        for link, element in zip(self.links, self.elements, strict=True):
-            body = _read_body(element, link, self.file)
-            if body is None:
-                continue
-            mass, place, tensor = body
-            carrier = link
+        for body in self.masses:
+            place, carrier = np.eye(4), body.link
             while carrier not in chain_links:
                 place = by_child[carrier].placement @ place
                 carrier = by_child[carrier].parent
-            bodies.append(Body(carrier, mass, place[:3, 3], place[:3, :3] @ tensor @ place[:3, :3].T))
+            turn = place[:3, :3]
+            bodies.append(Body(carrier, body.mass, turn @ body.centre + place[:3, 3], turn @ body.inertia @ turn.T))
         return tuple(bodies)
 
 
@@ -108,7 +179,7 @@ def read_urdf(text: str, file: Path) -> Urdf:
         file: The file, for messages.
 
     Raises:
-        InputError: If names, numbers, limits, masses or shapes are invalid, or links form no tree.
+        InputError: If it is not a URDF, or a name, number or connection in it is wrong.
     """
     root = parse_xml(text, file)
     if root.tag != "robot":
@@ -120,83 +191,18 @@ def read_urdf(text: str, file: Path) -> Urdf:
         raise InputError("no <link> in this robot", file=file)
     if len(elements) > MOST_LINKS:
         raise InputError(f"holds {len(elements)} links, at most {MOST_LINKS} are read", file=file)
-    links = [_read_name(element, "link", file) for element in elements]
-    joints = [read_joint(element, file) for element in root.findall("joint")]
-    _refuse_repeats(links, "link", file)
-    _refuse_repeats([joint.name for joint in joints], "joint", file)
+    links = _read_names(elements, "link", file)
+    moving = root.findall("joint")
+    joints = [_read_joint(element, name, file) for element, name in zip(moving, _read_names(moving, "joint", file),
+                                                                         strict=True)]  # fmt: skip
     _check_tree(links, joints, file)
+    masses = []
     for link, element in zip(links, elements, strict=True):
-        _read_body(element, link, file)
+        body = _read_body(UrdfNode(element, file, f"link {link!r}"), link)
+        masses += [] if body is None else [body]
         for shape in (*element.findall("visual"), *element.findall("collision")):
-            _check_shape(shape, link, file)
-    return Urdf(file, tuple(joints), tuple(links), tuple(elements))
-
-
-def read_joint(element: ElementTree.Element, file: Path) -> Joint:
-    """Read one joint.
-
-    Raises:
-        InputError: If a name, number or limit is missing or invalid.
-    """
-    name = _read_name(element, "joint", file)
-    where, kind = f"joint {name!r}", element.get("type")
-    if kind not in KINDS:
-        raise InputError(f"is of type {kind!r}, expected {', '.join(KINDS)}", file=file, where=where)
-    ends = []
-    for tag in ("parent", "child"):
-        end = element.find(tag)
-        if end is None or not end.get("link"):
-            raise InputError(f"lacks its {tag} link", file=file, where=where)
-        ends.append(str(end.get("link")))
-    axis = read_numbers(element.find("axis"), "xyz", "1 0 0", file, where)
-    length, mimic = float(np.linalg.norm(axis)), _read_mimic(element.find("mimic"), name, file, where)
-    if not 1e-6 < length < 1e6:
-        raise InputError(f"axis {axis.tolist()} has length {length:g}, expected a direction", file=file, where=where)
-    return Joint(
-        name=name,
-        kind="revolute" if kind == "continuous" else kind,
-        parent=ends[0],
-        child=ends[1],
-        placement=read_placement(element.find("origin"), file, where),
-        axis=axis / length,
-        mimic=mimic,
-        **narrow_limits(
-            _read_limits(element.find("limit"), "mimic" if mimic is not None else kind, file, where), element, file
-        ),
-    )
-
-
-def read_numbers(element: ElementTree.Element | None, key: str, default: str, file: Path, where: str) -> Array:
-    """Read three finite numbers of an attribute.
-
-    Raises:
-        InputError: If they are not three finite numbers.
-    """
-    text = default if element is None else element.get(key, default)
-    values = [_parse(word) for word in text.split()]
-    if len(values) != 3 or not all(abs(value) <= GREATEST for value in values):
-        tag = "" if element is None else f"{element.tag} "
-        message = f"{tag}{key} is {text!r}, expected three numbers up to {GREATEST:g}"
-        raise InputError(message, file=file, where=where)
-    return np.array(values)
-
-
-def read_placement(element: ElementTree.Element | None, file: Path, where: str) -> Array:
-    """Read an <origin>. Shape (4, 4) [m].
-
-    Raises:
-        InputError: If it is invalid, or too far away to be in metres.
-    """
-    pose = np.eye(4)
-    pose[:3, 3] = read_numbers(element, "xyz", "0 0 0", file, where)
-    far = float(np.abs(pose[:3, 3]).max())
-    if far > FARTHEST:
-        raise InputError(f"origin xyz lies {far:g} m away, at most {FARTHEST:g} m; URDF is in metres", file=file,
-                         where=where)  # fmt: skip
-    turned = read_numbers(element, "rpy", "0 0 0", file, where)
-    if turned.any():
-        pose[:3, :3] = Rotation.from_euler("xyz", turned).as_matrix()
-    return pose
+            _check_shape(UrdfNode(shape, file, f"link {link!r}, {shape.tag}"))
+    return Urdf(file, tuple(joints), tuple(links), tuple(masses))
 
 
 def _parse(word: str) -> float:
@@ -206,76 +212,92 @@ def _parse(word: str) -> float:
         return math.nan
 
 
-def _read_name(element: ElementTree.Element, kind: str, file: Path) -> str:
-    name = element.get("name", "")
-    if not name.strip() or len(name) > LONGEST_NAME:
-        fault = f"a name of {len(name)} letters" if name.strip() else "no name"
-        raise InputError(f"a {kind} has {fault}, expected 1 to {LONGEST_NAME} letters", file=file)
-    return name
-
-
-def _refuse_repeats(names: Sequence[str], kind: str, file: Path) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
+def _read_names(elements: Sequence[ElementTree.Element], kind: str, file: Path) -> list[str]:
+    names: dict[str, None] = {}
+    for element in elements:
+        name = element.get("name", "")
+        if not name.strip() or len(name) > LONGEST_NAME:
+            fault = f"a name of {len(name)} letters" if name.strip() else "no name"
+            raise InputError(f"a {kind} has {fault}, expected 1 to {LONGEST_NAME} letters", file=file)
+        if name in names:
             raise InputError(f"{kind} {name!r} occurs twice", file=file)
-        seen.add(name)
+        names[name] = None
+    return list(names)
 
 
-def _read_number(element: ElementTree.Element, key: str, file: Path, where: str) -> float:
-    text = element.get(key)
-    if text is None:
-        raise InputError(f"{element.tag} has no {key}", file=file, where=where)
-    value = _parse(text)
-    if not abs(value) <= GREATEST:
-        message = f"{element.tag} {key} is {text!r}, expected a finite number up to {GREATEST:g}"
-        raise InputError(message, file=file, where=where)
-    return value
+def _read_joint(element: ElementTree.Element, name: str, file: Path) -> Joint:
+    node, kind = UrdfNode(element, file, f"joint {name!r}"), element.get("type")
+    if kind not in KINDS:
+        raise node.fault(f"is of type {kind!r}, expected {', '.join(KINDS)}")
+    ends = [node.child(tag).text("link") for tag in ("parent", "child")]
+    for tag, end in zip(("parent", "child"), ends, strict=True):
+        if not end:
+            raise node.fault(f"lacks its {tag} link")
+    axis = node.child("axis").vector("xyz", "1 0 0")
+    length, mimic = float(np.linalg.norm(axis)), _read_mimic(node.child("mimic"), name)
+    if not 1e-6 < length < 1e6:
+        raise node.fault(f"axis {axis.tolist()} has length {length:g}, expected a direction")
+    return Joint(
+        name=name,
+        kind="revolute" if kind == "continuous" else kind,
+        parent=str(ends[0]),
+        child=str(ends[1]),
+        placement=node.child("origin").placement(),
+        axis=axis / length,
+        mimic=mimic,
+        **_narrow_limits(_read_limits(node.child("limit"), "mimic" if mimic is not None else kind), node),
+    )
 
 
-def _read_limits(limit: ElementTree.Element | None, kind: str, file: Path, where: str) -> dict[str, float]:
+def _read_limits(limit: UrdfNode, kind: str) -> dict[str, float]:
     """Read the limits of a joint; only mimic joints and the effort may leave them out."""
-    if kind == "fixed" or (kind in ("continuous", "mimic") and limit is None):
+    free = kind in ("continuous", "mimic")
+    if kind == "fixed" or (free and limit.element is None):
         return {}
-    if limit is None:
-        raise InputError(f"has no <limit>, a {kind} joint needs lower, upper and velocity", file=file, where=where)
+    if limit.element is None:
+        raise limit.fault(f"has no <limit>, a {kind} joint needs lower, upper and velocity")
     limits: dict[str, float] = {}
-    unit, widest = ("m", FARTHEST) if kind == "prismatic" else ("rad", WIDEST)
-    if kind not in ("continuous", "mimic") or {"lower", "upper"} & set(limit.keys()):
-        limits = {key: _read_number(limit, key, file, where) for key in ("lower", "upper")}
+    unit, widest, hint = ("m", FARTHEST, "millimetres") if kind == "prismatic" else ("rad", WIDEST, "degrees")
+    if not free or {"lower", "upper"} & set(limit.element.keys()):
+        limits = {key: limit.number(key) for key in ("lower", "upper")}
         for key, value in limits.items():
             if abs(value) > widest:
-                hint = "millimetres" if kind == "prismatic" else "degrees"
-                message = f"limit {key} is {value:g} {unit}, at most {widest:g}; is it in {hint}?"
-                raise InputError(message, file=file, where=where)
+                raise limit.fault(f"limit {key} is {value:g} {unit}, at most {widest:g}; is it in {hint}?")
         if not limits["lower"] < limits["upper"]:
-            message = f"lower limit {limits['lower']:g} {unit} is not below the upper limit {limits['upper']:g} {unit}"
-            raise InputError(message, file=file, where=where)
-    if kind not in ("continuous", "mimic") or limit.get("velocity") is not None:
-        velocity = limits["velocity"] = _read_number(limit, "velocity", file, where)
+            ends = f"lower limit {limits['lower']:g} {unit} is not below the upper limit {limits['upper']:g} {unit}"
+            raise limit.fault(ends)
+    if not free or limit.text("velocity") is not None:
+        velocity = limits["velocity"] = limit.number("velocity")
         if not 0.0 < velocity <= FASTEST:
-            message = f"limit velocity is {velocity:g} {unit}/s, expected more than 0 and at most {FASTEST:g}"
-            raise InputError(message, file=file, where=where)
-    if limit.get("effort") is not None:
-        effort = limits["effort"] = _read_number(limit, "effort", file, where)
-        if effort < 0.0:
-            raise InputError(f"limit effort is {effort:g}, expected 0 or more", file=file, where=where)
-        if effort == 0.0:  # ROS-Industrial writes 0 for unknown
-            del limits["effort"]
-    return limits
+            raise limit.fault(f"limit velocity is {velocity:g} {unit}/s, expected more than 0 and at most {FASTEST:g}")
+    effort = limit.number("effort", 0.0)
+    if effort < 0.0:
+        raise limit.fault(f"limit effort is {effort:g}, expected 0 or more")
+    return {**limits, "effort": effort} if effort else limits  # ROS-Industrial writes 0 for unknown
 
 
-def _read_mimic(mimic: ElementTree.Element | None, own: str, file: Path, where: str) -> Mimic | None:
-    if mimic is None:
+def _narrow_limits(limits: dict[str, float], joint: UrdfNode) -> dict[str, float]:
+    """Narrow limits by <safety_controller>; equal soft limits (left out, both are zero) are ignored."""
+    soft = joint.child("safety_controller")
+    if soft.text("soft_lower_limit") is None or soft.text("soft_upper_limit") is None:
+        return limits
+    low, high = soft.number("soft_lower_limit"), soft.number("soft_upper_limit")
+    if low == high or "lower" not in limits:
+        return limits
+    lower, upper = max(limits["lower"], low), min(limits["upper"], high)
+    if lower >= upper:
+        own = f"the limits {limits['lower']:g} to {limits['upper']:g}"
+        raise soft.fault(f"soft limits {low:g} to {high:g} leave no room within {own}")
+    return {**limits, "lower": lower, "upper": upper}
+
+
+def _read_mimic(mimic: UrdfNode, own: str) -> Mimic | None:
+    if mimic.element is None:
         return None
-    leader = mimic.get("joint", "")
+    leader = mimic.element.get("joint", "")
     if not leader or leader == own:
-        raise InputError(f"mimic names the joint {leader!r}, expected another joint", file=file, where=where)
-    numbers = [
-        default if mimic.get(key) is None else _read_number(mimic, key, file, where)
-        for key, default in (("multiplier", 1.0), ("offset", 0.0))
-    ]
-    return Mimic(leader, *numbers)
+        raise mimic.fault(f"mimic names the joint {leader!r}, expected another joint")
+    return Mimic(leader, mimic.number("multiplier", 1.0), mimic.number("offset", 0.0))
 
 
 def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> None:
@@ -305,124 +327,43 @@ def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> No
         reached.update(path)
 
 
-def _read_body(element: ElementTree.Element, link: str, file: Path) -> tuple[float, Array, Array] | None:
-    """Read mass [kg], its placement in the link's frame (4, 4) [m] and the inertia there (3, 3) [kg m^2], or None."""
-    inertial, where = element.find("inertial"), f"link {link!r}"
-    if inertial is None:
+def _read_body(node: UrdfNode, link: str) -> Body | None:
+    """Read the mass of a link, or None; inertia off the diagonal may be left out."""
+    inertial = node.child("inertial")
+    if inertial.element is None:
         return None
-    mass_element, inertia = inertial.find("mass"), inertial.find("inertia")
-    if mass_element is None:
-        raise InputError("has an inertial without a mass", file=file, where=where)
-    mass = _read_number(mass_element, "value", file, where)
-    if not 0.0 <= mass <= HEAVIEST:
-        raise InputError(f"mass is {mass:g} kg, expected 0 to {HEAVIEST:g} kg", file=file, where=where)
-    tensor = np.zeros((3, 3))
-    if inertia is not None:
-        for i, j in zip(*np.triu_indices(3), strict=True):
-            key = f"i{'xyz'[i]}{'xyz'[j]}"
-            if i != j and inertia.get(key) is None:
-                continue
-            tensor[i, j] = tensor[j, i] = _read_number(inertia, key, file, where)
-            if i == j and tensor[i, i] < 0.0:
-                raise InputError(f"inertia {key} is {inertia.get(key)}, expected 0 or more", file=file, where=where)
-    return mass, read_placement(inertial.find("origin"), file, where), tensor
+    mass, inertia, tensor = inertial.child("mass"), inertial.child("inertia"), np.zeros((3, 3))
+    if mass.element is None:
+        raise node.fault("has an inertial without a mass")
+    value = mass.number("value")
+    if not 0.0 <= value <= HEAVIEST:
+        raise node.fault(f"mass is {value:g} kg, expected 0 to {HEAVIEST:g} kg")
+    for i, j in zip(*np.triu_indices(3), strict=True) if inertia.element is not None else ():
+        key = f"i{'xyz'[i]}{'xyz'[j]}"
+        tensor[i, j] = tensor[j, i] = inertia.number(key, None if i == j else 0.0)
+        if i == j and tensor[i, i] < 0.0:
+            raise node.fault(f"inertia {key} is {tensor[i, i]:g}, expected 0 or more")
+    place = inertial.child("origin").placement()
+    return Body(link, value, place[:3, 3], place[:3, :3] @ tensor @ place[:3, :3].T)
 
 
-def _check_shape(shape: ElementTree.Element, link: str, file: Path) -> None:
+def _check_shape(shape: UrdfNode) -> None:
     """Refuse a shape without size or a mesh without a file."""
-    where = f"link {link!r}, {shape.tag}"
-    read_placement(shape.find("origin"), file, where)
-    geometry = shape.find("geometry")
+    shape.child("origin").placement()
+    geometry = shape.child("geometry").element
     if geometry is None or not len(geometry):
-        raise InputError("has no geometry, expected box, cylinder, sphere or mesh", file=file, where=where)
-    form = geometry[0]
-    if form.tag == "mesh":
-        name = form.get("filename", "")
+        raise shape.fault("has no geometry, expected box, cylinder, sphere or mesh")
+    form = replace(shape, element=geometry[0])
+    tag = geometry[0].tag
+    if tag == "mesh":
+        name = form.text("filename") or ""
         if Path(name).suffix.lower() not in MESHES:
-            raise InputError(f"mesh {name!r} is no mesh file, expected {' '.join(MESHES)}", file=file, where=where)
-        read_numbers(form, "scale", "1 1 1", file, where)
+            raise shape.fault(f"mesh {name!r} is no mesh file, expected {' '.join(MESHES)}")
+        form.vector("scale", "1 1 1")
         return
-    keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "capsule": ("radius", "length")}
-    if form.tag not in keys:
-        raise InputError(f"geometry <{form.tag}>, expected box, cylinder, sphere or mesh", file=file, where=where)
-    for key in keys[form.tag]:
-        if key == "size":
-            sizes = read_numbers(form, key, "", file, where)
-        else:
-            sizes = np.array([_read_number(form, key, file, where)])
+    if tag not in SHAPES:
+        raise shape.fault(f"geometry <{tag}>, expected box, cylinder, sphere or mesh")
+    for key in SHAPES[tag]:
+        sizes = form.vector(key, "") if key == "size" else np.array([form.number(key)])
         if not ((sizes > 0.0) & (sizes <= FARTHEST)).all():
-            message = f"{form.tag} {key} is {form.get(key)}, expected more than 0 and at most {FARTHEST:g} m"
-            raise InputError(message, file=file, where=where)
-
-
-#: Attributes of <safety_controller> by limit.
-SOFT = {"lower": "soft_lower_limit", "upper": "soft_upper_limit"}
-
-
-def read_soft_limits(element: ElementTree.Element, file: Path) -> dict[str, float]:
-    """Read the soft limits of a joint; equal ones (left out, both are zero) are ignored.
-
-    Args:
-        element: The <joint>.
-        file: Its file, for messages.
-
-    Raises:
-        InputError: If one is not finite, or the lower one is above the upper one.
-
-    """
-    controller = element.find("safety_controller")
-    if controller is None or not set(SOFT.values()) <= set(controller.keys()):
-        return {}
-    soft, where = {}, f"joint {element.get('name')!r}"
-    for end, key in SOFT.items():
-        text = controller.get(key, "")
-        try:
-            soft[end] = float(text) if is_plain(text) else np.nan
-        except ValueError:
-            soft[end] = np.nan
-        if not abs(soft[end]) <= GREATEST:
-            message = f"{key} is {text!r}, expected a finite number up to {GREATEST:g}"
-            raise InputError(message, file=file, where=where)
-    if soft["lower"] > soft["upper"]:
-        message = f"soft_lower_limit {soft['lower']:g} is above soft_upper_limit {soft['upper']:g}"
-        raise InputError(message, file=file, where=where)
-    return soft if soft["lower"] < soft["upper"] else {}
-
-
-def narrow_limits(limits: Mapping[str, float], element: ElementTree.Element, file: Path) -> dict[str, float]:
-    """Narrow the limits of a joint by its soft limits; a joint without limits keeps none.
-
-    Args:
-        limits: Its limits by name: lower, upper [rad or m], and others.
-        element: The <joint>.
-        file: Its file, for messages.
-
-    Raises:
-        InputError: If the soft limits are invalid, or leave no range.
-
-    """
-    soft = read_soft_limits(element, file)
-    if not soft or "lower" not in limits:
-        return dict(limits)
-    lower, upper = max(limits["lower"], soft["lower"]), min(limits["upper"], soft["upper"])
-    if lower >= upper:
-        message = (
-            f"soft limits {soft['lower']:g} to {soft['upper']:g} leave no room within the limits "
-            f"{limits['lower']:g} to {limits['upper']:g}"
-        )
-        raise InputError(message, file=file, where=f"joint {element.get('name')!r}")
-    return {**limits, "lower": lower, "upper": upper}
-
-
-def describe_soft_limits(robot: Robot) -> str:
-    """Describe the limits that soft limits narrow; "" without any."""
-    by_name = {joint.name: joint for joint in robot.actuated}
-    narrowed = []
-    for element in ElementTree.fromstring(robot.urdf).findall("joint"):
-        joint, limit = by_name.get(element.get("name", "")), element.find("limit")
-        if joint is None or limit is None or limit.get("lower") is None or joint.lower == joint.upper:
-            continue  # a joint without range is held by the job
-        if float(limit.get("lower", "0")) < joint.lower or float(limit.get("upper", "0")) > joint.upper:
-            factor, unit = (1e3, "mm") if joint.kind == "prismatic" else (180.0 / np.pi, "deg")
-            narrowed.append(f"{joint.name} to {factor * joint.lower:.4g} .. {factor * joint.upper:.4g} {unit}")
-    return f"soft limits of the URDF (<safety_controller>) narrow {', '.join(narrowed)}" if narrowed else ""
+            raise shape.fault(f"{tag} {key} is {form.text(key)}, expected more than 0 and at most {FARTHEST:g} m")

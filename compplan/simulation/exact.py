@@ -263,3 +263,32 @@ def _settle(
             pin.updateFramePlacement(model, data, exact_robot.tcp)
             return theta
     raise ConvergenceError(f"equilibrium did not settle, last step {step:.3g} rad", residual=step)
+
+
+def hold_load(exact_robot: ExactRobot, q: Array, wrench: Array) -> Array:
+    """Return the torque that each commanded joint needs to hold wrench and weight, springs stiff. Shape (n, nq)."""
+    data, model = exact_robot.model.createData(), exact_robot.model
+    rigid = q @ exact_robot.commanded.T + exact_robot.shift
+    torque = np.empty((len(q), model.nv))
+    for i in range(len(q)):
+        columns = pin.computeFrameJacobian(
+            model, data, rigid[i], exact_robot.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        torque[i] = -columns.T @ wrench[i]
+        if exact_robot.weighs:
+            exact_robot.turn_gravity(data, rigid[i])
+            torque[i] += exact_robot.weigh(data, rigid[i])
+    return torque @ exact_robot.commanded
+
+
+def load_by_motion(exact_robot: ExactRobot, q: Array, velocity: Array, acceleration: Array) -> Array:
+    """Return what a motion puts on each elastic coordinate of a stiff arm, weight left out. Shape (k, s). [N m or N]
+
+    `exact_robot` is without gravity; q, velocity and acceleration: shape (k, nq). [rad or m, per s, per s^2]
+    """
+    data, loads = exact_robot.model.createData(), np.empty((len(q), len(exact_robot.elastic)))
+    place, rate, change = (values @ exact_robot.commanded.T for values in (q, velocity, acceleration))
+    for i in range(len(q)):
+        torque = pin.rnea(exact_robot.model, data, place[i] + exact_robot.shift, rate[i], change[i])
+        loads[i] = -torque[exact_robot.elastic]
+    return loads

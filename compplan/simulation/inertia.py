@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from compplan.robot import Array
-from compplan.simulation.exact import ExactRobot
+from compplan.simulation.exact import ExactRobot, load_by_motion
 
 #: Times at which a window is looked up.
 WEIGHED = 64
@@ -62,11 +62,7 @@ def load_springs(
     if among is not None:
         rows = np.intersect1d(rows, among)
     velocity, change = fit_parabolas(q, time, rows)
-    data = exact_robot.model.createData()
-    for row, rate, rise in zip(rows, velocity @ exact_robot.commanded.T, change @ exact_robot.commanded.T, strict=True):
-        if rise.any() or rate.any():
-            forces = pin.rnea(exact_robot.model, data, exact_robot.commanded @ q[row] + exact_robot.shift, rate, rise)
-            found[row] = -forces[exact_robot.elastic]
+    found[rows] = load_by_motion(exact_robot, q[rows], velocity, change)
     return found
 
 

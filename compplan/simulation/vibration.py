@@ -98,20 +98,6 @@ def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[ModeShapes]:
     return found
 
 
-def inertial_loads(dynamics: Dynamics, q: Array, velocity: Array, acceleration: Array) -> Array:
-    """Return what a motion puts on each elastic coordinate, weight left out. Shape (k, s). [N m or N]
-
-    q, velocity and acceleration: shape (k, nq). [rad or m, per s, per s^2]
-    """
-    exact_robot, data = dynamics.standing, dynamics.standing.model.createData()
-    rigid = q @ exact_robot.commanded.T + exact_robot.shift
-    rate, change = velocity @ exact_robot.commanded.T, acceleration @ exact_robot.commanded.T
-    loads = np.empty((len(q), len(exact_robot.elastic)))
-    for i in range(len(q)):
-        loads[i] = -pin.rnea(exact_robot.model, data, rigid[i], rate[i], change[i])[exact_robot.elastic]
-    return loads
-
-
 def ring(
     modes: list[ModeShapes], places: NDArray[np.int_], time: Array, loads: Sequence[Array], mix: Array, scale: Array,
     damping: Array,

@@ -122,9 +122,9 @@ def evaluate_chunks(
     results = compute_chunks(study, missing, points, workforce or Workers())
     try:
         for number, evaluated in results:
-            if store is not None:
-                store.write(number, chunks[number].start, evaluated, study.strategies)
             done[number] = _lighten(evaluated, chunks[number].start)
+            if store is not None:
+                store.write(number, chunks[number].start, done[number], study.strategies)
             tell()
     finally:
         results.close()

@@ -105,16 +105,8 @@ def survey_surroundings(
         knot=np.minimum(length / spacing, knots - 1.000001),
         forget=float(np.exp(-spacing / CORRELATION)),
         repeatability=robot_uncertainty(task.robot).repeatability or 0.0,
-        posterior=take_posterior(task, find_travel(task.q_start).T, force),
+        posterior=take_posterior(task, command_campaign(task.q_start).approach.T, force),
     )
-
-
-def find_travel(q: Array) -> Array:
-    """Find the direction in which each joint moved last, 0 before it first moves. Shape (n, nq)."""
-    step = np.diff(q, axis=0)
-    sign = np.vstack([np.zeros(q.shape[1]), np.sign(np.where(np.abs(step) > 1e-9, step, 0.0))])
-    last = np.maximum.accumulate(np.where(sign != 0, np.arange(len(q))[:, None], 0), axis=0)
-    return np.asarray(np.take_along_axis(sign, last, axis=0))
 
 
 def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, Array]:
@@ -151,7 +143,7 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
     unsure = (at.link_share > 0.0) & (at.link_share < 1.0)
     share[unsure] = np.clip(share[unsure] + noise.link_share * take("link_share"), 0.0, 1.0)
     moving = ("temperature", "part_frame")
-    robot = at.posterior.settle(take("posterior"))
+    robot = take("posterior")
     causes = np.vstack([*(take(name) for name in moving), robot])
     causes *= at.scale[:, None]
     bias, noises, drift = take("force_bias"), _Noises(at, points), DRIFT * noise.force_noise_N
@@ -261,39 +253,28 @@ class Factors:
 
 def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
     """List the factors of a robot; groups without any uncertainty are left out of the sensitivity analysis."""
-    sizes = {
-        "link_share": sum(1 for spring in robot.springs if 0.0 < spring.link_share < 1.0),
-        "part_frame": TWIST,
-        "temperature": 1,
-        "wrench_level": 1,
-        "wrench_direction": 3,
-        "wrench_path": 1,
-        "encoders": 1,
-        "repeatability": 3,
-        "force_bias": 7,
-        "force_noise": 1,
-        "posterior": count_coordinates(robot),
+    unsure = sum(1 for spring in robot.springs if 0.0 < spring.link_share < 1.0)
+    # number of coordinates, group of the sensitivity analysis, and a standard deviation: none where it is 0
+    factors = {
+        "link_share": (unsure, "link_share", noise.link_share),
+        "part_frame": (TWIST, "part", max(noise.part_frame_mm, noise.part_frame_deg)),
+        "temperature": (1, "temperature", noise.temperature_K),
+        "wrench_level": (1, "wrench_level", noise.wrench_level),
+        "wrench_direction": (3, "wrench_direction", noise.wrench_direction_deg),
+        "wrench_path": (1, "wrench_path", noise.wrench_path),
+        "encoders": (1, "encoders", 1.0),
+        "repeatability": (3, "repeatability", robot_uncertainty(robot).repeatability or 0.0),
+        "force_bias": (7, "force_sensor", 1.0),
+        "force_noise": (1, "force_sensor", 1.0),
+        "posterior": (count_coordinates(robot), "robot", 1.0),
     }
-    starts = np.concatenate([[0], np.cumsum(list(sizes.values()))])
-    columns = {name: slice(int(a), int(a) + size) for (name, size), a in zip(sizes.items(), starts, strict=False)}
-    groups = {
-        "link_share": (noise.link_share, ("link_share",)),
-        "part": (max(noise.part_frame_mm, noise.part_frame_deg), ("part_frame",)),
-        "temperature": (noise.temperature_K, ("temperature",)),
-        "wrench_level": (noise.wrench_level, ("wrench_level",)),
-        "wrench_direction": (noise.wrench_direction_deg, ("wrench_direction",)),
-        "wrench_path": (noise.wrench_path, ("wrench_path",)),
-        "encoders": (1.0, ("encoders",)),
-        "repeatability": (robot_uncertainty(robot).repeatability or 0.0, ("repeatability",)),
-        "force_sensor": (1.0, ("force_bias", "force_noise")),
-        "robot": (1.0, ("posterior",)),
-    }
-    kept = {
-        name: factors
-        for name, (level, factors) in groups.items()
-        if level > 0.0 and sum(sizes[factor] for factor in factors) > 0
-    }
-    return Factors(columns, kept)
+    columns, groups, start = dict[str, slice](), dict[str, tuple[str, ...]](), 0
+    for name, (size, group, level) in factors.items():
+        columns[name] = slice(start, start + size)
+        start += size
+        if size > 0 and level > 0.0:
+            groups[group] = (*groups.get(group, ()), name)
+    return Factors(columns, groups)
 
 
 def draw_points(factors: Factors, seed: int, replicates: int, samples: range) -> Array:

@@ -37,6 +37,11 @@ class Sensitivity:
     samples: int  #: Number of samples behind them.
     waypoints: int  #: Number of waypoints that they look at.
 
+    def describe(self, strategy: str) -> dict[str, dict[str, float]]:
+        """Return index and half interval of every group for a strategy."""
+        found = zip(self.groups, self.total[strategy], self.half_width[strategy], strict=True)
+        return {group: {"total": float(total), "half_width95": float(half)} for group, total, half in found}
+
 
 def measure_sensitivity(
     study: Study,

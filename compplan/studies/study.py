@@ -95,13 +95,8 @@ def prepare_study(
 ) -> Study:
     """Prepare a study.
 
-    Args:
-        task: The task.
-        noise: The standard deviations; the defaults if left out.
-        strategies: The strategies; all that the robot can carry out if left out.
-        most_waypoints: A longer path is thinned evenly to this many.
-        force: What measured parts said of the force, which then goes with robots drawn from the posterior.
-        announce: Called with what is done next.
+    strategies: all that the robot can carry out if left out; most_waypoints: a longer path is thinned evenly to this
+    many; force: what measured parts said of it, which then goes with the robots that are drawn.
 
     Raises:
         InputError: If a strategy does not suit the robot, or nothing of the path is cut.
@@ -115,7 +110,7 @@ def prepare_study(
         announce(f"prepare {len(chosen)} strategies")
     blind = prepare_answers(task, [name for name in chosen if name not in ONLINE])
     rows = thin_rows(len(task), most_waypoints)
-    answers = {name: replace(answer, q=answer.q[rows]) for name, answer in blind.items()}
+    answers = {name: _thin_answer(answer, rows) for name, answer in blind.items()}
     answers |= prepare_answers(thin, [name for name in chosen if name in ONLINE])
     return assemble_study(thin, noise, {name: answers[name] for name in chosen}, len(task), force)
 
@@ -150,17 +145,9 @@ def thin_task(task: PlanTask, most: int) -> PlanTask:
     if len(rows) == len(task):
         return task
     time = np.concatenate([[0.0], np.cumsum(task.step_time)])
-    return replace(
-        task,
-        nominal=select_waypoints(task.nominal, rows),
-        rotation=task.rotation[rows],
-        wrench=task.wrench[rows],
-        compensated=task.compensated[rows],
-        q_start=task.q_start[rows],
-        missed=task.missed[rows],
-        step_time=np.diff(time[rows]),
-        start=None,
-    )
+    parts = {name: getattr(task, name)[rows] for name in ("rotation", "wrench", "compensated", "q_start", "missed")}
+    nominal = select_waypoints(task.nominal, rows)
+    return replace(task, **parts, nominal=nominal, step_time=np.diff(time[rows]), start=None)
 
 
 def thin_study(study: Study, most: int) -> Study:
@@ -168,18 +155,13 @@ def thin_study(study: Study, most: int) -> Study:
     rows = thin_rows(len(study.task), most)
     if len(rows) == len(study.task):
         return study
-    answers = {
-        name: replace(
-            c,
-            q=c.q[rows],
-            gain=None if c.gain is None else c.gain[rows],
-            expected=None if c.expected is None else c.expected[rows],
-        )
-        for name, c in study.answers.items()
-    }
-    posterior, thin = study.surroundings.posterior, thin_task(study.task, most)
-    force = posterior.force
-    return assemble_study(thin, study.noise, answers, study.waypoints_of_path, force)
+    answers, thin = {k: _thin_answer(v, rows) for k, v in study.answers.items()}, thin_task(study.task, most)
+    return assemble_study(thin, study.noise, answers, study.waypoints_of_path, study.surroundings.posterior.force)
+
+
+def _thin_answer(answer: Answer, rows: NDArray[np.int_]) -> Answer:
+    gain, expected = (None if part is None else part[rows] for part in (answer.gain, answer.expected))
+    return replace(answer, q=answer.q[rows], gain=gain, expected=expected)
 
 
 def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseTable) -> Worker:

@@ -11,7 +11,7 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import beta, binom, t
+from scipy.stats import binom, binomtest, t
 
 from compplan.job.noise import describe_noise
 from compplan.robot import Array
@@ -69,15 +69,7 @@ def summarise_run(
     }
     if sensitivity is not None:
         summary["sensitivity"] = dict(zip(sensitivity.groups, sensitivity.total[main].tolist(), strict=True))
-        summary["sensitivity_by_strategy"] = {
-            strategy: {
-                group: {"total": float(total), "half_width95": float(half)}
-                for group, total, half in zip(
-                    sensitivity.groups, sensitivity.total[strategy], sensitivity.half_width[strategy], strict=True
-                )
-            }
-            for strategy in strategies
-        }
+        summary["sensitivity_by_strategy"] = {strategy: sensitivity.describe(strategy) for strategy in strategies}
         summary["sensitivity_samples"] = sensitivity.samples
         summary["sensitivity_waypoints"] = sensitivity.waypoints
     return summary
@@ -89,13 +81,8 @@ def compare_pairs(run: Run) -> list[dict[str, Any]]:
     for (i, a), (j, b) in combinations(enumerate(run.study.strategies), 2):
         difference = 1e3 * (run.evaluated.rms[:, j] - run.evaluated.rms[:, i])
         mean = estimate_mean(difference, run.settings.replicates)
-        pairs.append(
-            {
-                "strategies": [a, b],
-                "rms_mm": {"mean": mean.value, "ci95": list(mean[1:])},
-                "second_better": float((difference < 0.0).mean()),
-            }
-        )
+        rms = {"mean": mean.value, "ci95": list(mean[1:])}
+        pairs.append({"strategies": [a, b], "rms_mm": rms, "second_better": float((difference < 0.0).mean())})
     return pairs
 
 
@@ -120,14 +107,8 @@ def _figures(run: Run, k: int) -> dict[str, Any]:
 def _spread(values: Array, replicates: int) -> dict[str, Any]:
     mean = estimate_mean(values, replicates)
     median, high = (estimate_quantile(values, share) for share in (0.5, 0.95))
-    return {
-        "mean": mean.value,
-        "p50": median.value,
-        "p95": high.value,
-        "ci95": list(mean[1:]),
-        "p50_ci95": list(median[1:]),
-        "p95_ci95": list(high[1:]),
-    }
+    figures = {"mean": mean.value, "p50": median.value, "p95": high.value}
+    return {**figures, "ci95": list(mean[1:]), "p50_ci95": list(median[1:]), "p95_ci95": list(high[1:])}
 
 
 class Interval(NamedTuple):
@@ -161,16 +142,5 @@ def estimate_quantile(values: Array, share: float) -> Interval:
 
 def estimate_share(hits: int, n: int) -> Interval:
     """Estimate a probability from hits among n [Clopper1934]."""
-    tail = 0.5 - 0.5 * LEVEL
-    low = float(beta.ppf(tail, hits, n - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(1.0 - tail, hits + 1, n - hits)) if hits < n else 1.0
-    return Interval(hits / n, low, high)
-
-
-def trace_convergence(values: Array, replicates: int) -> list[tuple[int, Interval]]:
-    """Trace how the interval of a mean narrows with the number of samples."""
-    first = 4 * replicates
-    if len(values) <= first:
-        return [(len(values), estimate_mean(values, replicates))]
-    counts = np.unique((np.geomspace(first, len(values), 24) // replicates * replicates).astype(int))
-    return [(int(n), estimate_mean(values[:n], replicates)) for n in counts]
+    interval = binomtest(hits, n).proportion_ci(LEVEL)
+    return Interval(hits / n, float(interval.low), float(interval.high))

@@ -32,7 +32,6 @@ from compplan.uncertainty.sensitivities import (
     measure_force_slopes,
     measure_slopes,
     pick_rows,
-    sample_alternatives,
     tie_force,
     unload_model,
 )
@@ -204,7 +203,7 @@ def estimate_band(
     robot: Robot, scene: ForwardModel, cut: NDArray[np.bool_], force: ForceSpread, *,
     left: Array | None = None, between: float = 0.0, motion: Motion | None = None, part: Array | None = None,
     touched: TouchedPart | None = None, touchable: TouchedPart | None = None,
-    uncorrected: Array | None = None, tolerance: float = 0.0,
+    uncorrected: Array | None = None, written: Array | None = None, tolerance: float = 0.0,
 ) -> ErrorBand:  # fmt: skip
     """Estimate how far the true tip is from the planned one along a path of n rows.
 
@@ -220,6 +219,7 @@ def estimate_band(
         touched: The part as the robot found it by touching, or None where its frame is absolute.
         touchable: The part as the robot would find it by touching, where its frame is absolute.
         uncorrected: Deviation of the uncorrected program. Shape (n, 3). [m]
+        written: What of `left` the written program makes, corrected or not: fit and corners. Shape (n,). [m]
         tolerance: Greatest deviation that counts as within tolerance. [m]
 
     Raises:
@@ -240,13 +240,16 @@ def estimate_band(
 
     radius = band_radius(total, mean=mean)
     drawn = draw_paths(slopes, known)
-    whole = float(radius[cut].max(initial=0.0)) * widen_to_path(drawn) + float(left[cut].max(initial=0.0)) + between
+    along = float(radius[cut].max(initial=0.0)) * widen_to_path(drawn)
+    whole = along + float(left[cut].max(initial=0.0)) + between
     before = None
     if uncorrected is not None:
         off = uncorrected if mean is None else uncorrected + mean
-        widest = float(band_radius(total, mean=off)[cut].max(initial=0.0))
-        farthest = np.linalg.norm(drawn + uncorrected[slopes.rows][:, :, None], axis=1).max(axis=0, initial=0.0)
-        before = (widest + between, max(widest, float(np.quantile(farthest, LEVEL))) + between)
+        written = np.zeros(n) if written is None else written
+        widest = float((band_radius(total, mean=off) + written)[cut].max(initial=0.0))
+        farther = find_farthest(drawn + uncorrected[slopes.rows][:, :, None]) - find_farthest(drawn)
+        everywhere = along + farther + float(written[cut].max(initial=0.0))
+        before = (widest + between, max(widest, everywhere) + between)
     load = float(np.linalg.norm(scene.wrench[cut, :3], axis=1).max(initial=0.0))
     weight = weigh_poses(robot, known.unknowns, load)
     ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance, weight)
@@ -339,26 +342,23 @@ def widen_to_path(drawn: Array) -> float:
     The same draws tell both, and the farthest point of a draw is never nearer than any one of its points. drawn: tips
     beside the planned ones, shape (k, 3, count). [m]
     """
-    away = np.linalg.norm(drawn, axis=1)
-    point = float(np.quantile(away, LEVEL, axis=1).max(initial=0.0))
-    return float(np.quantile(away.max(axis=0, initial=0.0), LEVEL)) / point if point > 0.0 else 1.0
+    point = float(np.quantile(np.linalg.norm(drawn, axis=1), LEVEL, axis=1).max(initial=0.0))
+    return find_farthest(drawn) / point if point > 0.0 else 1.0
+
+
+def find_farthest(drawn: Array) -> float:
+    """Return the distance that whole drawn paths keep within with 95 %. drawn: shape (k, 3, count). [m]"""
+    return float(np.quantile(np.linalg.norm(drawn, axis=1).max(axis=0, initial=0.0), LEVEL))
 
 
 def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     """Draw where true tips are beside the planned ones, to first order. Shape (k, 3, count). [m]
 
     Parameters, force and one error of repeatability hold for a whole run; what is unexplained is smooth over the place.
-    Of rival explanations one holds, by their weights, as where Monte Carlo draws robots.
     """
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
-    root, shifts = known.split_alternatives()
-    # of rivals there are none where the force goes with the robot
-    robot, shared = slopes.columns(known)
-    columns = np.concatenate([slopes.model @ root if known.rivals else robot, shared], axis=2)
-    moved = draw_columns(columns, random, count)
-    if known.rivals:
-        moved += slopes.model @ sample_alternatives(known, shifts, count, random).T
+    moved = draw_columns(np.concatenate(slopes.columns(known), axis=2), random, count)
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):

@@ -92,14 +92,6 @@ def test_a_plan_is_a_table_and_a_mapping(plan) -> None:
     assert isinstance(frame, pandas.DataFrame) and list(frame) == list(columns)
 
 
-def test_what_a_plan_rests_on_can_be_cited(plan) -> None:
-    cited = plan.citations()
-    assert "compplan" in cited[0] and any("Salisbury" in text for text in cited)
-    assert any("Andersson" in text for text in cited) and any("kuka_kr270" in text for text in cited)
-    mirror = cp.plan(JOB, sampling={"max_step_mm": 5.0}, plan={"strategy": "mirror"})
-    assert not any("Andersson" in text for text in mirror.citations())
-
-
 def circle(count: int = 120) -> np.ndarray:
     angle = np.linspace(0.0, 2.0 * np.pi, count)
     return np.column_stack([10.0 * np.cos(angle), 10.0 * np.sin(angle), 0.0 * angle])

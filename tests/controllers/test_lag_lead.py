@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import tomli_w
-from commandline import run_command
 from executed_emulator import STEP, SimulatedRobot, drive, measure_beside
 
 import compplan as cp
@@ -98,30 +97,10 @@ def test_nothing_leads_by_a_lag_that_nobody_measured(plans) -> None:
     assert "path errors of the controller (no trace of it)" not in plans["identified"][0].verdict.left_out
 
 
-@pytest.mark.parametrize(
-    ("tolerance", "motion", "status", "says"),
-    [pytest.param(0.035, {}, "solved", "times slower where the drives", marks=pytest.mark.slow),
-     (0.02, {"lost_motion_deg": [0.02] * 6}, "not_confirmed", "the controller, drives as identified, takes")],
-)  # fmt: skip
-def test_where_identified_drives_leave_the_tolerance_the_run_is_slower_or_not_confirmed(
-    tolerance: float, motion: dict, status: str, says: str, tmp_path: Path
-) -> None:
-    robot = folder_with(tmp_path / "robot", lag_ms=LAG.tolist(), source="identified by compplan trace", **motion)
-    job = write_job(tmp_path, robot)
-    job.write_text(job.read_text() + f"[plan]\ntolerance_mm = {tolerance}\n")
+def test_a_plan_whose_identified_drives_leave_the_tolerance_is_not_confirmed(tmp_path: Path) -> None:
+    motion = {"lag_ms": LAG.tolist(), "lost_motion_deg": [0.02] * 6, "source": "identified by compplan trace"}
+    job = write_job(tmp_path, folder_with(tmp_path / "robot", **motion))
+    job.write_text(job.read_text() + "[plan]\ntolerance_mm = 0.02\n")
     plan = cp.plan_job(cp.load_job(job))
-    assert plan.executed is not None and plan.status == status
-    assert (1e3 * plan.executed.most <= tolerance) == (status == "solved")
-    assert any(says in text for text in (*plan.notes, *plan.breaches))
-
-
-def test_a_correction_below_the_motion_resolution_is_not_written(tmp_path, monkeypatch, capsys) -> None:
-    for resolution, strategy in ((0.5, "none"), (1e-4, "nlp")):
-        robot = folder_with(tmp_path / f"robot_{strategy}", "staubli_tx200", resolution_mm=resolution)
-        job = write_job(tmp_path, robot, "1400.0, 0.0, 300.0")
-        job.write_text(job.read_text().replace("urscript", "csv"))
-        answer = run_command(["plan", job, "--out", tmp_path / strategy, "--json"], monkeypatch, capsys)
-        said = json.loads(answer.out)
-        assert said["strategy"] == strategy
-        assert any("motion resolution" in note for note in said["notes"]) == (strategy == "none")
-        assert (said["correction_mm"]["max"] < 1e-6) == (strategy == "none")
+    assert plan.executed is not None and 1e3 * plan.executed.most > 0.02 and plan.status == "not_confirmed"
+    assert any("the controller, drives as identified, takes" in text for text in plan.breaches)

@@ -19,7 +19,7 @@ from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.errors import InputError
 from compplan.job.frames import PartTable, ToolTable
 from compplan.job.job import check_job
-from compplan.planning.notes import ask_about_form, look_at_spindle
+from compplan.planning.notes import ask_about_tool, look_at_spindle
 from compplan.robot import load_robot, robot_folders
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.simulation.exact_model import read_exact_robot
@@ -178,12 +178,12 @@ def _floats(value: Any) -> Any:
     return [_floats(entry) for entry in value] if isinstance(value, list) else float(value)
 
 
-def test_angles_of_another_maker_an_unconfirmed_pendant_and_a_spindle_below_the_part_are_asked_about() -> None:
+def test_an_unconfirmed_pendant_and_a_spindle_below_the_part_are_asked_about() -> None:
     base = {"schema": 1, "robot": "doosan_m1013", "toolpath": "a.nc"}
     job = check_job({**base, "tool": {"frame": "pendant", "abc_deg": [0.0, 0.0, 0.0]}})
-    notes = ask_about_form(job, load_robot("doosan_m1013"))
-    assert len(notes) == 2 and "write quaternion" in notes[0] and "not confirmed" in notes[1]
-    assert not ask_about_form(job, load_robot("kuka_kr16_2"))
+    notes = ask_about_tool(job, load_robot("doosan_m1013"))
+    assert len(notes) == 1 and "not confirmed" in notes[0]
+    assert not ask_about_tool(job, load_robot("kuka_kr16_2"))
     up, down = np.tile(Z, (3, 1)), np.tile(-Z, (3, 1))
     assert not look_at_spindle(up, job) and "on the side of -z" in look_at_spindle(down, job)[0]
     turned = check_job({**base, "part": {"rotation_deg": [180.0, 0.0, 0.0]}})

@@ -14,6 +14,7 @@ from compplan.errors import InputError
 from compplan.job.commented_job import write_job_text
 from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import load_nominal
+from compplan.planning.feed import FeedRequest
 from compplan.planning.plan import job_robot, read_options
 from compplan.planning.posture.settings import read_settings
 from compplan.process.force_models import FORCE_MODELS
@@ -83,7 +84,8 @@ def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> No
         "plan": {"start_deg": [500.0, 0.0, 90.0, -90.0, 0.0, 45.0, 180.0], "tolerance_mm": 0.2, "max_correction_mm": 5},
         "sampling": {"chord_mm": 0.03},
         "posture": {"lead_deg": 6.0, "lean_deg": 3.0, "limit_margin_deg": 18.0},
-    }
+        "limits": {"velocity_scale": 0.5, "acceleration_scale": 0.25}, "feed": {"torque_limits": True},
+    }  # fmt: skip
     job = check_job(data, "job.toml")
     assert job.T_base_part == pytest.approx(np.array([[0, 0, 1, 1.5], [1, 0, 0, -0.02], [0, 1, 0, 0.3], [0, 0, 0, 1]]))
     assert job.tool is not None
@@ -95,6 +97,8 @@ def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> No
     assert robot.prismatic.tolist() == [True] + [False] * 6
     assert options.posture.start == pytest.approx(start)
     assert (options.tolerance, options.max_correction, options.chord) == pytest.approx((2e-4, 5e-3, 3e-5))
+    assert (options.velocity_scale, options.acceleration_scale) == (0.5, 0.25)
+    assert options.feed == FeedRequest(constant=False, torque=True)
     settings = read_settings(job, robot)
     assert settings.start == pytest.approx(start)
     angles = (settings.lead, settings.lean, settings.limit_margin)

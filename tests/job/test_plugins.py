@@ -75,7 +75,7 @@ print(json.dumps({"status": plan.status, "strategy": plan.strategy, "before": pl
     "force": float(np.abs(plan.task.wrench[:, :3]).max()), "effects": "loose_bolt" in cp.EFFECTS,
     "path": path.cutting_length, "help": CliRunner().invoke(group, ["forces", "--help"]).output,
     "krl": WRITERS["krl"].__name__,
-    "unsaid": [name for name in ("careful", "plainly", "polishing", "press_N")
+    "unsaid": [name for name in ("careful", "plainly", "polishing")
                if name not in str(Job.model_json_schema()) or name not in write_job_text()],
     "told": [str(w.message) for w in told]}))
 """

@@ -19,8 +19,9 @@ from compplan.planning.motion_limits import measure_use
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.sampling import measure_between
 from compplan.planning.timing import ease, ease_duration, ease_times, smooth_profile
+from compplan.simulation.exact import load_by_motion
 from compplan.simulation.inertia import load_springs
-from compplan.simulation.vibration import build_dynamics, inertial_loads
+from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import locate_frames
 from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.statics.stiffness import attain_pose
@@ -124,7 +125,7 @@ def test_a_verdict_speaks_of_ways_that_programs_take_and_of_no_cubic_through_the
 
     def say(way):
         far = np.zeros(len(plan.task) - 1)
-        far[move] = 2.0 * plan.task.move_tolerance[move]
+        far[move] = 2.0 * plan.task.tolerance
         between = plan.between._replace(**{way: far})
         given = plan.task, plan.command, plan.timing, between, plan.after, plan.margins, bench
         return [check.sentence for check in run_checks(*given) if check.fails and "strays" in check.sentence]
@@ -238,7 +239,7 @@ def test_rows_beside_a_rest_are_so_near_that_they_tell_how_gently_a_run_starts(t
     beside = rests + np.tile([1, -1], len(rests) // 2)
     step = np.abs(time[beside] - time[rests])[:, None]
     push = (q[beside] - q[rests]) / step / (0.5 * (step + DWELL))  # it stands still on the other side
-    load = inertial_loads(build_dynamics(plan.robot), q[rests], 0 * push, push)
+    load = load_by_motion(build_dynamics(plan.robot).standing, q[rests], 0 * push, push)
     bent, still = (
         attain_pose(task.chain, q[rests], task.wrench[rests], slope=False, torque_bias=bias).position
         for bias in (load, None)
@@ -337,7 +338,7 @@ def test_a_start_from_rest_is_divided_where_its_acceleration_bends_the_arm_by_mo
     bends = []
     for rest, move, way in ((0, 0, 1.0), (-1, -2, -1.0)):
         push = way * 2.0 * (task.q_start[move + 1] - task.q_start[move]) / (time[move + 1] - time[move]) ** 2
-        load = inertial_loads(build_dynamics(robot), task.q_start[[rest]], 0.0 * push[None], push[None])
+        load = load_by_motion(build_dynamics(robot).standing, task.q_start[[rest]], 0.0 * push[None], push[None])
         bent, plain = (
             attain_pose(task.chain, task.q_start[[rest]], task.wrench[[rest]], slope=False, torque_bias=bias).position
             for bias in (load, None)

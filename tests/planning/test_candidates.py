@@ -18,9 +18,7 @@ from compplan.planning import candidates
 from compplan.planning.candidates import compute_gain
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
-from compplan.planning.lost_motion import describe_reversals, list_reversals
 from compplan.planning.plan import Plan, build_task, plan_job, prepare_job
-from compplan.planning.posture.motion import count_reversals
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import time_command
 from compplan.reporting.writers.plan import write_plan
@@ -43,13 +41,6 @@ def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
     assert exact_robot("accurate", 1.0, 1.0, 0.9) == 0.95 and exact_robot("error_band", 1.1, 0.5, 0.5) == np.inf
     assert exact_robot("error_band", 1.0, 0.5, 1.1) == 0.5 and exact_robot("accurate", 1.0, 0.5, 1.1) == 0.8
     assert exact_robot("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and exact_robot("", 0.5, 1.01, 0.9) == np.inf
-
-
-def test_reversals_count_ways_of_a_stroke_and_more() -> None:
-    way = np.sin(np.linspace(0.0, 5.0 * np.pi, 400))
-    assert count_reversals(way, 0.01) == 5
-    assert count_reversals(way + 1e-3 * np.sin(np.arange(400.0)), 0.01) == 5
-    assert count_reversals(np.linspace(0.0, 1.0, 50), 0.01) == 0 and count_reversals(1e-3 * way, 0.01) == 0
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +68,6 @@ def test_a_plan_that_is_bettered_is_solved_shorter_and_promises_no_less(plan: Pl
     assert any(note.startswith("Posture and speed are") for note in plan.notes)
     told = plan.to_dict()
     assert told["posture"]["program"] == found
-    assert {entry["axis"] for entry in told["reversals"]} == {*plan.robot.joint_names, "spin"}
 
 
 def test_its_page_and_programs_are_written(plan: Plan, tmp_path: Path) -> None:
@@ -90,16 +80,7 @@ def test_its_run_holds_velocity_and_acceleration_at_every_millisecond(plan: Plan
     runs = task.runs
     use = sample_use(plan.q, plan.timing.time, runs, task.velocity_limits, task.acceleration_limits)
     assert use["velocity"] < 1.001 and plan.timing.acceleration_ratio < 1.001
-    assert use["acceleration"] < 1.04  # a spline overshoots where acceleration, free of a limit of the jerk, jumps
-
-
-def test_reversals_are_priced_by_lost_motion_and_lever(plan: Plan) -> None:
-    found = {entry.axis: entry for entry in list_reversals(plan.task, plan.q)}
-    first = found[plan.robot.joint_names[0]]
-    assert first.assumed and first.turns >= 1  # a circle turns the first axis twice
-    reach = np.linalg.norm(plan.task.position[:, :2], axis=1)
-    assert first.price == pytest.approx(first.lost * np.sqrt((reach**2).mean()), rel=0.05)
-    assert "assumed" in describe_reversals(tuple(found.values()))
+    assert use["acceleration"] < 1.04  # a spline overshoots where acceleration jumps
 
 
 @pytest.mark.slow

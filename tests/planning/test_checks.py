@@ -16,12 +16,11 @@ import compplan.planning.deflection as bending
 import compplan.planning.posture.lattice as lattice
 from compplan.job.job import Job, ToolTable, check_job, load_job
 from compplan.planning import plan as planning
-from compplan.planning.checks import hold_load
 from compplan.planning.plan import plan_job
 from compplan.planning.timing import Timing
 from compplan.reporting.writers.plan import write_plan
 from compplan.robot import Array, Robot, load_robot
-from compplan.simulation.exact import build_exact_robot
+from compplan.simulation.exact import build_exact_robot, hold_load
 from compplan.simulation.inertia import fit_parabolas
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import Toolpath, place_toolpath

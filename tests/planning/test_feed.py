@@ -8,10 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from benchmarks.limits import sample_use
 from compplan.job.job import check_job
 from compplan.planning.feed import FeedRequest, find_constant_feed, time_run
 from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.plan import PlanOptions, build_task
+from compplan.planning.task import cutting_runs
 from compplan.robot import load_robot
 from compplan.toolpath.corners import SLOWED, find_corners, find_roundings, find_shares, round_corners
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
@@ -110,11 +112,11 @@ def test_no_tolerance_leaves_the_path_alone() -> None:
 def test_the_constant_feed_is_the_highest_that_holds() -> None:
     nominal = arc_path(0.3, 2.0)
     task = make_task(nominal)
-    found = find_constant_feed(task, task.q_start)
-    assert 0 < found.feed < 2.0 and found.joint in ROBOT.joint_names
+    feed, note = find_constant_feed(task, task.q_start)
+    assert 0 < feed < 2.0 and "held down by the" in note
     rates = {}
     for share in (0.995, 1.02):
-        h = nominal.steps.mean() / (found.feed * share)
+        h = nominal.steps.mean() / (feed * share)
         velocity = np.abs(np.gradient(task.q_start, h, axis=0))[3:-3] / task.velocity_limits
         acceleration = np.abs(np.diff(task.q_start, 2, axis=0) / h**2)[3:-3] / task.acceleration_limits
         rates[share] = max(velocity.max(), acceleration.max())
@@ -133,15 +135,14 @@ def test_a_constant_feed_holds_between_start_and_stop_and_is_told() -> None:
 
 def test_a_slow_feed_stays_as_programmed() -> None:
     task = make_task(arc_path(0.3, 0.05))
-    found = find_constant_feed(task, task.q_start)
-    assert found.feed == 0.05 and found.waypoint == -1
+    assert find_constant_feed(task, task.q_start) == (0.05, "")
 
 
 def test_rounding_corners_raises_the_constant_feed() -> None:
     sharp = make_task(square_path(step=0.001))
     rounded = make_task(round_corners(square_path(step=0.02), 5e-3))
-    slow = find_constant_feed(sharp, sharp.q_start).feed
-    assert find_constant_feed(rounded, rounded.q_start).feed > 1.5 * slow
+    slow = find_constant_feed(sharp, sharp.q_start)[0]
+    assert find_constant_feed(rounded, rounded.q_start)[0] > 1.5 * slow
 
 
 def test_torque_rows_agree_with_inverse_dynamics() -> None:
@@ -157,7 +158,9 @@ def test_torque_rows_agree_with_inverse_dynamics() -> None:
     data = rules.model.createData()
     for i in (0, 20, 49):
         q, v = rules.positions[i], rate[i] * np.sqrt(x)
-        columns = pin.computeFrameJacobian(rules.model, data, q, rules.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        columns = pin.computeFrameJacobian(
+            rules.model, data, q, rules.model.getFrameId("tcp"), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
         torque = pin.rnea(rules.model, data, q, v, rate[i] * u + change[i] * x) - columns.T @ wrench[i]
         assert a[i] * u + b[i] * x + c[i] == pytest.approx(torque, abs=1e-6)
 
@@ -166,7 +169,7 @@ def test_tight_torque_limits_slow_the_run_down_and_are_kept() -> None:
     nominal = arc_path(0.3, 1.0)
     task = make_task(nominal)
     rules = TorqueRules(ROBOT, task.q_start, task.wrench)
-    static = np.abs(rules._static(rules.positions, task.wrench)).max(axis=0)
+    static = np.abs(rules.held).max(axis=0)
     weak = replace(
         ROBOT,
         joints=tuple(
@@ -190,3 +193,20 @@ def test_tight_torque_limits_slow_the_run_down_and_are_kept() -> None:
 def test_corners_are_rounded_unasked_but_where_one_feed_is_kept_and_the_force_turns(process, feed, wanted) -> None:
     data = {"schema": 1, "robot": "ur10", "toolpath": "a.csv", "process": process, "feed": feed}
     assert check_job({**data, "plan": {"tolerance_mm": 0.2}}).corner_tolerance == pytest.approx(wanted)
+
+
+def test_torques_are_held_by_the_timed_run_in_an_engine_of_another() -> None:
+    task = make_task(arc_path(0.3, 1.5, 200))
+    still = np.abs(TorqueRules(ROBOT, task.q_start, task.wrench).held).max(axis=0)
+    weak = {name: float(1.08 * still[k] + 4.0) for k, name in enumerate(ROBOT.joint_names)}
+    joints = tuple(replace(j, effort=weak.get(j.name, j.effort)) for j in ROBOT.joints)
+    task = replace(task, robot=replace(ROBOT, joints=joints))
+    uses = []
+    for torque in (False, True):
+        timing = time_run(task, task.q_start, FeedRequest(torque=torque))[1]
+        use = sample_use(
+            task.q_start, timing.time, cutting_runs(task.nominal.rapid), task.velocity_limits, task.acceleration_limits,
+            arm=ROBOT.folder, effort=np.array(list(weak.values())), wrench=task.wrench,
+        )  # fmt: skip
+        uses.append(use["torque"])
+    assert uses[0] > 1.01 and uses[1] <= 1.001

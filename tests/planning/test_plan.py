@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import compplan as cp
-from compplan.api.given import read_part
+from compplan.api.given import read_table
 from compplan.diagnosis import campaign_diagnosis
 from compplan.errors import InputError
 from compplan.job.job import CollisionTable, check_job
-from compplan.planning.notes import describe_tool_x
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.posture import collision_scene
 from compplan.statics.chain import locate_frames
@@ -190,19 +189,9 @@ def test_each_scale_lowers_its_own_limits_alone() -> None:
         assert given[np.isfinite(given)] == pytest.approx(scale)
 
 
-@pytest.mark.parametrize(("y", "asked"), [(0.5, False), (0.0, True), (0.01, True)])
-def test_an_x_along_the_tool_axis_is_said_to_say_nothing(y: float, asked: bool) -> None:
-    axis = np.tile([0.0, 0.0, 1.0], (4, 1))
-    plan = SimpleNamespace(model_fields_set={"tool_x"})
-    said = describe_tool_x(
-        SimpleNamespace(nominal=SimpleNamespace(axis=axis)), SimpleNamespace(plan=plan, tool_x_base=[0.0, y, -1.0])
-    )  # type: ignore[arg-type]
-    assert bool(said) == asked
-
-
 def test_six_numbers_of_a_part_are_its_place_and_a_rotation_vector() -> None:
-    assert read_part([1.0, 2.0, 3.0]) == {"position_mm": [1.0, 2.0, 3.0]}
-    assert read_part([1, 2, 3, 0, 0, 90]) == {"position_mm": [1.0, 2.0, 3.0], "rotation_deg": [0.0, 0.0, 90.0]}
+    assert read_table("part", [1.0, 2.0, 3.0]) == {"position_mm": [1.0, 2.0, 3.0]}
+    assert read_table("part", [1, 2, 3, 0, 0, 90]) == {"position_mm": [1.0, 2.0, 3.0], "rotation_deg": [0.0, 0.0, 90.0]}
 
 
 def test_the_zone_of_the_tip_that_may_touch_is_given_in_mm(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -156,7 +156,7 @@ def test_rests_and_turns_on_the_spot_count_for_how_much_slower_a_run_has_to_be()
     time = np.r_[time, time[-1] + time[1:]]
     task = SimpleNamespace(
         moving_runs=[(0, 5), (5, 10)],
-        velocity_limits=np.array([100.0]), acceleration_limits=np.array([2.0]), smoothing=0.0, jerk_limits=None,
+        velocity_limits=np.array([100.0]), acceleration_limits=np.array([2.0]), smoothing=0.0,
     )  # fmt: skip
     # at its limit on the way; it arrives at waypoint 5 with 0.9 rad/s and stops there within 0.05 s: 18 rad/s^2
     assert find_slowdown(task, there, time)[[2, 5, 8]] == pytest.approx([1.0, 3.0, 1.0])

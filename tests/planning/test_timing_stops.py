@@ -40,7 +40,6 @@ def still_task(velocity: float, acceleration: float, feed: float):
     return SimpleNamespace(
         velocity_limits=np.full(6, velocity), acceleration_limits=np.full(6, acceleration),
         nominal=SimpleNamespace(feed=np.full(10, feed)), chain=build_chain(ROBOT), gentle_time=0.0,
-        jerk_limits=None,
     )  # fmt: skip
 
 

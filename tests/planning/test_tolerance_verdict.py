@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,14 +13,8 @@ from commandline import run_command
 
 from compplan.job.job import check_job
 from compplan.planning.plan import plan_compensation, plan_job, prepare_job
-from compplan.planning.tolerance_verdict import (
-    MEASURE,
-    TOUCH_OFF,
-    explain_width,
-    find_change,
-    find_stretches,
-    share_length,
-)
+from compplan.planning.task import group_waypoints
+from compplan.planning.tolerance_verdict import share_length
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import widen_to_path
 
@@ -97,26 +90,6 @@ def test_the_verdict_is_the_first_line_and_stands_in_plan_json_and_in_the_progra
     assert verdict["sentence"].split(" Largest")[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
-def test_a_band_beyond_ten_times_what_is_compensated_says_why() -> None:
-    error_band: Any = SimpleNamespace(
-        greatest=1e-3, causes={"process force": 2e-4, "geometry of the robot": 9e-4},
-        leading=(("joint_offset joint_1", 0.8),),
-    )  # fmt: skip
-    assert explain_width(error_band, 1.1e-4) == ""
-    said = explain_width(error_band, 0.9e-4)
-    assert "1 mm where the uncorrected program is off by 0.09 mm" in said
-    assert said.endswith("most of it comes from geometry of the robot, above all joint_offset joint_1 (80 %).")
-
-
-def test_no_campaign_is_asked_for_where_the_first_joints_zero_makes_the_band() -> None:
-    robot: Any = SimpleNamespace(actuated=[SimpleNamespace(name="joint_1")])
-    for name, asked in (("joint_offset joint_1", True), ("joint_offset joint_2", False)):
-        error_band: Any = SimpleNamespace(leading=((name, 0.8),), known=SimpleNamespace(grade="measured"), ladder=())
-        assert (find_change(robot, error_band, "geometry of the robot") == TOUCH_OFF) == asked
-        error_band.known.grade = "literature"  # it has more to learn from poses than that zero
-        assert find_change(robot, error_band, "geometry of the robot") == MEASURE
-
-
 def test_the_share_of_a_cut_goes_by_length() -> None:
     """Waypoints at 0 1 2 10 mm: the first two stand for .5 + 1 of 10 mm."""
     length, cut = np.array([0.0, 1.0, 2.0, 10.0]), np.ones(4, bool)
@@ -127,8 +100,7 @@ def test_the_share_of_a_cut_goes_by_length() -> None:
 
 
 def test_stretches_are_the_runs_beyond() -> None:
-    found = find_stretches(np.array([0, 1, 1, 0, 1], bool), np.arange(5.0), np.arange(5.0))
-    assert [(one.first, one.last, one.most) for one in found] == [(1, 2, 2.0), (4, 4, 4.0)]
+    assert group_waypoints([1, 2, 4]) == [(1, 2), (4, 4)] and group_waypoints([]) == []
 
 
 def test_the_whole_path_is_never_promised_less_than_its_widest_point() -> None:

@@ -7,6 +7,7 @@ from compplan.process.cutting import shape_milling
 from compplan.process.engagement import Cutter, Engagement
 from compplan.process.engagement_search import find_engagement
 from compplan.process.force_models.drill import DRILLED, DrillProcess
+from compplan.process.force_models.end_mill import EndMillProcess
 from compplan.process.force_models.milling import MillingProcess, milling_wrench
 from compplan.process.materials import MATERIALS, Coefficients
 from compplan.process.stock import build_block
@@ -144,8 +145,15 @@ def test_a_material_without_a_constant_of_drilling_is_refused_and_takes_coeffici
     assert (np.diff(by_feed[:, [2, 5]], axis=0) > 0.0).all()
 
 
-def test_the_thrust_of_a_drill_grows_while_its_point_enters_and_ends_in_the_air() -> None:
-    process = DrillProcess(model="drill", diameter_mm=10.0, spindle_rpm=1000.0, material="c45")
+def test_an_end_mill_without_a_stated_flute_has_one_of_three_diameters() -> None:
+    table = {"model": "end_mill", "diameter_mm": 10.0, "spindle_rpm": 1000.0, "material": "c45"}
+    assert EndMillProcess(**table).cutter().flute == pytest.approx(30e-3)
+    assert EndMillProcess(**table, flute_mm=22.0).cutter().flute == pytest.approx(22e-3)
+
+
+@pytest.mark.parametrize("point_deg", [118.0, 100.0])
+def test_the_thrust_of_a_drill_grows_while_its_point_enters_and_ends_in_the_air(point_deg: float) -> None:
+    process = DrillProcess(model="drill", diameter_mm=10.0, spindle_rpm=1000.0, material="c45", point_deg=point_deg)
     path = np.zeros((120, 3))
     path[:, 2] = np.r_[np.linspace(0.5, -9.5, 100), np.linspace(-9.5, 3.0, 20)]
     block = build_block(np.array([-0.05, -0.05, -0.005]), np.array([0.05, 0.05, 0.0]), np.eye(3))
@@ -154,6 +162,8 @@ def test_the_thrust_of_a_drill_grows_while_its_point_enters_and_ends_in_the_air(
     into = thrust[: np.searchsorted(-path[:100, 2], 5.0)]  # until the point comes out below
     assert (np.diff(into) > -1e-6).all() and into[-1] > 0.0
     assert into[-1] == pytest.approx(drill(0.1)[2], rel=1e-6)
+    full = -path[np.argmax(into > 0.999 * into[-1]), 2]
+    assert full == pytest.approx(5.0 / np.tan(np.radians(0.5 * point_deg)), abs=0.25)
     assert not thrust[100:].any()  # drawn out of the hole
 
 

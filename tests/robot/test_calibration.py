@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from compplan.effects.folding import shift_origin, shift_zero
 from compplan.robot import load_robot
-from compplan.robot.calibration import universal_robots
+from compplan.robot.calibration import read_calibration
+from compplan.robot.calibration import write_conf as format_conf
 from compplan.robot.folder import write_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -97,8 +98,8 @@ def test_a_real_ur10e_whose_arm_axes_meet_hundreds_of_metres_away_is_read_and_wr
     nominal = load_robot("ur10e")
     delta = dh - table("ur10e")
     text = "\n".join(f"{key} = {row.tolist()}" for key, row in zip(KEYS, delta.T, strict=True))
-    robot = universal_robots.read(text, Path("calibration.conf"), nominal)
-    again = universal_robots.read(universal_robots.write(robot, nominal)[0], Path("again.conf"), nominal)
+    robot = read_calibration(text, Path("calibration.conf"), nominal)[0]
+    again = read_calibration(format_conf(robot, nominal)[0], Path("again.conf"), nominal)[0]
     q = np.random.default_rng(7).uniform(-3, 3, (40, 6))
     wanted = np.array([walk(dh, row)[:3, 3] for row in q])
     for arm in (robot, again):

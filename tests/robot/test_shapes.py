@@ -16,8 +16,9 @@ from compplan.cli.doctor.robot_folder import examine_robot
 from compplan.errors import InputError
 from compplan.planning.posture.collision_scene import check_bodies
 from compplan.robot import load_robot, robot_folders
-from compplan.robot.shapes import read_bodies, read_origin
+from compplan.robot.shapes import read_bodies
 from compplan.robot.solids import make_geometry
+from compplan.robot.urdf import read_placement
 
 GOOD = Path(__file__).parents[1] / "bad_inputs" / "good"
 JOB = Path("job.toml")
@@ -33,9 +34,9 @@ def test_every_shipped_arm_is_seen_whole(name: str) -> None:
 def test_the_origin_of_a_shape_turns_about_x_then_y_then_z_of_its_link() -> None:
     """Fixed axes, as URDF says: Rz(yaw) Ry(pitch) Rx(roll); a quarter about x and then about z takes y to z, x to y."""
     quarter = 0.5 * np.pi
-    pose = read_origin(ElementTree.fromstring(f'<origin xyz="1 2 3" rpy="{quarter} 0 {quarter}"/>'))
+    pose = read_placement(ElementTree.fromstring(f'<origin xyz="1 2 3" rpy="{quarter} 0 {quarter}"/>'))
     assert pose @ [0, 1, 0, 1] == pytest.approx([1, 2, 4, 1]) and pose @ [1, 0, 0, 1] == pytest.approx([1, 3, 3, 1])
-    assert read_origin(None) == pytest.approx(np.eye(4))
+    assert read_placement(None) == pytest.approx(np.eye(4))
 
 
 @pytest.mark.parametrize("seed", range(60))

@@ -11,7 +11,7 @@ from robot_library import over_robots
 
 from compplan.job.frames import ToolTable
 from compplan.robot import load_robot, robot_folders
-from compplan.simulation.exact import build_exact_robot, solve_exact_pose
+from compplan.simulation.exact import build_exact_robot, load_by_motion, solve_exact_pose
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.simulation.simulated_robot import (
     AS_MODELLED,
@@ -19,7 +19,7 @@ from compplan.simulation.simulated_robot import (
     run_simulated_robot,
     standard_variants,
 )
-from compplan.simulation.vibration import build_dynamics, inertial_loads, natural_frequencies
+from compplan.simulation.vibration import build_dynamics, natural_frequencies
 from compplan.statics.chain import build_chain
 from compplan.statics.stiffness import attain_pose
 
@@ -114,4 +114,4 @@ def test_a_mass_on_a_torsion_spring_rings_at_its_closed_form_and_is_bent_by_its_
     dynamics, inertia, none = build_dynamics(robot), 12.0 * 0.8**2, np.zeros((1, 1))
     found = natural_frequencies(dynamics, none, 1)
     assert found[0, 0] == pytest.approx(1.0 / (2 * np.pi * np.sqrt(2e-5 * inertia)), rel=1e-6)
-    assert inertial_loads(dynamics, none, none, none + 3.0)[0, 0] == pytest.approx(-3.0 * inertia, rel=1e-6)
+    assert load_by_motion(dynamics.standing, none, none, none + 3.0)[0, 0] == pytest.approx(-3.0 * inertia, rel=1e-6)

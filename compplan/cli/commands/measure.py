@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from compplan.cli.measured import load_measured, measured_options, read_log, registered_parts, settle_questions
+from compplan.api.measured import choose_frames, read_measured, settle_questions
+from compplan.cli.commands.plan import explain_failures
 from compplan.cli.options import (
     INPUT,
     CommandResult,
     assume_ok,
     make_command,
     make_job_command,
+    measured_options,
     out_folder,
     out_table,
     posture_kept,
@@ -26,7 +28,7 @@ from compplan.cli.options import (
 from compplan.cli.terminal import show_progress
 from compplan.effects import EFFECTS
 from compplan.effects.requested import GEOMETRY
-from compplan.errors import InfeasibleError, InputError, UnknownNameError
+from compplan.errors import InputError
 from compplan.identification.parameters import LINK_TERMS
 from compplan.io.parsing import LEAST_SIGMA_MM
 from compplan.io.provenance import describe_origin
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
 
 
 @make_command(
-    click.argument("measurements", type=INPUT, required=False), robot_option(), out_folder,
+    click.argument("measurements", type=INPUT), robot_option(), out_folder,
     click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".'),
     click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint."),
     click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".'),
@@ -52,13 +54,12 @@ if TYPE_CHECKING:
     click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
                  help="Absolute positions, or each pose against itself under other loads."),
     click.option("--loss", type=click.Choice(LOSSES), default="tukey", help="How rows far from the model count."),
-    click.option("--choose-poses", hidden=True, help="Gone: compplan campaign chooses poses."),
     measured_options, assume_ok, epilog=f"Effects: {', '.join(EFFECTS)}.",
 )  # fmt: skip
 def run_identify(
-    measurements: Path | None, robot_name: str, folder: Path, register: str | None, springs: str | None,
-    add: str | None, effects: str | None, choose_poses: str | None, instrument: Path | None, tool: Path | None,
-    target_offset: str | None, assume_ok: bool, **choices: Any,
+    measurements: Path, robot_name: str, folder: Path, register: str | None, springs: str | None,
+    add: str | None, effects: str | None, instrument: Path | None, tool: Path | None,
+    target_offset_mm: list[float] | None, assume_ok: bool, **choices: Any,
 ) -> CommandResult:  # fmt: skip
     """Identify the compliances of ROBOT from MEASUREMENTS (a measurement log), with 95 % intervals.
 
@@ -74,11 +75,10 @@ def run_identify(
         register=parse_parts(register), springs=None if springs is None else split_names(springs), add=split_names(add),
         effects=split_names(effects), **choices,
     )  # fmt: skip
-    if measurements is None or choose_poses is not None:
-        fault = "no measurement log is given" if choose_poses is None else "--choose-poses is gone"
-        raise InputError(f"{fault}; compplan campaign JOB --poses N --for calibration chooses poses to measure")
-    robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
-    options = replace(options, register=registered_parts(register, campaign))
+    robot, campaign = read_measured(
+        measurements, robot_name, tool=tool, target_offset_mm=target_offset_mm, instrument=instrument
+    )
+    options = replace(options, register=choose_frames(options.register, campaign))
     settle_questions(robot, campaign, options.register, assume_ok)
     with show_progress() as progress:
         found = identify_campaign(robot, campaign, options, progress=progress)
@@ -95,8 +95,7 @@ def run_identify(
     measured_options, assume_ok,
 )  # fmt: skip
 def run_diagnose(
-    measurements: Path, robot_name: str, folder: Path, register: str | None, without: tuple[str, ...],
-    tool: Path | None, instrument: Path | None, target_offset: str | None, assume_ok: bool,
+    measurements: Path, robot_name: str, folder: Path, register: str | None, **options: Any
 ) -> CommandResult:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
@@ -104,28 +103,22 @@ def run_diagnose(
 
     Example: compplan diagnose notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
     """
-    from compplan.diagnosis import diagnose_campaign
+    from compplan.api.verbs import diagnose_measured
     from compplan.io.display import format_figures
     from compplan.reporting.diagnosis import deliver_diagnosis
     from compplan.reporting.diagnosis_text import describe_next, describe_structure, list_effects, list_poses
 
-    parse_parts(register)
-    for name in without:
-        if name not in EFFECTS:
-            raise UnknownNameError("effect", name, list(EFFECTS))
-    robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
-    parts = registered_parts(register, campaign)
     with show_progress() as progress:
-        progress("questions")
-        asked = settle_questions(robot, campaign, parts, assume_ok)
-        diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
+        diagnosis, questions = diagnose_measured(
+            measurements, robot_name, register=parse_parts(register), progress=progress, **options
+        )
         table = deliver_diagnosis(diagnosis, folder, progress)
     what, headline = diagnosis.summary()[0]
     todo = describe_next(table["verdict"], diagnosis.delivery.kind, list_poses(table, "in the report"))
     return CommandResult(table, [
-        *(f"assumed to be meant: {question}" for question in asked),
+        *(f"assumed to be meant: {question}" for question in questions),
         f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),
-        *format_figures(diagnosis.list_figures()), *list_notes(campaign.notes),
+        *format_figures(diagnosis.list_figures()), *list_notes(diagnosis.fit.problem.campaign.notes),
         f"wrote diagnosis.json, report.html, robot/ to {folder}",
         f"next: {todo.replace('OUT/robot', str(folder / 'robot'))}",
     ])  # fmt: skip
@@ -137,8 +130,7 @@ def run_diagnose(
     measured_options,
 )  # fmt: skip
 def run_predict(
-    measurements: Path, robot_name: str, out: Path, register: str | None, instrument: Path | None,
-    tool: Path | None, target_offset: str | None,
+    measurements: Path, robot_name: str, out: Path, register: str | None, **measured: Any
 ) -> CommandResult:  # fmt: skip
     """Predict what the instrument should see in every row of MEASUREMENTS, if the robot folder were the whole truth.
 
@@ -147,7 +139,7 @@ def run_predict(
     from compplan.simulation.predict import predict_campaign, write_prediction
 
     parts = parse_parts(register)
-    robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
+    robot, campaign = read_measured(measurements, robot_name, **measured)
     frames = folder_registration(load_robot(robot_name))
     prediction = predict_campaign(robot, campaign, register=parts, registration=frames)
     if not parts:
@@ -201,6 +193,7 @@ def run_campaign(
 
     Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
     """
+    from compplan.diagnosis.data.plausibility import ask_unit, build_rows_model
     from compplan.learning.campaign import Equipment, design_campaign, parse_weights
     from compplan.planning.plan import plan_job
     from compplan.reporting.campaign import write_campaign
@@ -213,7 +206,10 @@ def run_campaign(
     with show_progress() as announce:
         announce("plan")
         plan = plan_job(job)
-        campaign = design_campaign(plan, equipment, count, read_log(log, plan.robot, described), announce)
+        known = None if log is None else read_measured(log, plan.robot, instrument=described)[1]
+        if known is not None and (question := ask_unit(build_rows_model(plan.robot, known))) is not None:
+            raise InputError(question.sentence, file=log)
+        campaign = design_campaign(plan, equipment, count, known, announce)
         announce("report")
         summary = write_campaign(campaign, folder)
     lines = [summary["says"], *(f"put up {stand.says}" for stand in campaign.stands), *campaign.notes]
@@ -246,8 +242,7 @@ def run_campaign(
     assume_ok, posture_kept,
 )  # fmt: skip
 def run_learn(
-    job: Job, measured: Path, robot_name: str, folder: Path, frame: str, align: str | None, sigma_mm: float | None,
-    instrument: Path | None, mesh: Path | None, reach_mm: float | None, assume_ok: bool,
+    job: Job, measured: Path, robot_name: str, folder: Path, **options: Any
 ) -> CommandResult:  # fmt: skip
     """Learn from MEASURED points of a part cut with JOB: write the corrected program and the updated robot folder.
 
@@ -258,40 +253,14 @@ def run_learn(
 
     Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
     """
-    from compplan.learning.measured_path import reach_of
-    from compplan.learning.part import learn_from_part
-    from compplan.learning.scan import read_surface
-    from compplan.measurement.instrument import read_instrument
+    from compplan.api.verbs import learn
     from compplan.reporting.learn import write_learning
 
-    if instrument is not None and sigma_mm is None:
-        sigma_mm = read_instrument(instrument).instrument.sigma_mm
-    reach = reach_of(job.process) if reach_mm is None else reach_mm * 1e-3
-    surface = None if mesh is None else read_surface(mesh, reach)
     with show_progress() as announce:
-        update = learn_from_part(
-            job, robot_name, measured, in_base=frame == "base", align=align,
-            sigma=None if sigma_mm is None else sigma_mm * 1e-3, sure=assume_ok, surface=surface, announce=announce,
-        )  # fmt: skip
+        update = learn(job, measured, robot_name, progress=announce, **options)
         announce("report")
         summary = write_learning(update, folder)
-    plan, band = update.after, summary["band_after_mm"]
-    lines = [plan.verdict.sentence, f"measured {summary['measured_rms_mm']:.4g} mm rms at {summary['points']} points"]
-    lines += update.notes
-    wrote = f"wrote {', '.join(summary['files'])} to {folder}"
+    lines = [*str(update).splitlines(), *update.notes[1:], f"wrote {', '.join(summary['files'])} to {folder}"]
     if update.model_update.taken:
-        lines += [
-            f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms; its tip within"
-            f" {band['p95_max']:.3g} mm with 95 %, within {band['p95_max_in_measured_directions']:.3g} mm in the"
-            " directions that were measured",
-            wrote, f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}",
-        ]  # fmt: skip
-    else:
-        lines.append(wrote)
-    if plan.status == "solved":
-        return CommandResult(summary, lines)
-    failing = plan.command.failures
-    message = f"{plan.explain_failures()}; the best compromise is written"
-    return CommandResult(
-        summary, lines, InfeasibleError(message, waypoints=sorted(failing), limits=sorted({*failing.values()}))
-    )
+        lines.append(f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}")
+    return CommandResult(summary, lines, explain_failures([update.after]))

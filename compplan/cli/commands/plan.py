@@ -20,24 +20,16 @@ from compplan.cli.options import (
     robot_option,
     take_cam_options,
 )
-from compplan.cli.terminal import format_table, show_progress
+from compplan.cli.terminal import show_progress
 from compplan.controllers.writers import WRITERS
 from compplan.errors import CompplanError, InfeasibleError, InputError
-from compplan.io.quantities import format_length
 from compplan.io.tomlfile import check_table, read_named_table
 from compplan.job.names import ONLINE, STRATEGIES
 from compplan.process.force_models import FORCE_MODELS
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
-    from compplan.planning.compare import Comparison
     from compplan.planning.result import Plan
-
-#: What a plan goes through, as it says it.
-STAGES = (
-    "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
-    "95 % band", "write",
-)  # fmt: skip
 
 
 @make_job_command(out_folder, robot_instead, posture_kept, several=True)
@@ -60,52 +52,35 @@ def run_plan(job: Job, folder: Path) -> CommandResult:
 
 def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     """Plan a job, a plan for each tool that it calls, and write what came of it; `note` is added to the first."""
-    from compplan.job.operations import split_job
-    from compplan.planning.checks import state_notes
-    from compplan.planning.plan import plan_job
-    from compplan.planning.result import summarise_plan
-    from compplan.reporting.plan_summary import format_plan
-    from compplan.reporting.writers.plan import deliver_plan, note_programs
+    from compplan.api.verbs import plan_operations
+    from compplan.planning.result import summarise_operations, summarise_plan
+    from compplan.reporting.operations import describe_operations, describe_order
+    from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
 
-    jobs, plans = split_job(job), list["Plan"]()
-    with show_progress(STAGES) as announce:
-        for one in jobs:
-            plan = note_programs(plan_job(one, progress=announce))
-            plans.append(plan.add_checks(state_notes([note]), first=True) if note and not plans else plan)
-            announce("95 % band: where the true tip is")
-            _ = plans[-1].error_band, plans[-1].mismatch
-        if len(jobs) == 1:
-            announce("write: programs, joints.csv, report.html")
-            plan, files = deliver_plan(plans[0], folder)
-    if len(jobs) == 1:
-        return CommandResult(summarise_plan(plan), format_plan(plan, folder, files), _explain_failures([plan]))
-    return _deliver_all(plans, folder, jobs[0].data.get("name", "").rpartition(",")[0] or jobs[0].file.stem)
-
-
-def _deliver_all(plans: Sequence[Plan], folder: Path, name: str) -> CommandResult:
-    """Write the plans of several tools together."""
-    from compplan.planning.operations import summarise_operations
-    from compplan.reporting.operations import deliver_operations, describe_operations, describe_order
-    from compplan.reporting.plan_summary import count_notes, format_stops
-
-    read, files = deliver_operations(plans, folder, name)
-    summary = summarise_operations(read, name)
+    with show_progress() as announce:
+        done = plan_operations(job, folder, note, announce)
+    fault = explain_failures(done.plans)
+    if len(done.plans) == 1:
+        plan = done.plans[0]
+        return CommandResult(summarise_plan(plan), format_plan(plan, folder, done.files), fault)
+    name = job.name or job.file.stem
+    summary = summarise_operations(done.plans, name)
     lines = [f"{name}: {describe_operations(summary)}"]
-    for plan in read:
+    for plan in done.plans:
         label = "" if plan.job is None else plan.job.label
         lines.append(f"{label}: {plan.status}, {len(plan.task)} waypoints; {plan.verdict.sentence}")
     lines += format_stops(summary["notes"])
-    if any(plan.job is not None and plan.job.output.programs for plan in read):
-        lines.append(describe_order(summary, files))
+    if any(plan.job is not None and plan.job.output.programs for plan in done.plans):
+        lines.append(describe_order(summary, done.files))
     first = folder / summary["tools"][0]["folder"]
     report = f"{folder / 'report.html'}{count_notes(summary['notes'])}"
-    lines.append(f"wrote {len(files)} files to {folder}; next: open {report}, or compplan view {first}")
-    return CommandResult(summary, lines, _explain_failures(read))
+    lines.append(f"wrote {len(done.files)} files to {folder}; next: open {report}, or compplan view {first}")
+    return CommandResult(summary, lines, fault)
 
 
-def _explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
+def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
     """Return which waypoints and limits stop plans that are not solved; None where all are."""
-    from compplan.planning.operations import worst_status
+    from compplan.planning.result import worst_status
 
     failing = [plan for plan in plans if plan.status != "solved"]
     if not failing:
@@ -151,7 +126,7 @@ def run_post(
 
     Example: compplan post part.nc --robot kuka_kr240 --part 1800,0,700 --program krl --out out
     """
-    from compplan.api.given import make_post_job, read_table_of_job
+    from compplan.api.given import make_post_job, read_table
     from compplan.job.output import OutputTable
 
     stated = keep_stated(**of_cam)
@@ -159,7 +134,7 @@ def run_post(
     stands_in = folder.absolute() / f"{camfile.stem}.toml"
     place = None if part is None else _read_part(part)
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
-    written = None if output is None else read_table_of_job("output", output)
+    written = None if output is None else read_table("output", output)
     if written is not None:  # the keys that the command line replaces, too
         check_table(OutputTable, written, file=output)
     try:
@@ -184,14 +159,14 @@ def _name_option(error: InputError, stands_in: Path) -> InputError:
     return InputError(error.message, where=" ".join(filter(None, (OPTIONS.get(table), key))) or None)
 
 
-def _read_part(text: str) -> dict[str, Any]:
+def _read_part(text: str) -> Any:
     """Read the value of --part: three or six numbers, or a file."""
-    from compplan.api.given import read_part, read_table_of_job
+    from compplan.api.given import read_table
 
     if Path(text).suffix == ".toml":
-        return read_table_of_job("part", text)
+        return read_table("part", text)
     try:
-        return read_part([float(word) for word in text.split(",")])
+        return read_table("part", [float(word) for word in text.split(",")])
     except (ValueError, InputError):
         message = f"--part is {text!r}, expected X,Y,Z in mm, or X,Y,Z,RX,RY,RZ with a rotation vector in deg"
         raise InputError(message) from None
@@ -228,36 +203,12 @@ def run_compare(job: Job, folder: Path) -> CommandResult:
 
     Example: compplan compare paths/circle_500mm.toml --out out
     """
-    from compplan.reporting.compare import write_comparison
-    from compplan.studies.job_study import compare_job
+    from compplan.api.verbs import compare
 
     with show_progress() as announce:
-        comparison = compare_job(job, announce=announce)
-        announce("write: compare.json, report.html")
-        files = write_comparison(comparison, folder)
-    wrote = f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}"
-    return CommandResult(comparison.to_dict(), [*_describe_strategies(comparison), wrote])
-
-
-def _describe_strategies(comparison: Comparison) -> list[str]:
-    """Return rms and greatest deviation of every strategy in every cell."""
-    drawn, cells = comparison.drawn, [cell.name for cell in comparison.cells]
-    rows = []
-    for strategy, found in comparison.commands.items():
-        runs = [comparison.evaluations[cell][strategy] for cell in cells]
-        figures = [f"{format_length(run.rms_deviation)} / {format_length(run.max_deviation)}" for run in runs]
-        if drawn is not None:
-            ends = " to ".join(f"{1e3 * end:.3g}" for end in drawn.interval[strategy])
-            median, most = (format_length(value) for value in (drawn.median(strategy), drawn.most(strategy)))
-            figures.insert(0, f"{median} ({ends}) / {most}")
-        rows.append([strategy if found.status == "solved" else f"{strategy} (infeasible)", *figures])
-    columns = ["strategy", *([] if drawn is None else ["drawn robots, rms: median (its interval) / 95 %"]), *cells]
-    title = f"{comparison.name}: deviation of the loaded tool, rms / greatest"
-    return [
-        *format_table(rows, columns, title, max(80, 26 * (len(columns) + (drawn is not None)))),
-        *([] if drawn is None else [f"drawn robots: {drawn.source}"]),
-        f"deviation computed by {comparison.evaluated_by}; robot model: {comparison.task.robot.grade}",
-    ]
+        comparison = compare(job, out=folder, progress=announce)
+    wrote = f"wrote compare.json, report.html to {folder}"
+    return CommandResult(comparison.to_dict(), [*str(comparison).splitlines(), wrote])
 
 
 @make_job_command(
@@ -270,13 +221,11 @@ def _describe_strategies(comparison: Comparison) -> list[str]:
     epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.",
 )  # fmt: skip
 def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> CommandResult:
-    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
-
-    stock.stl is what a cutter leaves of the stock, part frame, mm.
+    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html.
 
     Example: compplan forces examples/forces/pocket.toml --out out
     """
-    from compplan.job.force_prediction import predict_forces
+    from compplan.job.loading import predict_forces
     from compplan.process.learned_force import FILE as LESSON
     from compplan.reporting.forces import write_coefficients, write_forces, write_level
 
@@ -293,8 +242,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
     if table is not None:
         hint = "in a job: its [process.coefficients] in place of material"
         lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
-    left = ", stock.stl" if "engagement" in summary else ""
-    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])
+    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html to {folder}"])
 
 
 def _describe(summary: Mapping[str, Any]) -> Iterator[str]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import shutil
-import sys
 import time
 import tomllib
 from collections.abc import Mapping
@@ -24,7 +22,7 @@ from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.post import read_post
 from compplan.errors import CompplanError, InputError, UnknownNameError
 from compplan.io.provenance import describe_origin
-from compplan.io.tables import read_text, write_text
+from compplan.io.tables import write_text
 from compplan.io.transaction import replace_folder
 from compplan.robot import Robot, load_robot, read_robot_folder
 from compplan.robot.brands import CONTROLLERS
@@ -35,8 +33,6 @@ from compplan.toolpath.readers import find_reader, list_suffixes
 if TYPE_CHECKING:
     from compplan.cli.doctor.installation import Remark
 
-#: Pitch of the example cone that shows what force the arm bears. [mm]
-FEW_TURNS_MM = 5.0
 #: What is written by the first word: how that is called, and its options; any other first word is the file of a job.
 FORMS = {
     "robot": ("robot URDF", ("tcp", "tool_axis", "controller", "payload", "reach", "mass", "out")),
@@ -141,8 +137,14 @@ def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
 
 
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
-    from compplan.job.called_tools import describe_assumed, read_called_tools
-    from compplan.job.commented_job import choose_process, mount_tool, number_tools, shorten_job, write_job_text
+    from compplan.job.commented_job import (
+        choose_process,
+        mount_tool,
+        number_tools,
+        read_called_tools,
+        shorten_job,
+        write_job_text,
+    )  # fmt: skip
 
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":
@@ -160,17 +162,15 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
         text = choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
         if not toolpath.lower().endswith(".csv"):
             try:
-                tools = read_called_tools(file.parent / toolpath)
-                text, assumed = number_tools(text, tools), describe_assumed(tools)
+                text = number_tools(text, read_called_tools(file.parent / toolpath))
+                assumed = "assumed, put yours: tool length and mass, and what is marked so in the cut"
             except CompplanError as error:
                 assumed = f"tools and spindle speeds are not taken from {toolpath}: {error}"
     if robot is not None:
         with show_progress() as announce:
             announce("place of the part")
             text, place = _place_part(text, file)
-            if toolpath is None:
-                announce("force that the arm can carry")
-                text = _ease_force(text, file)
+        text = _ease_force(text, robot) if toolpath is None else text
     write_text(file, shorten_job(text) if short else text)
     return [*filter(None, (place, assumed)), f"wrote {file}; next: compplan plan {file} --out out"]
 
@@ -198,24 +198,16 @@ def _place_part(text: str, file: Path) -> tuple[str, str]:
     return set_place(text, position, f"assumed: {why}; put yours"), f"the part stands at {position} mm (assumed: {why})"
 
 
-def _ease_force(text: str, file: Path) -> str:
-    """Lower the force of a job's text to what its arm bears; it stays where the path cannot be followed."""
+def _ease_force(text: str, robot: Robot) -> str:
+    """Lower the force of a job's text to half of what the strongest joint holds with the arm stretched out."""
     from compplan.job.commented_job import set_force
-    from compplan.job.job import check_job
-    from compplan.planning.first_force import bearable_share
-    from compplan.process.force_models.isf import IsfProcess
 
-    try:
-        tables = tomllib.loads(text)
-        tables["toolpath"]["pitch_mm"] = FEW_TURNS_MM
-        job = check_job(tables, file)
-        share = bearable_share(job)
-    except CompplanError:
+    process, most = tomllib.loads(text)["process"], float(robot.effort_limits[~robot.prismatic].max(initial=0.0))
+    share = 0.5 * most / robot.longest_reach / process["axial_N"]
+    if not 0.0 < share < 1.0:
         return text
-    if share == 1.0 or not isinstance(job.process, IsfProcess):
-        return text
-    axial, lateral = (_round_down(share * force) for force in (job.process.axial_N, job.process.lateral_N))
-    return set_force(text, axial, lateral, "assumed: what this arm can carry there; put yours")
+    axial, lateral = (_round_down(share * process[key]) for key in ("axial_N", "lateral_N"))
+    return set_force(text, axial, lateral, "assumed: half of what this arm holds stretched out; put yours")
 
 
 def _round_down(value: float) -> float:
@@ -226,15 +218,11 @@ def _round_down(value: float) -> float:
 
 def _check_toolpath(path: Path) -> None:
     """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
-    from compplan.job.called_tools import ANY_FEED
     from compplan.toolpath.readers.lines import read_bounded
-    from compplan.toolpath.reading import read_toolpath
 
     if not path.is_file():
         raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
-    if path.suffix.lower() == ".csv":
-        read_toolpath(path, feed=ANY_FEED)
-    elif path.suffix.lower() not in list_suffixes() and find_reader(path, read_bounded(path)) is None:
+    if path.suffix.lower() not in (".csv", *list_suffixes()) and find_reader(path, read_bounded(path)) is None:
         raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
 
 
@@ -249,15 +237,7 @@ def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> lis
     folder = out or Path(urdf.stem)
     if not folder.is_dir() or any(folder.iterdir()):  # a run that died may have left it empty
         _refuse_existing(folder)
-    tcp, tool_axis = options["tcp"], options["tool_axis"]
-    try:
-        made = build_skeleton(urdf, tcp, tool_axis, controller, rating)
-    except InputError as error:
-        if tool_axis is not None or "which axis of" not in error.message or not sys.stdin.isatty():
-            raise
-        question = f"The URDF {error.message.partition(';')[0]}. Which one does"
-        axis = click.prompt(question, type=click.Choice(list(TURNS)), err=True)
-        made = build_skeleton(urdf, tcp, axis, controller, rating)
+    made = build_skeleton(urdf, options["tcp"], options["tool_axis"], controller, rating)
     with replace_folder(folder, "init") as new:
         for name, text in made.texts.items():
             write_text(new / name, text)
@@ -354,8 +334,8 @@ def _describe_findings(findings: list[Remark]) -> list[str]:
 
     rows = []
     for finding in findings:
-        said = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
-        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(said)))
+        text = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
+        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(text)))
     odd = sum(finding.state == "odd" for finding in findings)
     count = f"{odd} odd of {len(findings)} looked at" if odd else f"nothing odd; {len(findings)} looked at"
     return [*format_table(rows), count]
@@ -366,38 +346,23 @@ def _describe_findings(findings: list[Remark]) -> list[str]:
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port on 127.0.0.1.")
 @click.option("--open/--no-open", "opened", default=True, help="Open the page in the browser.")
 def run_view(out: Path, port: int, opened: bool) -> None:
-    """Show OUT, a folder of compplan plan or diagnose: the arm along the path, or measured poses.
+    """Show OUT, a folder of compplan plan or post: the arm along the path.
 
-    A plan of several tools has a view for each, at ports one after the other. Ctrl-C ends them.
+    A plan of several tools has a folder for each: compplan view out/T1. Ctrl-C ends it.
 
     Example: compplan view out
     """
     from compplan.reporting.view.server import HOST, start_server
 
-    viewers = []
-    for place, folder in enumerate(list_shown(out)):
-        with show_progress() as progress:
-            progress("the viewer starts")
-            viewers.append(start_server(folder, port + place))
-        address = f"http://{HOST}:{port + place}"
-        show({}, False, [f"{folder} at {address}, Ctrl-C ends it"])
-        if opened:
-            click.launch(address)
+    with show_progress() as progress:
+        progress("the viewer starts")
+        viewer = start_server(out, port)
+    address = f"http://{HOST}:{port}"
+    show({}, False, [f"{out} at {address}, Ctrl-C ends it"])
+    if opened:
+        click.launch(address)
     try:
         while True:
             time.sleep(3600.0)
     except KeyboardInterrupt:
-        for viewer in viewers:
-            viewer.stop()
-
-
-def list_shown(out: Path) -> list[Path]:
-    """Return the folders that are shown: that of each tool where a plan has several, each at a port of its own."""
-    file = out / "plan.json"
-    try:
-        data = json.loads(read_text(file)) if file.is_file() else {}
-    except ValueError:  # the viewer says what is wrong with the folder
-        data = {}
-    tools = data.get("tools", []) if isinstance(data, dict) else []
-    folders = [out / tool["folder"] for tool in tools if isinstance(tool, dict) and isinstance(tool.get("folder"), str)]
-    return folders or [out]
+        viewer.stop()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from compplan.cli.options import CommandResult, complete_robots, make_command, make_job_command, out_folder, split_names
+from compplan.cli.options import CommandResult, make_command, make_job_command, out_folder, split_names
 from compplan.cli.terminal import format_table, show_progress
 from compplan.errors import InputError
 from compplan.job.names import ONLINE, STRATEGIES
@@ -89,7 +89,7 @@ MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 
 
 @make_command(
-    click.argument("robot", shell_complete=complete_robots), out_folder,
+    click.argument("robot"), out_folder,
     click.option("--posture", type=click.Choice(["straight", "down", "outward"]), default="down", show_default=True,
                  help="How the tool points; straight: wrist joints at zero."),
     click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,
@@ -100,11 +100,10 @@ MOST_LOAD, FARTHEST_MM = 1e5, 1e5
     click.option("--azimuth-deg", type=float, default=0.0, show_default=True, help="Direction of the vertical plane."),
     click.option("--points", type=click.IntRange(5, 1000), default=100, show_default=True,
                  help="Points along each side."),
-    click.option("--reduced", help="Robot folder of a reduced model to compare with; by default it is fitted."),
 )  # fmt: skip
 def run_map(
     robot: str, folder: Path, posture: str, force: tuple[float, ...], moment: tuple[float, ...], height_mm: float,
-    azimuth_deg: float, points: int, reduced: str | None,
+    azimuth_deg: float, points: int,
 ) -> CommandResult:  # fmt: skip
     """Draw how far ROBOT yields: under the worst unit force and under a given wrench, over two planes.
 
@@ -127,7 +126,7 @@ def run_map(
     robot_effects(loaded)  # they move no map, but a wrong file is told here too
     with show_progress() as progress:
         progress("maps of two planes")
-        result = map_robot(loaded, settings, None if reduced is None else load_robot(reduced))
+        result = map_robot(loaded, settings)
         progress("pictures and report")
         write_map(result, folder)
     wrote = f"wrote {folder / 'map.json'}, {folder / 'report.html'}"

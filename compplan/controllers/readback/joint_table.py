@@ -38,14 +38,13 @@ class Commanded:
     #: Whether the speed of the move to each row that programs hold is of no account. Shape (m,).
     free: NDArray[np.bool_]
     table: NDArray[np.bool_]  #: Rows that joints.csv holds. Shape (n,).
-    coarser: Array  #: How much more than the strictest tolerance the move to each row may take. Shape (n,).
     sent: Array  #: Joint positions that programs hold: q, or what leads by the lag of drives. Shape (n, nq). [rad or m]
     asked: Array  #: Feed that the CAM file asks for in the move to each row that programs hold. Shape (m,). [mm/s]
     beside: Array  #: How far zones may lead beside a corner. Shape (m,). [m]
     #: From a row that programs hold to the corner that moves of the tool state in its place, nan at rows of a rounded
     #: corner that they leave out, 0 elsewhere. Shape (m, 3). [m]
     corner: Array
-    #: How far rows may lie beside moves of the tool that stand for them, where the tolerance is strictest. [mm]
+    #: How far rows may lie beside moves of the tool that stand for them. [mm]
     fit: float
 
     def take(self, kept: NDArray[np.int_]) -> Commanded:
@@ -111,7 +110,7 @@ class JointTable:
         names: Names. nq of them.
         slides: Whether they are prismatic. Shape (nq,).
         outer: Whether they are external axes: those that slide, or carry the part. Shape (nq,).
-        lower, upper, velocity, acceleration, jerk: Limits, infinite where none is stated. Shape (nq,).
+        lower, upper, velocity, acceleration: Limits, infinite where none is stated. Shape (nq,).
     """
 
     names: tuple[str, ...]
@@ -121,7 +120,6 @@ class JointTable:
     upper: Array
     velocity: Array
     acceleration: Array
-    jerk: Array
 
 
 def read_joints(folder: Path) -> JointTable:
@@ -143,12 +141,11 @@ def read_joints(folder: Path) -> JointTable:
         bounds = (-math.inf, math.inf) if joint.get("type") == "continuous" else (low, high)
         limits.append((*bounds, float(stated.get("velocity", "0")) or math.inf))
     lower, upper, velocity = np.array(limits, dtype=float).T
-    none = [math.inf] * len(chain)
-    acceleration, jerk = (np.array(table.get(f"{name}_limits", none), float) for name in ("acceleration", "jerk"))
+    acceleration = np.array(table.get("acceleration_limits", [math.inf] * len(chain)), float)
     slides = tuple(joint.get("type") == "prismatic" for joint in chain)
     names = tuple(joint.get("name", "") for joint in chain)
     outer = tuple(slide or k < len(carrying) for k, slide in enumerate(slides))
-    return JointTable(names, slides, outer, lower, upper, velocity, acceleration, jerk)
+    return JointTable(names, slides, outer, lower, upper, velocity, acceleration)
 
 
 def _list_moving(carrier: Mapping[str, ElementTree.Element], link: str) -> list[ElementTree.Element]:

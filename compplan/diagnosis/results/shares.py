@@ -17,7 +17,7 @@ the robot that goes out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -100,18 +100,12 @@ class Shares:
         by_factor: Share of what follows each factor, and what is not explained.
         carriers: Named findings with their shares, largest first.
         noise: Share that noise explains.
-        rows: Rows that were looked at. Shape (r,).
-        gap: Their gap, frames taken out. Shape (r, 3). [m]
-        motions: Motion by claimed cause and by small errors everywhere, largest share first. Shape (r, 3) each. [m]
     """
 
     by_place: dict[str, Share]
     by_factor: dict[str, Share]
     carriers: tuple[Carrier, ...]
     noise: float
-    rows: NDArray[np.int_] = field(default_factory=lambda: np.zeros(0, int))
-    gap: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    motions: dict[str, Array] = field(default_factory=dict)
 
 
 def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
@@ -126,19 +120,15 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
     drivers = list(dict.fromkeys(name for own in factors for name in own))
     first = [*diagnosis.robot.joint_names, *(name for own in places for name in own if name != CALIBRATION)]
     stated = [share if part.probability >= CLAIMED else 0.0 for part, share in zip(every, point, strict=True)]
-    carriers, motions = [], dict[str, Array]()
-    for part, share, values in sorted(zip(every, point, drawn, strict=True), key=lambda one: -rank_number(one[1])):
-        if part.probability < CLAIMED:
-            continue
-        name = CALIBRATION
-        if part.place != CALIBRATION:
-            name = f"{part.effect.replace('_', ' ')}, {part.place}"
-            carriers.append(Carrier(part.place, part.effect, find_interval(share, values), part.probability))
-        motions[name] = motions.get(name, 0.0) + part.motion.reshape(-1, 3)
+    carriers = [
+        Carrier(part.place, part.effect, find_interval(share, values), part.probability)
+        for part, share, values in sorted(zip(every, point, drawn, strict=True), key=lambda one: -rank_number(one[1]))
+        if part.probability >= CLAIMED and part.place != CALIBRATION
+    ]
     return Shares(
         add_up([*dict.fromkeys(first), CALIBRATION], places, stated, drawn, fate, noise),
         add_up(drivers, factors, stated, drawn, fate, noise),
-        tuple(carriers), noise, motion.rows, motion.gap.reshape(-1, 3), motions,
+        tuple(carriers), noise,
     )  # fmt: skip
 
 

@@ -183,13 +183,6 @@ def steady_slide(positions: Array, stroke: float) -> Array:
     return steady
 
 
-def count_reversals(positions: Array, stroke: float) -> int:
-    """Count the reversals of a joint along positions (n,), ignoring moves shorter than `stroke` > 0. [m or rad]"""
-    if not len(positions) or np.ptp(positions) < stroke:
-        return 0
-    return len(_turning_points(positions, stroke)) - 2
-
-
 def _turning_points(positions: Array, stroke: float) -> list[int]:
     """List the rows of alternating extremes, each at least a stroke away from the one before."""
     low = high = 0

@@ -1,7 +1,7 @@
 """Force models, one file each: numbers of a process, and the wrench on the tool that follows from them along a path.
 
 Each file holds what the model is called in `words`, and its `table`: the keys of a job's [process] with their ranges,
-`model` being the name of the file. It may also say whose equations it has (`cites`). Tables differ in what the wrench
+`model` being the name of the file. Tables differ in what the wrench
 follows from:
 
     PathForceTable     `wrench_along(nominal)`, path axes: from path and feed alone      compplan.toolpath.contact

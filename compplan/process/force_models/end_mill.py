@@ -9,10 +9,8 @@ from pydantic import Field, model_validator
 from compplan.io.tomlfile import StrictTable
 from compplan.process.cutting import CuttingTable
 from compplan.process.engagement import Cutter
-from compplan.process.force_models import milling
 
 words = "end mill in what it meets of the stock"
-cites = milling.cites
 #: Flute length that is assumed where none is given, in diameters.
 FLUTES = 3.0
 

@@ -22,7 +22,6 @@ from compplan.toolpath.contact import ContactTable, PathForceTable, lifts
 from compplan.toolpath.toolpath import Toolpath
 
 words = "friction stir weld"
-cites = "Schmidt, Hattel, Wert: Modelling Simul. Mater. Sci. Eng. 12, 143, 2004"
 #: Traverse and side force as shares of the axial one (assumed).
 TRAVERSE, SIDE = 0.12, 0.05
 

@@ -17,7 +17,6 @@ from compplan.toolpath.contact import PathForceTable, lifts
 from compplan.toolpath.toolpath import Toolpath
 
 words = "grinding or sanding"
-cites = "Malkin, Guo: Grinding Technology, 2nd edition, 2008"
 #: Tangential by normal force, assumed.
 RATIO = 0.45
 

@@ -12,7 +12,6 @@ from compplan.toolpath.contact import ContactTable, PathForceTable, travel_acros
 from compplan.toolpath.toolpath import Toolpath
 
 words = "mean force of an end mill of given depth and width"
-cites = "Y. Altintas: Manufacturing Automation, 2nd edition, Cambridge University Press, 2012"
 
 
 class MillingProcess(PathForceTable, ContactTable):

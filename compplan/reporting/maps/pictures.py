@@ -24,30 +24,23 @@ WRENCH = {"fx": "N", "fy": "N", "fz": "N", "mx": "Nm", "my": "Nm", "mz": "Nm"}
 
 @dataclass(frozen=True)
 class Panel:
-    """One map of a figure.
+    """One map of a figure."""
 
-    Attributes:
-        title: What is shown.
-        values: Shape (b, a); NaN is left blank.
-        unit: Unit of the values.
-        high_is_good: Whether a high value is good; of deflections it is not.
-    """
-
-    title: str
-    values: Array
-    unit: str
-    high_is_good: bool = False
+    title: str  #: What is shown.
+    values: Array  #: Shape (b, a); NaN is left blank.
+    unit: str  #: Unit of the values.
+    high_is_good: bool = False  #: Whether a high value is good; of deflections it is not.
 
 
 def deflection_panels(deflection: DeflectionMap, quality: Array | None = None) -> list[Panel]:
     """List the panels of a deflection map."""
-    best, wrench = deflection.best, deflection.wrench
-    panels = [Panel("Worst unit force", best.worst * 1e6, "µm/N")]
+    wrench = deflection.wrench
+    panels = [Panel("Worst unit force", deflection.worst * 1e6, "µm/N")]
     if wrench.any():
         parts = [f"{n} = {w:g} {unit}" for (n, unit), w in zip(WRENCH.items(), wrench, strict=True) if w]
-        panels.append(Panel(f"Given wrench ({', '.join(parts)})", best.under_wrench * 1e3, "mm"))
-    if np.isfinite(best.reduced_gap).any():
-        panels.append(Panel("Full minus reduced model", best.reduced_gap * 1e6, "µm/N"))
+        panels.append(Panel(f"Given wrench ({', '.join(parts)})", deflection.under_wrench * 1e3, "mm"))
+    if np.isfinite(deflection.reduced_gap).any():
+        panels.append(Panel("Full minus reduced model", deflection.reduced_gap * 1e6, "µm/N"))
     if quality is not None and np.nanmax(quality, initial=0.0) > 1e-6:
         panels.append(Panel("Dexterity 1/κ (1 is best)", quality, "", high_is_good=True))
     return panels
@@ -65,9 +58,6 @@ def draw_deflection(robot: Robot, deflection: DeflectionMap, panels: list[Panel]
     flat = plane.name == "horizontal"
     for axis, panel in zip(axes.flat, panels, strict=False):
         _draw_field(axis, plane.u, plane.v, panel)
-        if len(np.unique(deflection.chosen[deflection.chosen >= 0])) > 1:  # elbow up is the stiffer here, down there
-            share = np.where(deflection.chosen >= 0, deflection.chosen, np.nan)
-            axis.contour(plane.u, plane.v, share, levels=[0.5], colors=INK["light"], linewidths=1.0, linestyles=":")
         _draw_arm(axis, robot, deflection)
         axis.set_aspect("equal")
         _crop(axis, deflection)
@@ -182,7 +172,7 @@ def _draw_field(axis: Any, u: Array, v: Array, panel: Panel) -> None:
 
 def _crop(axis: Any, deflection: DeflectionMap) -> None:
     """Show what is reached, the base included."""
-    plane, reached = deflection.plane, deflection.best.reached
+    plane, reached = deflection.plane, deflection.reached
     sides = (plane.u, reached.any(axis=0), axis.set_xlim), (plane.v, reached.any(axis=1), axis.set_ylim)
     for values, hit, limit in sides if reached.any() else ():
         low, high = min(float(values[hit].min()), 0.0), max(float(values[hit].max()), 0.0)
@@ -192,8 +182,8 @@ def _crop(axis: Any, deflection: DeflectionMap) -> None:
 
 def _draw_arm(axis: Any, robot: Robot, deflection: DeflectionMap) -> None:
     """Draw the arm in the posture of the most yielding point, seen along the plane's normal."""
-    flat = np.where(deflection.best.reached, deflection.best.worst, -np.inf)
-    q = deflection.best.q[np.unravel_index(int(flat.argmax()), flat.shape)]
+    flat = np.where(deflection.reached, deflection.worst, -np.inf)
+    q = deflection.q[np.unravel_index(int(flat.argmax()), flat.shape)]
     if not np.isfinite(q).all():
         return
     chain, plane = build_chain(robot), deflection.plane

@@ -1,4 +1,4 @@
-"""Reach a plane: joint positions that put the TCP on every point of a grid, elbow up and elbow down.
+"""Reach a plane: joint positions that put the TCP on every point of a grid.
 
 How the tool points is a choice: straight (the last three joints at zero, as deflection maps in papers have it) or down,
 sideways, ... by inverse kinematics of the whole pose.
@@ -7,59 +7,42 @@ sideways, ... by inverse kinematics of the whole pose.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
 from compplan.robot import Array
-from compplan.statics.chain import joint_jacobian, locate_frames
-from compplan.statics.ik import Arm, middle_of_limits, name_configuration, solve_branches
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import Arm, middle_of_limits, solve_branches
 
 POSTURES = ("straight", "down", "outward")
-ELBOWS = ("up", "down")
-TABLE = 20_000
-"""Postures that are tabulated to start the position solver from."""
+#: Postures that are drawn to find how far the arm gets.
+DRAWN = 20_000
+#: Greatest distance of a TCP from the point that it reaches. [m]
 REACHED = 1e-9
+#: A joint that exceeds a limit by no more is at it: limits in files are rounded. [rad or m]
 ON_LIMIT = 1e-6
-"""A joint that exceeds a limit by no more stands on it: limits in files are rounded. [rad or m]"""
-FAR = 0.1
-"""Points that far from every tabulated posture are out of reach. [m]"""
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A grid of points.
+    """A grid of points."""
 
-    Attributes:
-        name: "horizontal" or "vertical".
-        u: First coordinate: x of a horizontal plane, distance from axis 1 of a vertical one. Shape (a,). [m]
-        v: Second coordinate: y of a horizontal plane, z of a vertical one. Shape (b,). [m]
-        level: Height of a horizontal plane [m], direction of a vertical one about the base's z axis [rad].
-        position: Points in the base frame. Shape (b, a, 3). [m]
-    """
-
-    name: str
-    u: Array
-    v: Array
-    level: float
-    position: Array
+    name: str  #: "horizontal" or "vertical".
+    u: Array  #: First coordinate: x of a horizontal plane, distance from axis 1 of a vertical one. Shape (a,). [m]
+    v: Array  #: Second coordinate: y of a horizontal plane, z of a vertical one. Shape (b,). [m]
+    level: float  #: Height of a horizontal plane [m], direction of a vertical one about the base's z axis [rad].
+    position: Array  #: Points in the base frame. Shape (b, a, 3). [m]
 
 
 @dataclass(frozen=True)
 class ReachedPlane:
-    """Joint positions on a plane, the candidates of each elbow apart; NaN where there is none inside the limits.
+    """Joint positions on a plane; NaN where there is none inside the limits."""
 
-    Attributes:
-        plane: The plane.
-        posture: How the tool points.
-        q: Joint positions: elbow up then down, candidates of each. Shape (b, a, 2, k, nq). [rad or m]
-    """
-
-    plane: Plane
-    posture: str
-    q: Array
+    plane: Plane  #: The plane.
+    posture: str  #: How the tool points.
+    q: Array  #: Candidates of joint positions at each point. Shape (b, a, k, nq). [rad or m]
 
 
 def make_plane(name: str, u: Array, v: Array, level: float, centre: Array | None = None) -> Plane:
@@ -97,8 +80,7 @@ def reach_plane(arm: Arm, plane: Plane, posture: str = "down") -> ReachedPlane:
     if posture == "straight":
         q = _reach_points(arm, points)
     else:
-        slots = solve_branches(arm, points, _orient_tool(points - stand_of_arm(arm), posture))
-        q = np.stack([slots[:, (0, 1, 4, 5)], slots[:, (2, 3, 6, 7)]], axis=1)
+        q = solve_branches(arm, points, _orient_tool(points - stand_of_arm(arm), posture))
     within = (q >= arm.robot.lower - ON_LIMIT) & (q <= arm.robot.upper + ON_LIMIT)
     inside = np.asarray(within.all(axis=-1))
     q = np.where(inside[..., None], q, np.nan)
@@ -116,7 +98,7 @@ def stand_of_arm(arm: Arm) -> Array:
 
 def working_limits(arm: Arm, posture: str = "straight") -> tuple[float, float, float]:
     """Find how far and how high the TCP gets [m]: greatest distance from the stand of the arm, lowest and highest z."""
-    q = _tabulate(arm, straight=posture == "straight")
+    q = _draw_postures(arm, straight=posture == "straight")
     position = locate_frames(arm.chain, q).tcp_position - stand_of_arm(arm)
     height = position[:, 2]
     return float(np.hypot(position[:, 0], position[:, 1]).max()), float(height.min()), float(height.max())
@@ -133,130 +115,59 @@ def _orient_tool(points: Array, posture: str) -> Array:
     return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
-def _tabulate(arm: Arm, *, straight: bool) -> Array:
+def _draw_postures(arm: Arm, *, straight: bool) -> Array:
     """Draw joint positions inside the limits, evenly, held joints in the middle of theirs."""
     from scipy.stats import qmc
 
     lower = np.maximum(arm.robot.lower, -np.pi)
     upper = np.minimum(arm.robot.upper, np.pi)
-    q = np.tile(middle_of_limits(arm.robot), (TABLE, 1))
+    q = np.tile(middle_of_limits(arm.robot), (DRAWN, 1))
     moving = arm.arm[:3] if straight else arm.arm
-    q[:, moving] = (lower + qmc.Halton(len(lower), seed=0).random(TABLE) * (upper - lower))[:, moving]
+    q[:, moving] = (lower + qmc.Halton(len(lower), seed=0).random(DRAWN) * (upper - lower))[:, moving]
     if straight:
         q[:, arm.arm[3:]] = 0.0
     return q
 
 
 def _reach_points(arm: Arm, points: Array) -> Array:
-    """Solve the first three joints of the arm for points, the last three at zero. Shape (n, 2, 2, nq).
+    """Solve the first three joints of the arm for points, the last three at zero. Shape (n, 4, nq).
 
-    Joint one turns the arm about its axis; what joints two and three do shows in the half-plane of that axis: distance
-    from it (signed: reaching forward or over the back) and height along it.
+    Joint one turns the half-plane of its axis into the target. In that half-plane joints two and three are a planar arm
+    of two links, which reaches forward or over the back, with its elbow on either side (law of cosines).
     """
-    half = _half_plane(arm)
-    table = _tabulate_half_plane(arm)
-    forward, along, across = half.coordinates(arm, table)
-    named = name_configuration(arm, _bend_wrist(arm, table))
-    offset = points - half.origin
-    height = offset @ half.axis
-    distance = np.linalg.norm(offset - height[:, None] * half.axis, axis=1)
-    q = np.full((len(points), 2, 2, arm.chain.nq), np.nan)
-    for elbow in range(2):
-        for side, sign in enumerate((1.0, -1.0)):
-            members = np.flatnonzero(((named // 2) % 2 == elbow) & (np.sign(forward) == sign))
-            if not len(members):
-                continue
-            radius = np.hypot(forward[members], across[members])
-            tree = cKDTree(np.column_stack([radius, along[members]]))
-            gap, nearest = tree.query(np.column_stack([distance, height]), distance_upper_bound=FAR)
-            near = np.flatnonzero(np.isfinite(gap))
-            found = _newton(arm, half, table[members[nearest[near]]], distance[near], height[near], sign)
-            found[:, arm.arm[0]] = _azimuth(arm, half, found, offset[near])
-            q[near, elbow, side] = _keep_reached(arm, found, points[near], elbow)
-    return q
-
-
-@dataclass(frozen=True)
-class _HalfPlane:
-    """Axis one, and the directions across it and forward along the arm while joint one stands at zero."""
-
-    origin: Array
-    axis: Array
-    forward: Array
-    across: Array
-
-    def coordinates(self, arm: Arm, q: Array) -> tuple[Array, Array, Array]:
-        """Locate the TCP forward, along the axis and across; joint one of q stands at zero."""
-        offset = locate_frames(arm.chain, q).tcp_position - self.origin
-        return offset @ self.forward, offset @ self.axis, offset @ self.across
-
-
-def _half_plane(arm: Arm) -> _HalfPlane:
-    q = middle_of_limits(arm.robot)
-    q[arm.arm] = 0.0
-    frames = locate_frames(arm.chain, q[None])
-    first, second = arm.chain.joint_elements[arm.arm[:2]]
-    axis, origin = frames.axis[0, first], frames.origin[0, first]
-    forward = np.cross(frames.axis[0, second], axis) * arm.front
+    first, second, third = arm.arm[:3]
+    rest = middle_of_limits(arm.robot)
+    q = np.tile(rest, (len(points), 4, 1))
+    q[..., arm.arm] = 0.0
+    frames = locate_frames(arm.chain, q[:1, 0])
+    axes, origins = (part[0, arm.chain.joint_elements[arm.arm[:3]]] for part in (frames.axis, frames.origin))
+    forward = np.cross(axes[1], axes[0])
     if np.linalg.norm(forward) < 1e-6:
         raise InputError("joints one and two of the arm are parallel: it has no map with a straight wrist")
     forward /= np.linalg.norm(forward)
-    return _HalfPlane(origin, axis, forward, np.cross(axis, forward))
+    aside, tip = np.cross(axes[0], forward), frames.tcp_position[0] - origins[0]
 
+    def see(vector: Array) -> Array:
+        """Return a vector as a complex number: forward, and along axis one."""
+        return np.asarray(vector @ forward + 1j * (vector @ axes[0]))
 
-def _tabulate_half_plane(arm: Arm) -> Array:
-    """Tabulate joints two and three inside their limits, the others at zero or held."""
-    second, third = arm.arm[1:3]
-    count = int(np.sqrt(TABLE))
-    sides = [
-        np.linspace(max(arm.robot.lower[j], -np.pi), min(arm.robot.upper[j], np.pi), count) for j in (second, third)
-    ]
-    q = np.tile(middle_of_limits(arm.robot), (count * count, 1))
-    q[:, arm.arm] = 0.0
-    q[:, second], q[:, third] = (side.ravel() for side in np.meshgrid(*sides))
+    upper, lower = see(origins[2] - origins[1]), see(tip + origins[0] - origins[2])
+    a, b = np.abs(upper), np.abs(lower)
+    offset = points - origins[0]
+    height, across = offset @ axes[0], float(tip @ aside)
+    distance = np.linalg.norm(offset - height[:, None] * axes[0], axis=1)
+    for candidate, (side, elbow) in enumerate(product((1.0, -1.0), (1.0, -1.0))):
+        with np.errstate(invalid="ignore"):  # NaN out of reach
+            ahead = side * np.sqrt(distance**2 - across**2)
+            away = ahead + 1j * height - see(origins[1] - origins[0])
+            bend = elbow * np.arccos((np.abs(away) ** 2 - a**2 - b**2) / (2.0 * a * b))
+            lift = np.angle(away / (a + b * np.exp(1j * bend)) * a / upper)
+        bent = bend - np.angle(lower / upper)
+        turn = np.arctan2(offset @ aside, offset @ forward) - np.arctan2(across, ahead)
+        for joint, angle in ((first, turn), (second, -lift * (axes[1] @ aside)), (third, -bent * (axes[2] @ aside))):
+            q[:, candidate, joint] = angle - 2.0 * np.pi * np.round((angle - rest[joint]) / (2.0 * np.pi))
+    known = np.isfinite(q).all(axis=-1)
+    missed = np.linalg.norm(locate_frames(arm.chain, q[known]).tcp_position - points[np.nonzero(known)[0]], axis=1)
+    q[~known] = np.nan
+    q[known] = np.where((missed < REACHED)[:, None], q[known], np.nan)
     return q
-
-
-def _newton(arm: Arm, half: _HalfPlane, q: Array, distance: Array, height: Array, sign: float) -> Array:
-    """Move joints two and three until the TCP has the wanted distance from axis one and height along it."""
-    q, moving = np.array(q), arm.arm[1:3]
-    busy = np.arange(len(q))
-    for _ in range(14):
-        frames = locate_frames(arm.chain, q[busy])
-        offset = frames.tcp_position - half.origin
-        across = offset @ half.across
-        wanted = sign * np.sqrt(np.maximum(distance[busy] ** 2 - across**2, 0.0))
-        error = np.column_stack([wanted - offset @ half.forward, height[busy] - offset @ half.axis])
-        missed = np.abs(error).max(axis=1)
-        todo: NDArray[np.int_] = np.flatnonzero(missed > 1e-13)
-        if not todo.size:
-            break
-        linear = joint_jacobian(arm.chain, frames)[todo][:, :3, moving]
-        columns = np.einsum("ci,nij->ncj", np.array([half.forward, half.axis]), linear)
-        busy, error, missed = busy[todo], error[todo], missed[todo]
-        normal = np.swapaxes(columns, 1, 2) @ columns + (1e-4 * missed)[:, None, None] * np.eye(2)
-        step = np.linalg.solve(normal, np.swapaxes(columns, 1, 2) @ error[..., None])[..., 0]
-        q[np.ix_(busy, moving)] += step * np.minimum(1.0, 0.4 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
-    return q
-
-
-def _azimuth(arm: Arm, half: _HalfPlane, q: Array, offset: Array) -> Array:
-    """Turn joint one so that the TCP points where the target does."""
-    forward, _, across = half.coordinates(arm, q)
-    wanted = np.arctan2(offset @ half.across, offset @ half.forward)
-    angle = np.asarray(wanted - np.arctan2(across, forward))
-    rest = float(middle_of_limits(arm.robot)[arm.arm[0]])
-    return angle - 2 * np.pi * np.round((angle - rest) / (2 * np.pi))
-
-
-def _keep_reached(arm: Arm, q: Array, points: Array, elbow: int) -> Array:
-    missed = np.linalg.norm(points - locate_frames(arm.chain, q).tcp_position, axis=1)
-    same = (name_configuration(arm, _bend_wrist(arm, q)) // 2) % 2 == elbow
-    return np.where(((missed < REACHED) & same)[:, None], q, np.nan)
-
-
-def _bend_wrist(arm: Arm, q: Array) -> Array:
-    """Bend the wrist a little, so that its configuration has a name."""
-    bent = np.array(q)
-    bent[:, arm.arm[4]] += 0.1
-    return bent

@@ -1,4 +1,4 @@
-"""Read what a folder of results keeps for being looked at: cell.json with joints.csv and deviation.csv, or gap.csv."""
+"""Read what the folder of a plan keeps for the viewer: cell.json, joints.csv and deviation.csv."""
 
 from __future__ import annotations
 
@@ -23,17 +23,11 @@ WAYS = ("uncorrected", "planned", "softer")
 
 @dataclass(frozen=True, eq=False)
 class ViewCell:
-    """What stands in the cell, and how the arm moves.
+    """What stands in the cell, and how the arm moves."""
 
-    Attributes:
-        joints: From the base to the TCP.
-        solids: Shapes, in the frames of their links, or in the base frame.
-        facts: All that cell.json says.
-    """
-
-    joints: tuple[Joint, ...]
-    solids: tuple[Shape, ...]
-    facts: Mapping[str, Any]
+    joints: tuple[Joint, ...]  #: From the base to the TCP.
+    solids: tuple[Shape, ...]  #: Shapes, in the frames of their links, or in the base frame.
+    facts: Mapping[str, Any]  #: All that cell.json says.
 
     @property
     def base(self) -> str:
@@ -62,76 +56,29 @@ class ViewCell:
 
 @dataclass(frozen=True, eq=False)
 class PlanRecording:
-    """A plan as its folder tells it; n rows of joints.csv, base frame.
+    """A plan as its folder tells it; n rows of joints.csv, base frame."""
 
-    Attributes:
-        cell: The cell.
-        name: Name of the job.
-        tolerance: Greatest deviation that counts as within tolerance. [m]
-        time: Shape (n,). [s]
-        q: Commanded joints. Shape (n, nq). [rad or m]
-        tip: Wanted tip. Shape (n, 3). [m]
-        wrench: Predicted wrench of the environment on the tool. Shape (n, 6). [N, N m]
-        move: "cut", "rapid", "approach" or "retract". Shape (n,).
-        deviation: Attained minus wanted tip by way, NaN where it is not known. Shape (n, 3) each. [m]
-        error_band: Distance that holds the true tip with 95 %, NaN where none is stated. Shape (n,). [m]
-    """
-
-    cell: ViewCell
-    name: str
-    tolerance: float
-    time: Array
-    q: Array
-    tip: Array
-    wrench: Array
-    move: NDArray[np.str_]
+    cell: ViewCell  #: The cell.
+    name: str  #: Name of the job.
+    tolerance: float  #: Greatest deviation that counts as within tolerance. [m]
+    time: Array  #: Shape (n,). [s]
+    q: Array  #: Commanded joints. Shape (n, nq). [rad or m]
+    tip: Array  #: Wanted tip. Shape (n, 3). [m]
+    wrench: Array  #: Predicted wrench of the environment on the tool. Shape (n, 6). [N, N m]
+    move: NDArray[np.str_]  #: "cut", "rapid", "approach" or "retract". Shape (n,).
+    #: Attained minus wanted tip by way, NaN where it is not known. Shape (n, 3) each. [m]
     deviation: Mapping[str, Array]
-    error_band: Array
+    error_band: Array  #: Distance that holds the true tip with 95 %, NaN where none is stated. Shape (n,). [m]
 
 
-@dataclass(frozen=True, eq=False)
-class GapRecording:
-    """Measured poses of a diagnosis; n rows, base frame.
-
-    Attributes:
-        cell: The cell.
-        row: Row of the log. Shape (n,).
-        run: Its run. Shape (n,).
-        q: Joints. Shape (n, nq). [rad or m]
-        point: Measured point. Shape (n, 3). [m]
-        gap: Measured minus predicted, before and after the update. Shape (n, 3) each. [m]
-        cause: What explains most of the gap there. Shape (n,).
-        share: The share that it explains, from 0 to 1. Shape (n,).
-    """
-
-    cell: ViewCell
-    row: NDArray[np.int_]
-    run: NDArray[np.str_]
-    q: Array
-    point: Array
-    gap: Mapping[str, Array]
-    cause: NDArray[np.str_]
-    share: Array
-
-
-def read_recording(folder: Path) -> PlanRecording | GapRecording:
-    """Read a folder that `compplan plan` or `compplan diagnose` wrote.
-
-    Raises:
-        InputError: If it is none, or what it holds is not what it has to be.
-    """
+def read_recording(folder: Path) -> PlanRecording:
+    """Read a folder that `compplan plan` wrote."""
     if not folder.is_dir():
-        raise InputError("is no folder; name one that compplan plan or compplan diagnose wrote", file=folder)
-    if (folder / "gap.csv").is_file():
-        return _read_gap(folder)
+        raise InputError("is no folder; name one that compplan plan wrote", file=folder)
     missing = [name for name in ("joints.csv", "deviation.csv", "cell.json") if not (folder / name).is_file()]
     if missing:
-        message = f"holds no plan to show ({', '.join(missing)} not there); name a folder of compplan plan or diagnose"
+        message = f"holds no plan to show ({', '.join(missing)} not there); name a folder of compplan plan"
         raise InputError(f"{message}, or plan again", file=folder)
-    return _read_plan(folder)
-
-
-def _read_plan(folder: Path) -> PlanRecording:
     cell = read_cell(folder / "cell.json")
     columns = [FileColumn("time", "time", True), *_joint_columns(cell), *(FileColumn(a, "length", True) for a in "xyz")]
     columns += [FileColumn(name, required=True) for name in "ijk"]
@@ -157,26 +104,8 @@ def _read_plan(folder: Path) -> PlanRecording:
     )  # fmt: skip
 
 
-def _read_gap(folder: Path) -> GapRecording:
-    cell = read_cell(folder / "cell.json")
-    columns = [FileColumn("row", required=True), FileColumn("run", "text", True), *_joint_columns(cell)]
-    names = [f"{part}{axis}" for part in ("", "gap_", "left_") for axis in "xyz"]
-    columns += [FileColumn(name, "length", True, missing=True) for name in names]
-    columns += [FileColumn("explained_by", "text", True), FileColumn("explained_share", required=True)]
-    table = read_table(folder / "gap.csv", columns)
-    gap = {"nominal model": _read_vectors(table, "gap_{}"), "updated model": _read_vectors(table, "left_{}")}
-    return GapRecording(
-        cell, table.values["row"].astype(int), np.asarray(table.text["run"]), _read_joints(table, cell),
-        _read_vectors(table, "{}"), gap, np.asarray(table.text["explained_by"]), table.values["explained_share"],
-    )  # fmt: skip
-
-
 def read_cell(file: Path) -> ViewCell:
-    """Read cell.json.
-
-    Raises:
-        InputError: If it is not what compplan writes.
-    """
+    """Read cell.json."""
     try:
         cell = build_cell(json.loads(read_text(file)))
         links = {cell.base, "", *(joint.child for joint in cell.joints)}

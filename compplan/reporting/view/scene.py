@@ -9,23 +9,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.palette import CATEGORIES, NEUTRAL
-from compplan.io.quantities import format_length, format_number, format_percent
+from compplan.io.palette import NEUTRAL
+from compplan.io.quantities import format_length, format_number
 from compplan.reporting.charts import SEQUENTIAL, thin_path
-from compplan.reporting.scenes import Shape, choose_magnification, follow_joints
-from compplan.reporting.view.recording import GapRecording, PlanRecording, ViewCell
+from compplan.reporting.scenes import follow_joints
+from compplan.reporting.view.recording import PlanRecording, ViewCell
 from compplan.robot import Array
 
 Bytes = NDArray[np.uint8]
 Rows = NDArray[np.int_] | slice | int
 #: Deviation that gets the last colour, in tolerances; the middle one is one tolerance.
 LAST = 2.0
-#: Steps towards the drawn tip, and the damping of one. [1, m/rad]
-STEPS, DAMPING = 3, 1e-3
-#: Points of a path that are drawn at most, rings of the band, and corners of a ring.
-POINTS, RINGS, CORNERS = 20_000, 300, 16
-#: A corner of the part takes the colour of the path within this distance of it. [m]
-NEAR = 0.025
+#: Points of a path that are drawn at most.
+POINTS = 20_000
 #: The way of showing the tip that is a band.
 ERROR_BAND = "error_band"
 #: A length of deviation.csv that reads 0 is below this. [m]
@@ -33,10 +29,6 @@ TINY = 1e-12
 #: Length of the greatest drawn deviation as a share of the path's extent, greatest magnification, and the share of the
 #: tolerance below which a deviation is not worth one.
 MAGNIFIED, MOST_MAGNIFIED, SEEN = 0.1, 500.0, 0.02
-#: Length and spread of an arrow's head, as shares of the arrow.
-HEAD, SPREAD = 0.25, 0.1
-#: Cause of a gap that no named effect explains.
-NO_CAUSE = "not explained"
 
 
 class Lines(NamedTuple):
@@ -56,16 +48,8 @@ def paint_sizes(size: Array, tolerance: float) -> Bytes:
     place = np.clip(np.nan_to_num(size) / (LAST * tolerance), 0.0, 1.0)
     stops = [stop for stop, _ in SEQUENTIAL]
     shades = np.stack([read_colour(colour) for _, colour in SEQUENTIAL]).astype(float)
-    told = np.column_stack([np.interp(place, stops, shade) for shade in shades.T])
-    return np.where(np.isfinite(size)[:, None], told, read_colour(NEUTRAL)).astype(np.uint8)
-
-
-def paint_names(names: NDArray[np.str_]) -> tuple[Bytes, dict[str, str]]:
-    """Colour names by how often they come, "not explained" grey; return colours and what they mean."""
-    found, count = np.unique(names, return_counts=True)
-    order = [str(name) for name in found[np.argsort(-count)] if name != NO_CAUSE]
-    legend = {name: CATEGORIES[min(k, len(CATEGORIES) - 1)] for k, name in enumerate(order)} | {NO_CAUSE: NEUTRAL}
-    return np.stack([read_colour(legend[str(name)]) for name in names]), legend
+    colours = np.column_stack([np.interp(place, stops, shade) for shade in shades.T])
+    return np.where(np.isfinite(size)[:, None], colours, read_colour(NEUTRAL)).astype(np.uint8)
 
 
 def join_rows(points: Array, colours: Bytes) -> Lines:
@@ -83,45 +67,10 @@ def pick_point(points: Array, origin: Array, direction: Array) -> int:
     return int(np.argmin(np.where(np.isfinite(angle), angle, np.inf)))
 
 
-def stand_aside(along: Array) -> Array:
-    """Return a direction across each of some directions, as long as they are. Shape (n, 3) both."""
-    size = np.linalg.norm(along, axis=1, keepdims=True)
-    upright = np.abs(along[:, 2:]) >= 0.9 * size
-    aside = np.cross(along, np.where(upright, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]))
-    return np.asarray(aside * size / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-12))
-
-
 def locate_chain(cell: ViewCell, q: Array) -> dict[str, Array]:
     """Locate every link of the arm at joints q, shape (nq,) [rad or m]; shape (4, 4) each [m]."""
     value = dict(zip((joint.name for joint in cell.actuated), q, strict=True))
     return follow_joints(cell.base, cell.joints, value)
-
-
-def slope_tip(cell: ViewCell, poses: dict[str, Array]) -> Array:
-    """Return how the tip moves with each joint: axis x (tip - axis point) of a turning joint, axis of a sliding one.
-
-    poses: where its links are, of `locate_chain`. Shape (3, nq). [m/rad or 1]
-    """
-    column = {joint.name: number for number, joint in enumerate(cell.actuated)}
-    slope = np.zeros((3, len(column)))
-    for joint in cell.joints:
-        if joint.kind != "fixed":
-            pose = poses[joint.child]
-            axis = pose[:3, :3] @ joint.axis
-            motion = axis if joint.kind == "prismatic" else np.cross(axis, poses[cell.tcp][:3, 3] - pose[:3, 3])
-            lead, factor = (joint.name, 1.0) if joint.mimic is None else (joint.mimic.joint, joint.mimic.multiplier)
-            slope[:, column[lead]] += factor * motion
-    return slope
-
-
-def bend_arm(cell: ViewCell, q: Array, tip: Array) -> Array:
-    """Move joints q (nq,) as little as need be until the tip is at a place [m], for drawing: damped least squares."""
-    bent = np.array(q, float)
-    for _ in range(STEPS):
-        poses = locate_chain(cell, bent)
-        slope, away = slope_tip(cell, poses), tip - poses[cell.tcp][:3, 3]
-        bent += slope.T @ np.linalg.solve(slope @ slope.T + DAMPING**2 * np.eye(3), away)
-    return bent
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,17 +125,9 @@ class PlanScene:
         extent = float(np.ptp(self.recording.tip[self.cut], axis=0).max())
         return float(np.clip(round(MAGNIFIED * extent / size), 1.0, MOST_MAGNIFIED))
 
-    def worst(self, way: str, count: int = 5) -> list[int]:
-        """List the rows where a way strays most, the worst first, no two of them near each other."""
-        size = np.nan_to_num(self.sizes[way], nan=-1.0)
-        apart = max(len(size) // 20, 1)
-        found: list[int] = []
-        for row in np.argsort(-size).tolist():
-            if size[row] <= 0.0 or len(found) == count:
-                break
-            if all(abs(row - other) >= apart for other in found):
-                found.append(row)
-        return found
+    def find_worst(self, way: str) -> int:
+        """Return the row where a way strays most."""
+        return int(np.argmax(np.nan_to_num(self.sizes[way], nan=-1.0)))
 
     @cached_property
     def length(self) -> Array:
@@ -194,7 +135,7 @@ class PlanScene:
         return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.recording.tip, axis=0), axis=1))]
 
     def name_row(self, row: int, way: str) -> str:
-        """Name a row as the list of worst places does."""
+        """Name a row by its deviation and its length along the path."""
         return f"{_describe_length(self.sizes[way][row])} at {1e3 * self.length[row]:.4g}\u00a0mm"
 
     def place(self, way: str, magnify: float, rows: Rows = slice(None)) -> Array:
@@ -218,37 +159,9 @@ class PlanScene:
         """Draw the wanted path in grey."""
         return join_rows(self.recording.tip[self.rows], paint_sizes(np.full(len(self.rows), np.nan), 1.0))
 
-    def draw_error_band(self, magnify: float) -> Lines:
-        """Draw rings about the path that hold the true tip with 95 %, magnified."""
-        radius, tip = self.recording.error_band, self.recording.tip
-        known = np.flatnonzero(np.isfinite(radius))
-        rows = known[np.unique(np.linspace(0, len(known) - 1, RINGS).astype(int))] if len(known) else known
-        along = np.gradient(tip, axis=0)[rows]
-        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-        aside, angle = stand_aside(along), np.linspace(0.0, 2 * np.pi, CORNERS + 1)[:, None, None]
-        ring = np.cos(angle) * aside + np.sin(angle) * np.cross(along, aside)
-        points = tip[rows] + magnify * radius[rows][:, None] * ring
-        ends = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3).astype(np.float32)
-        colours = np.tile(paint_sizes(radius[rows], self.top(ERROR_BAND) / LAST), (CORNERS, 1))
-        return Lines(ends, np.repeat(colours[:, None], 2, axis=1))
-
-    def paint_solid(self, solid: Shape, way: str) -> Bytes:
-        """Colour the corners of the part by the deviation of the path beside them. Shape (v, 4)."""
-        from scipy.spatial import cKDTree
-
-        size = self.sizes[way]
-        told = np.flatnonzero(np.isfinite(size))
-        own = np.round(255 * np.tile(solid.colour, (len(solid.vertices), 1))).astype(np.uint8)
-        if len(told):
-            distance, nearest = cKDTree(self.recording.tip[told]).query(solid.vertices)
-            near = distance < NEAR
-            own[near, :3] = paint_sizes(size[told[nearest[near]]], self.top(way) / LAST)
-        return own
-
-    def pose_links(self, row: int, way: str, magnify: float) -> dict[str, Array]:
-        """Locate every link, the arm bent so that its tip is where the path is drawn. Shape (4, 4) each. [m]"""
-        cell = self.recording.cell
-        return locate_chain(cell, bend_arm(cell, self.recording.q[row], self.place(way, magnify, row)))
+    def pose_links(self, row: int) -> dict[str, Array]:
+        """Locate every link as commanded. Shape (4, 4) each. [m]"""
+        return locate_chain(self.recording.cell, self.recording.q[row])
 
     @cached_property
     def greatest_force(self) -> float:
@@ -267,68 +180,13 @@ class PlanScene:
         lines += [f"| {name} | {_describe_length(self.sizes[way][row])} |" for way, name in self.ways.items()]
         lines += [f"| tolerance | {format_length(record.tolerance)} |", "", "| joint | |", "|---|---|"]
         for joint, value in zip(record.cell.actuated, record.q[row], strict=True):
-            said = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
-            lines.append(f"| {joint.name} | {said} |")
+            position = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
+            lines.append(f"| {joint.name} | {position} |")
         force = ", ".join(format_number(float(value)) for value in record.wrench[row, :3])
         x, y, z = (format_number(1e3 * float(value), 5) for value in record.tip[row])
         words = ", ".join(f"{name} {word}" for name, word in record.cell.facts.get("configuration", {}).items())
         lines += ["", f"Force on the tool: {force} N (x, y, z of the base)", "", f"Wanted tip: {x}, {y}, {z} mm"]
         return "\n".join([*lines, "", f"Posture: {words or 'not known'}"])
-
-
-@dataclass(frozen=True, eq=False)
-class GapScene:
-    """Measured poses of a diagnosis to be shown: an arrow a pose, coloured by what explains it."""
-
-    recording: GapRecording
-
-    @property
-    def ways(self) -> dict[str, str]:
-        """What can be shown, with what it is called."""
-        return {way: f"gap, {way}" for way in self.recording.gap}
-
-    @property
-    def count(self) -> int:
-        """Poses."""
-        return len(self.recording.row)
-
-    @cached_property
-    def magnification(self) -> float:
-        """By how much arrows are magnified at first."""
-        gap = next(iter(self.recording.gap.values()))
-        known = np.isfinite(gap).all(axis=1) & np.isfinite(self.recording.point).all(axis=1)
-        return choose_magnification(self.recording.point[known], gap[known]) if known.any() else 1.0
-
-    @cached_property
-    def legend(self) -> dict[str, str]:
-        """Colour of every cause."""
-        return paint_names(self.recording.cause)[1]
-
-    def draw_arrows(self, way: str, magnify: float) -> Lines:
-        """Draw the gap of every pose as an arrow from the measured point, coloured by what explains most of it."""
-        start, arrow = self.recording.point, magnify * self.recording.gap[way]
-        known = np.isfinite(start).all(axis=1) & np.isfinite(arrow).all(axis=1)
-        start, arrow, colours = start[known], arrow[known], paint_names(self.recording.cause)[0][known]
-        aside, tip, neck = SPREAD * stand_aside(arrow), start + arrow, start + (1.0 - HEAD) * arrow
-        pairs = ((start, tip), (tip, neck + aside), (tip, neck - aside))
-        ends = np.concatenate([np.stack(pair, axis=1) for pair in pairs])
-        return Lines(ends.astype(np.float32), np.repeat(np.tile(colours, (3, 1))[:, None], 2, axis=1))
-
-    def pose_links(self, pose: int) -> dict[str, Array]:
-        """Locate every link at a pose. Shape (4, 4) each. [m]"""
-        return locate_chain(self.recording.cell, self.recording.q[pose])
-
-    def tell(self, pose: int) -> str:
-        """Describe a pose as markdown."""
-        record = self.recording
-        lines = [f"**Row {record.row[pose]}** of the log, run {record.run[pose]}", "", "| gap | |", "|---|---|"]
-        for way, gap in record.gap.items():
-            size = float(np.linalg.norm(gap[pose]))
-            lines.append(f"| {way} | {format_length(size) if np.isfinite(size) else 'not measured'} |")
-        said = f"{record.cause[pose]}: {format_percent(float(record.share[pose]))} of it"
-        if record.cause[pose] == NO_CAUSE:
-            said = "No named cause explains a quarter of it here."
-        return "\n".join([*lines, "", said])
 
 
 def _describe_length(metres: float) -> str:

@@ -18,8 +18,8 @@ from compplan.errors import InputError
 from compplan.io.quantities import format_length, format_set_length
 from compplan.reporting.charts import SEQUENTIAL
 from compplan.reporting.provenance import GRADE_MEANING
-from compplan.reporting.view.recording import GapRecording, ViewCell, read_recording
-from compplan.reporting.view.scene import ERROR_BAND, GapScene, Lines, PlanScene, pick_point
+from compplan.reporting.view.recording import read_recording
+from compplan.reporting.view.scene import ERROR_BAND, Lines, PlanScene, pick_point
 from compplan.robot import Array
 
 HOST = "127.0.0.1"
@@ -28,22 +28,16 @@ HOST = "127.0.0.1"
 FRAMED, BESIDE_PANEL = 1.5, 0.3
 #: Colour of the force arrow, and of the mark at the tip.
 DARK, MARK = np.full((1, 2, 3), 60, np.uint8), (29, 35, 41)
-#: Half the width of the floor, the distance of its lines [m], and their grey.
-FLOOR, CELL, LIGHT = 3.0, 0.5, 208
+#: Width of the floor and the distance of its lines. [m]
+FLOOR, CELL = 6.0, 0.5
 #: Pictures a second that are aimed at, and how often the panel is brought up to date while the arm moves. [1/s]
 PICTURES, PANEL = 30.0, 5.0
 #: Length of the longest force arrow, as a share of the arm's reach.
 FORCE_LENGTH = 0.12
-#: Worst places that are listed.
-WORST = 5
 
 
-def start_server(folder: Path, port: int) -> PlanViewer | GapViewer:
-    """Show a folder of results on loopback; return the viewer, which goes on until it is stopped.
-
-    Raises:
-        InputError: If viser is not installed, the folder holds nothing to show, or the port is taken.
-    """
+def start_server(folder: Path, port: int) -> PlanViewer:
+    """Show a folder of results on loopback; return the viewer, which goes on until it is stopped."""
     try:
         import viser
     except ImportError:
@@ -57,18 +51,7 @@ def start_server(folder: Path, port: int) -> PlanViewer | GapViewer:
             raise InputError(f"port {port} on {HOST} is taken, name another with --port") from None
     with redirect_stdout(StringIO()):  # it greets
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
-    if isinstance(recording, GapRecording):
-        return GapViewer(server, GapScene(recording))
     return PlanViewer(server, PlanScene(recording))
-
-
-def draw_floor() -> Lines:
-    """Draw the floor as lines, 0.5 m apart: a floor that is worked out for each pixel costs more than the arm."""
-    place = np.arange(-FLOOR, FLOOR + 1e-9, CELL)
-    along = np.stack([np.full_like(place, -FLOOR), np.full_like(place, FLOOR)], axis=1)
-    across, level = np.stack([place, place], axis=1), np.zeros_like(along)
-    ends = np.concatenate([np.stack([along, across, level], axis=2), np.stack([across, along, level], axis=2)])
-    return Lines(ends.astype(np.float32), np.full(ends.shape, LIGHT, np.uint8))
 
 
 def draw_colour_bar(top: float, tolerance: float) -> str:
@@ -85,14 +68,33 @@ def draw_colour_bar(top: float, tolerance: float) -> str:
     )
 
 
-class Viewer:
-    """A cell on a server: its solids, moved with the links of the arm."""
+class PlanViewer:
+    """A plan in the browser: the arm moves along the path in the time that the program takes."""
 
-    def __init__(self, server: Any, cell: ViewCell) -> None:
-        self.server, self.cell = server, cell
+    def __init__(self, server: Any, scene: PlanScene) -> None:
+        self.server, self.cell, self.scene = server, scene.recording.cell, scene
+        self.row, self.lock, self.written, self.running = scene.start, threading.RLock(), 0.0, True
+        self._add_cell()
+        tip = scene.recording.tip
+        self.extent = max(float(np.ptp(tip, axis=0).max()), 0.05)
+        self._build_panel()
+        size = 0.012 * self.extent + 0.001
+        self.marker = server.scene.add_icosphere(f"{self.root}/tip", radius=size, color=MARK)
+        self.force = self.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
+        self.draw("/wanted", scene.draw_wanted(), 1.5)
+        poses = scene.pose_links(scene.start)
+        self.move(poses)
+        self.look_at(tip[scene.cut], poses)
+        self.redraw()
+        server.scene.on_pointer_event("click")(self._click)
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _add_cell(self) -> None:
+        """Add the solids of the cell, those of the arm in frames that move with its links."""
+        server, cell = self.server, self.cell
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)
-        server.scene.add_line_segments("/floor", *draw_floor(), thickness=1.0, thickness_units="screen")
+        server.scene.add_grid("/floor", width=FLOOR, height=FLOOR, cell_size=CELL, section_thickness=0.0)
         self.root, self.carried = "/part" if cell.ground else "", np.asarray(np.eye(4))
         self.part = server.scene.add_frame("/part", show_axes=False) if cell.ground else None
         links, add = {joint.child for joint in cell.joints} | {cell.base}, server.scene.add_frame
@@ -127,7 +129,7 @@ class Viewer:
         return np.asarray(points @ self.carried[:3, :3].T + self.carried[:3, 3])
 
     def look_at(self, points: Array, poses: dict[str, Array]) -> None:
-        """Frame the whole arm and the path, points (n, 3) [m], the path in front; offer to come nearer."""
+        """Frame the whole arm and the path, points (n, 3) [m], the path in front."""
         corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
                    for solid in self.cell.solids if solid.link in poses]  # fmt: skip
         points, everything = self.see(points), self.see(np.concatenate([*corners, np.zeros((1, 3)), points]))
@@ -139,42 +141,9 @@ class Viewer:
         aside /= float(np.linalg.norm(aside))
         right = np.cross(-aside, [0.0, 0.0, 1.0])
         middle = middle + BESIDE_PANEL * radius * right / max(float(np.linalg.norm(right)), 1e-9)
-        centre = points.mean(axis=0)
         self.near = (1.5 * float(np.ptp(points, axis=0).max()) + 0.05) * aside
-        views = {"whole arm": (middle, middle + FRAMED * radius * aside), "path": (centre, centre + self.near)}
-        self.server.initial_camera.position, self.server.initial_camera.look_at = views["whole arm"][1], middle
-        buttons = self.server.gui.add_button_group("look at", list(views))
-
-        @buttons.on_click
-        def _(event: Any) -> None:
-            if event.client is not None:
-                event.client.camera.look_at, event.client.camera.position = views[buttons.value]
-
-    def stop(self) -> None:
-        """Close the server, without its words."""
-        with redirect_stdout(StringIO()):
-            self.server.stop()
-
-
-class PlanViewer(Viewer):
-    """A plan in the browser: the arm moves along the path in the time that the program takes."""
-
-    def __init__(self, server: Any, scene: PlanScene) -> None:
-        super().__init__(server, scene.recording.cell)
-        self.scene, self.row, self.lock, self.written, self.running = scene, scene.start, threading.RLock(), 0.0, True
-        tip = scene.recording.tip
-        self.extent = max(float(np.ptp(tip, axis=0).max()), 0.05)
-        self._build_panel()
-        size = 0.012 * self.extent + 0.001
-        self.marker = server.scene.add_icosphere(f"{self.root}/tip", radius=size, color=MARK)
-        self.force = self.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
-        self.draw("/wanted", scene.draw_wanted(), 1.5)
-        poses = scene.pose_links(scene.start, self.chosen, 0.0)
-        self.move(poses)
-        self.look_at(tip[scene.cut], poses)
-        self.redraw()
-        server.scene.on_pointer_event("click")(self._click)
-        threading.Thread(target=self._run, daemon=True).start()
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = middle + FRAMED * radius * aside, middle
 
     def _build_panel(self) -> None:
         gui, scene, facts = self.server.gui, self.scene, self.scene.recording.cell.facts
@@ -188,15 +157,13 @@ class PlanViewer(Viewer):
         self.play = gui.add_checkbox("play", initial_value=False)
         self.slider = gui.add_slider("waypoint", min=0, max=scene.count - 1, step=1, initial_value=self.row)
         self.speed = gui.add_slider("speed, times real", min=0.1, max=20.0, step=0.1, initial_value=1.0)
-        with gui.add_folder("worst places, click to go there"):
-            self.worst = [gui.add_button("-") for _ in range(WORST)]
+        self.worst = gui.add_button("worst place")
         with gui.add_folder("this waypoint"):
             self.text = gui.add_markdown("")
         self.way.on_update(self._choose)
         self.magnify.on_update(lambda _: self.redraw())
         self.slider.on_update(self._slide)
-        for number, button in enumerate(self.worst):
-            button.on_click(lambda event, number=number: self._go(event, number))
+        self.worst.on_click(self._go_to_worst)
 
     def _choose(self, event: Any) -> None:
         """Show another way of the tip, magnified so that it is seen."""
@@ -204,14 +171,13 @@ class PlanViewer(Viewer):
             self.magnify.value = int(self.scene.magnification(self.chosen))
         self.redraw()
 
-    def _go(self, event: Any, number: int) -> None:
-        """Go to one of the worst places, and bring the eyes there."""
-        rows = self.scene.worst(self.chosen, WORST)
-        if number < len(rows):
-            self._stop_at(rows[number])
-            if event.client is not None:
-                point = self.see(self.scene.recording.tip[rows[number]])
-                event.client.camera.position, event.client.camera.look_at = point + 0.6 * self.near, point
+    def _go_to_worst(self, event: Any) -> None:
+        """Go to the worst place, and bring the eyes there."""
+        row = self.scene.find_worst(self.chosen)
+        self._stop_at(row)
+        if event.client is not None:
+            point = self.see(self.scene.recording.tip[row])
+            event.client.camera.position, event.client.camera.look_at = point + 0.6 * self.near, point
 
     @property
     def chosen(self) -> str:
@@ -219,33 +185,13 @@ class PlanViewer(Viewer):
         return next(way for way, name in self.scene.ways.items() if name == self.way.value)
 
     def redraw(self) -> None:
-        """Draw path, band and part anew."""
+        """Draw path and band anew."""
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
             self.draw("/path", self.scene.draw_path(way, magnify), 6.0)
-            if way == ERROR_BAND:
-                self.draw("/error_band", self.scene.draw_error_band(magnify), 1.5)
-            else:
-                self.server.scene.remove_by_name(f"{self.root}/error_band")
-            self._paint_part(way)
             self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)
-            rows = self.scene.worst(way, WORST)
-            for number, button in enumerate(self.worst):
-                button.visible = number < len(rows)
-                if number < len(rows):
-                    button.label = self.scene.name_row(rows[number], way)
+            self.worst.label = f"worst place: {self.scene.name_row(self.scene.find_worst(way), way)}"
             self.show_row(self.row)
-
-    def _paint_part(self, way: str) -> None:
-        """Colour the part by what the path beside it does."""
-        import trimesh
-
-        for solid in self.cell.solids:
-            if solid.name == "part":
-                colours = self.scene.paint_solid(solid, way)
-                mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=colours, process=False)
-                name = f"{self.root}/cell/{solid.name}"
-                self.server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
 
     def show_row(self, row: int) -> None:
         """Show the arm, the tip and the force at a row."""
@@ -253,7 +199,7 @@ class PlanViewer(Viewer):
             self.row = row
             way, magnify = self.chosen, float(self.magnify.value)
             with self.server.atomic():
-                self.move(self.scene.pose_links(row, way, magnify))
+                self.move(self.scene.pose_links(row))
                 tip = self.scene.place(way, magnify, row)
                 self.marker.position = tip
                 longest = FORCE_LENGTH * max(self.extent, 1.0) / max(self.scene.greatest_force, 1e-9)
@@ -295,48 +241,7 @@ class PlanViewer(Viewer):
                 self.slider.value = self.row
 
     def stop(self) -> None:
-        """End the motion and close the server."""
+        """End the motion and close the server, without its words."""
         self.running = False
-        super().stop()
-
-
-class GapViewer(Viewer):
-    """Measured poses of a diagnosis in the browser."""
-
-    def __init__(self, server: Any, scene: GapScene) -> None:
-        super().__init__(server, scene.recording.cell)
-        self.scene, gui = scene, server.gui
-        self.way = gui.add_dropdown("gap to the", list(scene.ways.values()))
-        most = max(10.0, 4.0 * scene.magnification)
-        first = min(scene.magnification, most)
-        self.magnify = gui.add_slider("arrows times", min=1, max=most, step=1, initial_value=first)
-        self.slider = gui.add_slider("pose", min=0, max=max(scene.count - 1, 1), step=1, initial_value=0)
-        legend = "<br>".join(f'<b style="color: {colour}">&#9632;</b> {name}' for name, colour in scene.legend.items())
-        gui.add_html(f'<div style="padding: 0 1em; font-size: 0.85em">Explained most by<br>{legend}</div>')
-        self.text = gui.add_markdown("")
-        for control in (self.way, self.magnify):
-            control.on_update(lambda _: self.redraw())
-        self.slider.on_update(lambda _: self.show_pose(min(int(self.slider.value), scene.count - 1)))
-        points = scene.recording.point[np.isfinite(scene.recording.point).all(axis=1)]
-        self.look_at(points, scene.pose_links(0))
-        self.marker = server.scene.add_icosphere("/pose", radius=0.012, color=MARK)
-        self.redraw()
-        self.show_pose(0)
-        server.scene.on_pointer_event("click")(self._click)
-
-    def redraw(self) -> None:
-        """Draw the arrows anew."""
-        way = next(way for way, name in self.scene.ways.items() if name == self.way.value)
-        self.draw("/arrows", self.scene.draw_arrows(way, float(self.magnify.value)), 3.0)
-
-    def show_pose(self, pose: int) -> None:
-        """Show the arm at a pose, and what is known of it."""
-        with self.server.atomic():
-            self.move(self.scene.pose_links(pose))
-            self.marker.position = np.nan_to_num(self.scene.recording.point[pose])
-        self.text.content = self.scene.tell(pose)
-
-    def _click(self, event: Any) -> None:
-        pose = pick_point(self.scene.recording.point, np.array(event.ray_origin), np.array(event.ray_direction))
-        self.slider.value = pose
-        self.show_pose(pose)
+        with redirect_stdout(StringIO()):
+            self.server.stop()

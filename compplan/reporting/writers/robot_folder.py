@@ -11,25 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from compplan.controllers.writers.joint_convention import load_controller
 from compplan.effects import apply_effects, build_model, command_campaign, robot_effects, solve_model_poses
 from compplan.errors import ConvergenceError, InputError
 from compplan.io.provenance import describe_origin
 from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import check_file, replace_folder
-from compplan.robot import Array, Robot, read_robot_folder, write_robot_folder
-from compplan.robot.calibration import find_format, universal_robots
-from compplan.robot.calibration.geometry import turn_zeros
+from compplan.robot import Robot, read_robot_folder, write_robot_folder
+from compplan.robot.calibration import LACKS, read_calibration, write_conf
 from compplan.simulation.predict import POSES, compute_losses
+
+#: What to do with a written calibration.conf.
+ADVICE = "keep the robot's own file, put these four lines in place of its own"
 
 
 def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) -> Robot:
     """Write a robot folder, read it as every command does and solve its equilibrium in the middle of its joint ranges.
 
     Returns the robot as read; `before`: the robot before it was measured, as `write_robot_folder` takes it.
-
-    Raises:
-        InputError: If the folder cannot be read, or its robot finds no equilibrium.
     """
     write_robot_folder(robot, folder, before)
     read = read_robot_folder(folder)
@@ -44,17 +42,10 @@ def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None
 
 
 def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]:
-    """Read a controller's calibration; write DIR/robot and calibration.json, and return what that holds.
-
-    Raises:
-        InputError: If the file is none that is known, is faulty, or is of another robot; nothing is written then.
-    """
-    text = read_text(file)
-    form = find_format(text, file)
-    zero = _find_zeros(nominal)
-    robot = turn_zeros(form.read(text, file, turn_zeros(nominal, zero)), -zero)
+    """Read a controller's calibration; write DIR/robot and calibration.json, and return what that holds."""
+    robot, form = read_calibration(read_text(file), file, nominal)
     robot = replace(robot, sources={**robot.sources, "geometry": f"calibration of the controller, {file.name}"})
-    summary = {"schema": 1, "robot": nominal.name, "format": form.name, "made_by": describe_origin()}
+    summary = {"schema": 1, "robot": nominal.name, "format": form, "made_by": describe_origin()}
     with replace_folder(folder, "calibration") as part:
         deliver_robot_folder(robot, part / "robot")
         write_json(part / "calibration.json", summary)
@@ -62,28 +53,15 @@ def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]
 
 
 def write_controller_file(robot: Robot, nominal: Robot, file: Path) -> dict[str, Any]:
-    """Write calibration.conf of Universal Robots from a measured robot folder; return what it cannot hold.
-
-    Raises:
-        InputError: If the robots are of different kinds, or are no Universal Robots arms.
-    """
+    """Write calibration.conf of Universal Robots from a measured robot folder; return what it cannot hold."""
     if robot.joint_names != nominal.joint_names:
         raise InputError(f"robot {robot.name!r} has other joints than {nominal.name!r}, expected a folder made from it")
     check_file(file)
-    zero = _find_zeros(nominal)
-    form = universal_robots
-    text, held = form.write(turn_zeros(robot, zero), turn_zeros(nominal, zero))
-    losses, left = compute_losses(robot, turn_zeros(held, -zero), nominal, form.lacks)
+    text, held = write_conf(robot, nominal)
+    losses, left = compute_losses(robot, held, nominal, LACKS)
     rows = [{"what": loss.what, "rms_mm": float(f"{loss.rms * 1e3:.4g}")} for loss in losses]
     write_text(file, text)
     return {
-        "schema": 1, "robot": robot.name, "format": form.name, "poses": POSES, "lost": rows,
-        "left_rms_mm": float(f"{left * 1e3:.4g}"), "advice": form.advice, "made_by": describe_origin(),
+        "schema": 1, "robot": robot.name, "format": "universal_robots", "poses": POSES, "lost": rows,
+        "left_rms_mm": float(f"{left * 1e3:.4g}"), "advice": ADVICE, "made_by": describe_origin(),
     }  # fmt: skip
-
-
-def _find_zeros(nominal: Robot) -> Array:
-    """Return the joints at which the controller shows zero. Shape (n,). [rad or m]"""
-    counting = load_controller(nominal)
-    zero = np.linalg.solve(counting.matrix, -counting.zero)
-    return np.where(nominal.prismatic, zero * 1e-3, np.radians(zero))

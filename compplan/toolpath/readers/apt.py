@@ -9,7 +9,7 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
-from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, fits_circle
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot
 from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
 from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
@@ -389,9 +389,7 @@ class _AptReader:
     def _cut_arc(self, pending: _Pending, start: Point, end: Point, axis: Point) -> None:
         """Cut along an arc, and keep how it leaves for the arc after it."""
         arc = arc_about(start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns)
-        if not fits_circle(arc.radius, arc.end_radius):
-            raise InputError(f"arc starts {arc.radius:.4f} mm from its axis and ends {arc.end_radius:.4f} mm from it, "
-                             "expected the same radius")  # fmt: skip
+        arc.check_circle()
         if pending.radius is not None and abs(pending.radius - arc.radius) > max(0.1, 0.02 * arc.radius):
             self.note(f"an arc record states the radius {pending.radius:g} mm, its points lie on {arc.radius:.4g} mm: "
                       "the points are taken")  # fmt: skip

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
@@ -28,19 +26,16 @@ MOST_ANGLE = 200.0 * math.pi
 NOTHING = 1e-9
 
 
+class OffCircleError(InputError):
+    """Tell that start and end of an arc do not lie on one circle."""
+
+
 @dataclass(frozen=True)
 class Arc:
-    """Describe an arc: it begins at centre + radius first and turns by `sweep` about `normal`.
+    """Describe an arc: it begins at centre + radius first, a unit vector, and turns by `sweep` [rad] about `normal`.
 
-    Args:
-        centre: Centre, at the height of the start. [mm]
-        first: Unit vector from the centre to the start.
-        normal: Unit vector that the sweep turns about by the right hand.
-        radius: Radius at the start. [mm]
-        end_radius: Radius at the end: that of the start but for rounding. [mm]
-        sweep: Angle, signed. [rad]
-        rise: Travel along the normal. [mm]
-
+    The centre lies at the height of the start, `rise` is the travel along the normal [mm]; the radius at the end is
+    that at the start but for rounding [mm].
     """
 
     centre: Point
@@ -55,6 +50,17 @@ class Arc:
     def length(self) -> float:
         """Length of the (helical) arc [mm]."""
         return math.hypot(0.5 * (self.radius + self.end_radius) * self.sweep, self.rise)
+
+    @property
+    def fits_circle(self) -> bool:
+        """Whether start and end lie on one circle but for rounding."""
+        return self.radius > NOTHING and abs(self.radius - self.end_radius) <= allow_mismatch(self.radius)
+
+    def check_circle(self) -> None:
+        """Refuse an arc whose start and end lie on no circle about its centre."""
+        if not self.fits_circle:
+            raise OffCircleError(f"arc starts {self.radius:.4f} mm from its centre and ends {self.end_radius:.4f} mm "
+                                 "from it, expected the same radius")  # fmt: skip
 
     def tangent(self, angle: float) -> Point:
         """Return the direction of travel, pitch aside, after an angle of the sweep [rad]."""
@@ -94,11 +100,6 @@ def set_level(point: Point, axis: int, level: float) -> Point:
     moved = list(point)
     moved[axis] = level
     return moved[0], moved[1], moved[2]
-
-
-def fits_circle(radius: float, end_radius: float) -> bool:
-    """Return whether start and end lie on one circle but for rounding."""
-    return radius > NOTHING and abs(radius - end_radius) <= allow_mismatch(radius)
 
 
 def allow_mismatch(radius: float) -> float:
@@ -158,12 +159,7 @@ def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -
     With u from start to via, v from start to end and n = u x v, the centre lies at
     (|v|^2 (n x u) + |u|^2 (v x n)) / (2 |n|^2) from the start.
 
-    Args:
-        start: Start. [mm]
-        via: Point on the way. [mm]
-        end: End. [mm]
-        angle: Angle of the arc in place of the one that ends at `end`. [rad]
-
+    `angle` [rad] is that of the arc in place of the one that ends at `end`. [mm]
     """
     u, v = combine(1.0, via, -1.0, start), combine(1.0, end, -1.0, start)
     normal = cross(u, v)
@@ -186,53 +182,23 @@ def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -
     return Arc(arc.centre, arc.first, arc.normal, arc.radius, arc.radius, angle, 0.0)
 
 
-def sample_arcs(arcs: Sequence[Arc], chord: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return points on arcs, after the start of each up to its end, and how many each arc has.
+def sample_arc(arc: Arc, chord: float) -> Array:
+    """Return points on an arc, after its start up to its end, that keep to it by `chord` [mm]. Shape (n, 3). [mm]
 
-    The points lie evenly; the greatest and smallest x, y and z of flat arcs are among them.
-
-    Args:
-        arcs: The arcs.
-        chord: Greatest distance between an arc and its chords. [mm]
-
-    Returns:
-        Points, shape (m, 3) [mm], and their number for each arc, shape (len(arcs),).
-
+    They lie evenly; the greatest and smallest x, y and z of a flat arc are among them.
     """
-    if not arcs:
-        return np.empty((0, 3)), np.empty(0, dtype=np.int64)
-    centre, first, normal = (np.array([getattr(arc, name) for arc in arcs]) for name in ("centre", "first", "normal"))
-    radius, end_radius, sweep, rise = np.array([(a.radius, a.end_radius, a.sweep, a.rise) for a in arcs]).T
-    second = np.cross(normal, first) * np.sign(sweep)[:, None]
-    span = np.abs(sweep)
-    step = 2.0 * np.arccos(np.maximum(1.0 - chord / radius, math.cos(0.5 * COARSEST)))
-    number = np.maximum(np.ceil(span / step - NOTHING), 1).astype(np.int64)
-    owner, place = _count_up(number)
-    owners, angles = [owner], [(place + 1) * (span / number)[owner]]
-    for axis in range(3):  # extremes: tan(angle) = second / first
-        base = np.arctan2(second[:, axis], first[:, axis])
-        lowest = np.ceil(-base / np.pi)
-        between = np.floor((span - base) / np.pi) - lowest + 1
-        moves = np.hypot(second[:, axis], first[:, axis]) > NOTHING
-        owner, place = _count_up(np.where(moves, np.maximum(between, 0), 0).astype(np.int64))
-        angle = base[owner] + (lowest[owner] + place) * np.pi
-        inside = (angle > NOTHING) & (angle < span[owner] - NOTHING)
-        owners.append(owner[inside])
-        angles.append(angle[inside])
-    owner, angle = np.concatenate(owners), np.concatenate(angles)
-    order = np.lexsort((angle, owner))
-    owner, angle = owner[order], angle[order]
-    repeated = (np.diff(owner) == 0) & (np.diff(angle) < NOTHING)
-    keep = ~np.concatenate([repeated, [False]])
-    owner, angle = owner[keep], angle[keep]
-    share = angle / span[owner]
-    reach = radius[owner] + (end_radius - radius)[owner] * share
-    around = np.cos(angle)[:, None] * first[owner] + np.sin(angle)[:, None] * second[owner]
-    points = centre[owner] + reach[:, None] * around + (rise[owner] * share)[:, None] * normal[owner]
-    return points, np.bincount(owner, minlength=len(arcs))
-
-
-def _count_up(number: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return, for groups of these sizes in a row, the group and the place in it (from 0) of every member."""
-    group = np.repeat(np.arange(len(number)), number)
-    return group, np.arange(len(group)) - (np.cumsum(number) - number)[group]
+    span, second = abs(arc.sweep), arc.tangent(0.0)
+    step = 2.0 * math.acos(max(1.0 - chord / arc.radius, math.cos(0.5 * COARSEST)))
+    count = max(math.ceil(span / step - NOTHING), 1)
+    found = [(place + 1) * (span / count) for place in range(count)]
+    for one, other in zip(arc.first, second, strict=True):
+        base = math.atan2(other, one)  # of an extreme: tan(angle) = second / first
+        turns = range(math.ceil(-base / math.pi), math.floor((span - base) / math.pi) + 1)
+        extremes = [base + turn * math.pi for turn in turns] if math.hypot(one, other) > NOTHING else []
+        found += [angle for angle in extremes if NOTHING < angle < span - NOTHING]
+    angles = np.array(sorted(found))
+    angles = angles[np.r_[True, np.diff(angles) >= NOTHING]]
+    share = angles / span
+    reach = arc.radius + (arc.end_radius - arc.radius) * share
+    around = np.outer(reach * np.cos(angles), arc.first) + np.outer(reach * np.sin(angles), second)
+    return np.asarray(arc.centre) + around + np.outer(arc.rise * share, arc.normal)

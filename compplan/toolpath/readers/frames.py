@@ -10,6 +10,10 @@ from compplan.toolpath.readers.arcs import Point, combine, cross, dot
 Rows = tuple[Point, Point, Point]
 UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 NOWHERE: Point = (0.0, 0.0, 0.0)
+#: Normals of the planes G17 to G19, their first and second axis, and the one that a tool points along.
+PLANE_NORMALS: dict[int, Point] = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
+PLANE_AXES = {17: (0, 1), 18: (2, 0), 19: (1, 2)}
+DEEP_AXIS = {17: 2, 18: 1, 19: 0}
 
 
 @dataclass(frozen=True)

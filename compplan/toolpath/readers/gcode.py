@@ -12,16 +12,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point
-from compplan.toolpath.readers.cnc.course import UP, OffCircleError
+from compplan.toolpath.readers.arcs import OffCircleError, Point
+from compplan.toolpath.readers.cnc.course import UP
+from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
-from compplan.toolpath.readers.cnc.origins import Layers, Origins
-from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
+from compplan.toolpath.readers.cnc.origins import Layers, Origins, change_frame
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
-from compplan.toolpath.readers.cnc.state import INCH, LETTERS, CncBlock, State
+from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, refuse_unit
@@ -109,8 +109,8 @@ class Rs274:
     """Carry out a program of the RS-274 family."""
 
     tip_word = ""
-    frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
-    ends = ENDS
+    frames: tuple[str, ...] = ("shift", "plane", "rotation", "scale", "mirror", "program", "origin")
+    ends, moving = ENDS, MOVING
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
@@ -133,11 +133,7 @@ class Rs274:
         """Let rotary axes set the tool square to a tilted plane; where its tip then is nobody knows."""
         if not self.it.tilted:
             return False, None
-        angles = self.it.rotary.angles
-        for letter in LETTERS:
-            if letter in block.values:
-                base = angles.get(letter, 0.0) if self.it.state.incremental else 0.0
-                angles[letter] = block.values[letter] + base
+        self.it.state.turn(self.it.rotary.angles, block)
         self.layers.turn_to_plane(53.1, stays=False)
         return True, self.layers.plane_axis
 
@@ -177,6 +173,9 @@ class Rs274:
         state.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
         if not state.unit_stated and values:
             self._ask_for_unit(block)
+        if block.names:
+            change_frame(it, block.names[0], block)
+            return False
         takes = self._run_codes(block) if codes else ""
         if "F" in values and 4.0 not in codes:
             state.set_feed(values["F"])
@@ -240,13 +239,7 @@ class Rs274:
                 names = " and ".join(f"G{code:g}" for code in said)
                 one = ", expected one motion" if said[0] in MOTIONS else ""
                 raise InputError(f"{names} are in one block{one or ' and contradict each other'}")
-        return self.it.run_words(block, codes, find_code, self.pass_over)
-
-    def pass_over(self, block: CncBlock, code: float | str) -> None:
-        """Note a code that is not known."""
-        if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-            raise InputError(f"G{code:g} with coordinates is not read and may move the tool; post-process without it")
-        self.it.note(f"G{code:g} is not read")
+        return self.it.run_words(block, codes, find_code)
 
     def move(self, block: CncBlock) -> None:
         """Carry out the motion of a block, in the words that all dialects share."""
@@ -312,99 +305,88 @@ class Rs274:
         del block.values["Z"]
         course.rapid(*self.it.motion.target(block))
 
+    def set_motion(self, block: CncBlock, code: float) -> None:
+        """G0 to G3: the motion of this block and those after it."""
+        self.it.state.motion, self.it.state.cycle_code = code, 0.0
 
-def set_motion(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G0 to G3: the motion of this block and those after it."""
-    dialect.it.state.motion, dialect.it.state.cycle_code = code, 0.0
+    def set_unit(self, block: CncBlock, code: float) -> None:
+        """G20, G21 (G70, G71): inches or millimetres."""
+        it, inch = self.it, code in (20.0, 70.0)
+        if code in (70.0, 71.0) and block.has(frozenset("PQUWIJL")):
+            raise InputError(f"G{code:g} as a lathe cycle or bolt circle is not read; post-process without it")
+        if inch and not it.state.unit_stated and it.options.unit is None and self.origins.origins:
+            raise InputError("inches are stated after G10 has set work offsets; state the unit before them")
+        it.state.set_unit(INCH if inch else 1.0)
 
+    def refuse_spline(self, block: CncBlock, code: float) -> None:
+        """G5, G5.1: look-ahead of the control, or with coordinates a spline."""
+        if block.has(frozenset("XYZIJ")):
+            raise InputError(f"G{code:g} (splines) is not read; post-process without it")
 
-def set_unit(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G20, G21 (G70, G71): inches or millimetres."""
-    it, inch = dialect.it, code in (20.0, 70.0)
-    if code in (70.0, 71.0) and block.has(frozenset("PQUWIJL")):
-        raise InputError(f"G{code:g} as a lathe cycle or bolt circle is not read; post-process without it")
-    if inch and not it.state.unit_stated and it.options.unit is None and dialect.origins.origins:
-        raise InputError("inches are stated after G10 has set work offsets; state the unit before them")
-    it.state.set_unit(INCH if inch else 1.0)
+    def use_offset(self, block: CncBlock, code: float) -> None:
+        """G54 to G59.9, G54.1, G154, G500: a work offset."""
+        self.origins.use(1000.0 + block.values.get("P", 0.0) if code in (54.1, 154.0) else code)
 
+    def use_haas_offset(self, block: CncBlock, code: float) -> None:
+        """G110 to G129: a work offset of Haas; other controls have moves there."""
+        if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
+            self.it.pass_over(block, code)
+        self.origins.use(code + 1000.0 - 109.0)
 
-def refuse_spline(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G5, G5.1: look-ahead of the control, or with coordinates a spline."""
-    if block.has(frozenset("XYZIJ")):
-        raise InputError(f"G{code:g} (splines) is not read; post-process without it")
+    def set_dynamic_offset(self, block: CncBlock, code: float) -> None:
+        """G54.2 P, G254, G255: the work offset turns with the table."""
+        self.it.rotary.dynamic = block.values.get("P", 0.0) != 0.0 if code == 54.2 else code == 254.0
+        self.it.set_frame()
 
+    def compensate_length(self, block: CncBlock, code: float) -> None:
+        """G43, G44, G49 (tool length), G43.4, G43.5, G234 (control of the tip)."""
+        self.it.control_tip(code in (43.4, 43.5, 234.0))
+        if code in (43.0, 44.0):
+            self.it.note(LENGTH_NOTE)
 
-def use_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G54 to G59.9, G54.1, G154, G500: a work offset."""
-    dialect.origins.use(1000.0 + block.values.get("P", 0.0) if code in (54.1, 154.0) else code)
+    def compensate_wear(self, block: CncBlock, code: float) -> None:
+        """G41.1, G42.1: the radius of the cutter, stated as D."""
+        if block.values.get("D", 0.0) != 0.0:
+            raise InputError(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
+        COMMON[41.0].run(self, block, code)
 
+    def probe_from_home(self, block: CncBlock, code: float) -> None:
+        """G29: bed levelling of printers."""
+        self.it.note("G29 (probing) is left out; where it ended is not known")
+        if not block.has(PLACES):
+            self.it.course.lose()
 
-def use_haas_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G110 to G129: a work offset of Haas; other controls have moves there."""
-    if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-        dialect.pass_over(block, code)
-    dialect.origins.use(code + 1000.0 - 109.0)
+    def probe(self, block: CncBlock, code: float) -> None:
+        """G31, G38: probing."""
+        self.it.note(f"G{code:g} (probing) is left out; where it ended is not known")
+        self.it.course.lose(block.list_axes())
 
-
-def set_dynamic_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G54.2 P, G254, G255: the work offset turns with the table."""
-    dialect.it.rotary.dynamic = block.values.get("P", 0.0) != 0.0 if code == 54.2 else code == 254.0
-    dialect.it.set_frame()
-
-
-def compensate_length(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G43, G44, G49 (tool length), G43.4, G43.5, G234 (control of the tip)."""
-    dialect.it.control_tip(code in (43.4, 43.5, 234.0))
-    if code in (43.0, 44.0):
-        dialect.it.note(LENGTH_NOTE)
-
-
-def compensate_wear(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G41.1, G42.1: the radius of the cutter, stated as D."""
-    if block.values.get("D", 0.0) != 0.0:
-        raise InputError(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
-    COMMON[41.0].run(dialect, block, code)
-
-
-def probe_from_home(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G29: bed levelling of printers."""
-    dialect.it.note("G29 (probing) is left out; where it ended is not known")
-    if not block.has(PLACES):
-        dialect.it.course.lose()
-
-
-def probe(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G31, G38: probing."""
-    dialect.it.note(f"G{code:g} (probing) is left out; where it ended is not known")
-    dialect.it.course.lose(block.list_axes())
+    def set_polar(self, block: CncBlock, code: float) -> None:
+        """G15, G16: X is a radius and Y an angle, or not; one that is left out is that of where the tool is."""
+        self.it.state.polar = code == 16.0
+        self.it.state.polar_words.clear()
 
 
-def set_polar(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G15, G16: X is a radius and Y an angle, or not; one that is left out is that of where the tool is."""
-    dialect.it.state.polar = code == 16.0
-    dialect.it.state.polar_words.clear()
-
-
-PROBE, POLAR = Code(probe, 2, "once"), Code(set_polar)
+PROBE, POLAR = Code(Rs274.probe, 2, "once"), Code(Rs274.set_polar)
 DROP = Code(lambda dialect, block, code: dialect.origins.drop(code), 2, "once")
 HOME = Code(lambda dialect, block, code: dialect.origins.go_home(code, block), 2, "once")
 MIRROR = Code(lambda dialect, block, code: dialect.layers.mirror(code, block), 2, "once")
 TO_PLANE = Code(lambda dialect, block, code: dialect.layers.turn_to_plane(code, stays=code == 53.6), 2, "once")
-DYNAMIC, OFFSET, LENGTH = Code(set_dynamic_offset, 2, "once"), Code(use_offset), Code(compensate_length)
+DYNAMIC, OFFSET = Code(Rs274.set_dynamic_offset, 2, "once"), Code(Rs274.use_offset)
 
 G_CODES: dict[float | str, Code] = {
     **COMMON,
-    **dict.fromkeys(MOTIONS, Code(set_motion, 1)),
+    **dict.fromkeys(MOTIONS, Code(Rs274.set_motion, 1)),
     **dict.fromkeys(CYCLES, Code(lambda dialect, block, code: begin_cycle(dialect.it, code), 1)),
     80.0: set_mode(cycle_code=0.0),
     # modes
     15.0: POLAR, 16.0: POLAR, 17.0: set_mode(plane=17), 18.0: set_mode(plane=18), 19.0: set_mode(plane=19),
     90.1: set_mode(centres="absolute", centres_stated=True), 91.1: set_mode(centres="incremental", centres_stated=True),
     98.0: set_mode(retract_to_start=True), 99.0: set_mode(retract_to_start=False),
-    **dict.fromkeys(UNITS, Code(set_unit)),
+    **dict.fromkeys(UNITS, Code(Rs274.set_unit)),
     # origins and frames
-    **{float(code): OFFSET for code in range(54, 60)}, 154.0: OFFSET, 54.2: Code(set_dynamic_offset),
-    **dict.fromkeys(HAAS_OFFSETS, Code(use_haas_offset)),
+    **{float(code): OFFSET for code in range(54, 60)}, 154.0: OFFSET, 54.2: Code(Rs274.set_dynamic_offset),
+    **dict.fromkeys(HAAS_OFFSETS, Code(Rs274.use_haas_offset)),
     10.0: Code(lambda dialect, block, code: dialect.origins.set_offset(block), 2, "once"),
     28.0: HOME, 30.0: HOME, 52.0: Code(lambda dialect, block, code: dialect.origins.shift(block), 2, "once"),
     92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
@@ -416,14 +398,14 @@ G_CODES: dict[float | str, Code] = {
     68.2: Code(lambda dialect, block, code: dialect.layers.tilt(block), 2, "once"),
     69.0: Code(lambda dialect, block, code: dialect.it.put(rotation=None, plane=None), 2, "once"),
     # compensation and probing
-    41.1: Code(compensate_wear), 42.1: Code(compensate_wear),
-    **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), LENGTH),
+    41.1: Code(Rs274.compensate_wear), 42.1: Code(Rs274.compensate_wear),
+    **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), Code(Rs274.compensate_length)),
     43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),
-    29.0: Code(probe_from_home), **dict.fromkeys((31.0, 38.2, 38.3, 38.4, 38.5), PROBE),
+    29.0: Code(Rs274.probe_from_home), **dict.fromkeys((31.0, 38.2, 38.3, 38.4, 38.5), PROBE),
     # nothing of the path
     61.1: ignore(), 67.0: ignore(), 113.0: ignore(), 269.0: ignore(),
     # refused
-    5.0: Code(refuse_spline), 5.1: Code(refuse_spline), 5.2: refuse("NURBS"), 6.2: refuse("NURBS"),
+    5.0: Code(Rs274.refuse_spline), 5.1: Code(Rs274.refuse_spline), 5.2: refuse("NURBS"), 6.2: refuse("NURBS"),
     7.0: refuse("lathe diameters"), 12.0: refuse("pocket cycles"), 13.0: refuse("pocket cycles"),
     32.0: refuse("threading"), 33.1: refuse("rigid tapping"),
     66.0: refuse("modal macro calls"), 66.1: refuse("modal macro calls"), 68.1: refuse("coordinate rotation"),

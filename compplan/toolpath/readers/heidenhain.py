@@ -20,9 +20,10 @@ from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
-from compplan.toolpath.readers.frames import stretch
-from compplan.toolpath.readers.lines import count_lines
+from compplan.toolpath.readers.cnc.motion import STRAIGHT
+from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, stretch
+from compplan.toolpath.readers.lines import count_lines, match_form
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, refuse_unit
 
@@ -77,7 +78,7 @@ class Klartext:
 
     tip_word = "M128"
     frames: tuple[str, ...] = ("unit", "datum", "plane", "shift", "mirror", "rotation", "scale")
-    ends = frozenset({2.0, 30.0})
+    ends, moving = frozenset({2.0, 30.0}), STRAIGHT
     silent = SILENT
 
     def __init__(self, file: Path, options: CamTable) -> None:
@@ -106,10 +107,8 @@ class Klartext:
         blocks, flow = list(lexer.split_blocks(text)), self.it.flow
         for index, block in enumerate(blocks):
             if block.text.startswith("LBL"):
-                found, flow.line = lexer.LABEL.match(block.text), block.line
-                if not found:
-                    raise InputError(f"label {block.text[:30]!r} is not read, expected LBL and a number or a name")
-                word = found.group(1)
+                flow.line = block.line
+                word = match_form(lexer.LABEL, block.text, "label: LBL and a number or a name").group(1)
                 if word in self.labels:
                     raise InputError(f"label {word} occurs twice, first in line {blocks[self.labels[word]].line}")
                 if word != "0":
@@ -170,17 +169,11 @@ class Klartext:
         flow = self.it.flow
         if not text.startswith("CALL"):
             flow.count_jump()
-            found = lexer.JUMP.search(text)
-            if not found:
-                raise InputError(f"jump {text[:40]!r} is not read, expected IF .. EQU .. GOTO LBL ..")
-            one, how, other, label = found.groups()
+            one, how, other, label = match_form(lexer.JUMP, text, "jump: IF .. EQU .. GOTO LBL ..").groups()
             a, b = self._formula(one), self._formula(other)
             jumps = {"EQU": a == b, "NE": a != b, "GT": a > b, "LT": a < b}[how]
             return self._label(label) if jumps else index
-        found = lexer.CALL.match(text)
-        if not found:
-            raise InputError(f"call {text[:40]!r} is not read, only labels of the program are called")
-        label, times = found.groups()
+        label, times = match_form(lexer.CALL, text, "call: a label of the program").groups()
         start = self._label(label)
         if times is None:
             self.it.contour.refuse_open()
@@ -227,12 +220,11 @@ class Klartext:
         if index >= program.last or program.lines[index].text[:3] not in ("RND", "CHF"):
             return None
         block = program.lines[index]
-        found = CORNER.fullmatch(block.text)
-        if not found:
-            self.it.flow.line = block.line
-            raise InputError(f"corner {block.text[:30]!r} is not read, expected RND or CHF, a number and F")
-        feed = None if found.group(3) is None else self.words.to_mm_s(self.value(found.group(3)))
-        return Corner("ROUND" if found.group(1) == "RND" else "LEG", self.value(found.group(2)), feed, block.line)
+        here, self.it.flow.line = self.it.flow.line, block.line
+        kind, size, speed = match_form(CORNER, block.text, "corner: RND or CHF, a number and F").groups()
+        self.it.flow.line = here
+        feed = None if speed is None else self.words.to_mm_s(self.value(speed))
+        return Corner("ROUND" if kind == "RND" else "LEG", self.value(size), feed, block.line)
 
     def check_corner(self, rest: str) -> None:
         """RND, CHF: the move before them has taken them, unless there is none."""
@@ -255,10 +247,7 @@ class Klartext:
 
     def _assign(self, text: str) -> None:
         """Carry out Q1 = formula."""
-        found = lexer.ASSIGN.fullmatch(text)
-        if not found:
-            raise InputError(f"assignment {text[:40]!r} is not read")
-        target, formula = found.groups()
+        target, formula = match_form(lexer.ASSIGN, text, "assignment").groups()
         if target.startswith("QS") or '"' in formula:
             self.words.forget(target, f"line {self.it.flow.line} gives it text")
         else:
@@ -269,9 +258,7 @@ class Klartext:
 
     def run_function(self, text: str) -> None:
         """FN 0 to 8 and 13: assignments; what others set is not known."""
-        found = lexer.FUNCTION_NUMBER.match(f"FN {text}")
-        if not found:
-            raise InputError(f"function {text[:30]!r} is not read, expected FN, its number and a colon")
+        found = match_form(lexer.FUNCTION_NUMBER, f"FN {text}", "function: FN, its number and a colon")
         number, rest, line = int(found.group(1)), found.group(2).strip(), self.it.flow.line
         if number in (*range(9), 13) and lexer.ASSIGN.match(rest):
             self._assign(rest)
@@ -294,9 +281,9 @@ class Klartext:
     def run_word_function(self, rest: str) -> None:
         """FUNCTION: control of the tip, dwells."""
         if rest.startswith("RESET TCPM"):
-            self.words.control_tip(False)
+            self.it.control_tip(False)
         elif rest.startswith("TCPM"):
-            self.words.control_tip(True, spatial="AXIS SPAT" in rest)
+            self.it.control_tip(True, spatial="AXIS SPAT" in rest)
             if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
                 raise InputError("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
         elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({lexer.NUMBER})", rest)):
@@ -317,11 +304,10 @@ class Klartext:
         words, functions = self.words.split(text if text[:1] == "M" or not text or stops else f"M{text}")
         if words.keys() - {"F", "FMAX"}:
             raise InputError(f"cannot read the block {text[:40]!r}")
-        self.words.start_functions(functions)
-        if stops:
-            self.it.log.happen("stop", self.it.flow.line)
-        self._call_cycle(functions & {89, 99})
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            if stops:
+                self.it.log.happen("stop", self.it.flow.line)
+            self._call_cycle(functions & {89, 99})
 
     def _call_cycle(self, functions: set[int]) -> None:
         """Carry out the cycle after a move that calls it: M99 once, M89 from here on."""
@@ -334,30 +320,27 @@ class Klartext:
         """Carry out a motion block; corner: that which the block after it asks for."""
         it, state = self.it, self.it.state
         words, functions = self.words.split(re.sub(r"\([^()]*\)$", "", rest))
-        self.words.start_functions(functions)
-        self.words.take_side(words)
-        rapid = self.words.take_feed(words)
-        if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
-            it.note("axes U V W are not read")
-        block = self.words.read(words)
-        if functions & {91, 92}:
-            it.leave_out_machine_move(block, "M91, M92")
-        else:
-            it.motion.corner = corner
-            if kind[0] == "L":
-                if words.get("R", "+") not in ("+", "-") or "DR" in words:
-                    raise InputError("words of an arc in a straight block")
-                state.motion = 0.0 if rapid else 1.0
-                if kind == "LN":
-                    self._read_vector(words, block)
+        with self.words.functions(functions):
+            self.words.take_side(words)
+            rapid = self.words.take_feed(words)
+            if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
+                it.note("axes U V W are not read")
+            block = self.words.read(words)
+            if functions & {91, 92}:
+                it.leave_out_machine_move(block, "M91, M92")
             else:
-                if rapid:
+                if kind[0] == "L":
+                    if words.get("R", "+") not in ("+", "-") or "DR" in words:
+                        raise InputError("words of an arc in a straight block")
+                    state.motion = 0.0 if rapid else 1.0
+                    if kind == "LN":
+                        self._read_vector(words, block)
+                elif rapid:
                     raise InputError("an arc with FMAX is not read; give it a feed")
-                self._read_arc(kind, words, block)
-            it.motion.move(block)
-            it.motion.corner = None
-        self._call_cycle(functions & {89, 99} or ({89} if self.calls else set()))
-        self.words.stop_functions(functions)
+                else:
+                    self._read_arc(kind, words, block)
+                it.motion.move(block, corner)
+            self._call_cycle(functions & {89, 99} or ({89} if self.calls else set()))
 
     def _read_vector(self, words: Words, block: CncBlock) -> None:
         """Read the tool axis of LN: its vector TX TY TZ, or with tip control its normal NX NY NZ; A B C say nothing."""
@@ -407,8 +390,8 @@ class Klartext:
             base = start[axis] if not named or letter in block.relative else 0.0
             place[axis] = base + block.values.get(letter, 0.0)
         state.pole, state.pole_plane = (place[0], place[1], place[2]), plane
-        self.words.start_functions(functions)
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            pass
 
     def call_cycle(self, rest: str) -> None:
         """CYCL CALL, CYCL CALL POS, CYCL CALL PAT, CYCL DEF: cycles."""
@@ -420,16 +403,15 @@ class Klartext:
         if pattern and not self.points:
             raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
         found, functions = self.words.split(words.removeprefix("PAT").removeprefix("POS"))
-        self.words.start_functions(functions - {89, 99})
-        self.words.take_feed(found)
-        if pattern or words.startswith("POS"):
-            for place in self.points if pattern else [self.it.motion.target(self.words.read(found))[0]]:
-                self.cycles.call_at(place)
-        else:
-            self.cycles.call()
-        if not pattern:
-            self.calls = (self.calls or 89 in functions) and 99 not in functions
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            self.words.take_feed(found)
+            if pattern or words.startswith("POS"):
+                for place in self.points if pattern else [self.it.motion.target(self.words.read(found))[0]]:
+                    self.cycles.call_at(place)
+            else:
+                self.cycles.call()
+            if not pattern:
+                self.calls = (self.calls or 89 in functions) and 99 not in functions
 
     def define_pattern(self, text: str) -> None:
         """PATTERN DEF: single positions."""

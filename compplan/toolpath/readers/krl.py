@@ -31,10 +31,12 @@ ASSIGN = re.compile(
 )
 #: What may follow a position: approximation.
 ENDING = re.compile(r"(\s*C_[A-Z]+|\s*CA\s.*)*\s*$")
-OUTPUT = re.compile(r"(\$OUT\[\d+\])\s*=\s*(TRUE|FALSE)$")
-WAITS = re.compile(rf"WAIT\s+SEC\s+({NUMBER})$")
-#: Statements that a robot program of another language cannot repeat: the operator is asked.
-ASKED = re.compile(r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b")
+#: Statements that set a signal, wait or stop, and those that a program of another language cannot repeat.
+SWITCHES = {
+    "output": re.compile(r"(?P<signal>\$OUT\[\d+\])\s*=\s*(?P<on>TRUE|FALSE)$"),
+    "wait": re.compile(rf"WAIT\s+SEC\s+({NUMBER})$"), "halt": re.compile("HALT$"),
+    "asked": re.compile(r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b"),
+}  # fmt: skip
 MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL)\b")
 OPENS = re.compile(r"(IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b")
 CLOSES = re.compile(r"(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b")
@@ -101,9 +103,6 @@ class _KrlReader:
         self.feed = 0.0
         #: Speed of the move at hand alone. [mm/s]
         self.own: float | None = None
-        self.base: Array | None = None
-        self.base_name = ""
-        self.placed = False
         #: Positions and frames by name, as texts; values of the counters of loops; the first call that is not read.
         self.positions = {"$NULLFRAME": "{X 0}"}
         self.counters: dict[str, int] = {}
@@ -206,10 +205,10 @@ class _KrlReader:
     def _call(self, statement: str, called: str) -> None:
         """Carry out a program of the file, or NAME.src beside it; note calls of others."""
         programs, file = self.flow.programs, self.flow.file
-        for word in (called, called.lower()) if called not in programs else ():
+        for word in (called, called.lower()):
             beside = file.with_name(f"{word}.src")
-            if called not in programs and (lines := find_beside(beside, ".src", ".SRC")):
-                self._find_programs(lines, beside)
+            if called not in programs:
+                self._find_programs(find_beside(beside, ".src", ".SRC"), beside)
         if called not in programs:
             self.called = self.called or f"{statement[:24]} in line {self.flow.line}"
             self.note(f"call of {called[:24]}() is not read: it is neither here nor beside the file")
@@ -233,21 +232,12 @@ class _KrlReader:
             self._move(statement)
         elif setting := BAS.match(statement):
             self._set_up(*setting.groups())
-        elif self._switch(statement) or self._assign(statement) or SILENT.match(statement) or statement.endswith(":"):
+        elif self.robot.switch(statement, SWITCHES) or self._assign(statement):
             pass
-        elif call := CALL.match(statement):
+        elif call := None if SILENT.match(statement) else CALL.match(statement):
             self._call(statement, call.group(1))
-        else:
+        elif not SILENT.match(statement) and not statement.endswith(":"):
             self.note(f"statement {statement.split()[0][:20]} is not read")
-
-    def _switch(self, statement: str) -> bool:
-        """Carry out a statement that waits, stops or sets a signal; return whether it is one."""
-        output, waits = OUTPUT.match(statement), WAITS.match(statement)
-        return self.robot.switch(
-            statement, output=(output.group(1), output.group(2) == "TRUE") if output else None,
-            wait=float(waits.group(1)) if waits else None, halts=statement == "HALT",
-            asked=ASKED.match(statement) is not None,
-        )  # fmt: skip
 
     def _assign(self, statement: str) -> bool:
         """Carry out an assignment; return whether it is one."""
@@ -285,15 +275,19 @@ class _KrlReader:
             raise InputError(f"{target} is set in a loop or a branch; write the program out")
         if target == "$BASE":
             self._use_base(value.strip())
-        elif target == "$TOOL" and self.robot.pose is not None:
+        elif target == "$TOOL":
             self.robot.note_tool()
         elif target == "$IPO_MODE" and "TCP" in value:
             raise InputError("$IPO_MODE=#TCP (the part in the robot's hand) is not read")
         elif target.startswith("$VEL") and re.search(r"\bCP\b", statement):
-            speed = re.search(rf"\bCP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", statement)
-            if not speed and self.options.feed_mm_s is None:
-                raise InputError(f"{statement[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
-            self.feed = float(speed.group(1)) * 1e3 if speed else 0.0
+            self.feed = self._read_speed(statement)
+
+    def _read_speed(self, text: str) -> float:
+        """Return the speed that a text states [mm/s], 0 where it states none and the user does."""
+        speed = re.search(rf"\bCP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", text)
+        if not speed and self.options.feed_mm_s is None:
+            raise InputError(f"{text.strip()[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
+        return float(speed.group(1)) * 1e3 if speed else 0.0
 
     def _set_up(self, word: str, value: str) -> None:
         """Carry out BAS(#word, value)."""
@@ -303,7 +297,7 @@ class _KrlReader:
             self.feed = float(value) * 1e3
         elif word == "BASE":
             self._use_base("$NULLFRAME" if value.strip() == "0" else f"BASE_DATA[{value.strip()}]")
-        elif word == "TOOL" and self.robot.pose is not None:
+        elif word == "TOOL":
             self.robot.note_tool()
 
     def _use_base(self, value: str) -> None:
@@ -312,13 +306,9 @@ class _KrlReader:
         known = None
         if text is not None:
             known = read_pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **self._numbers(text)})
-        if not self.placed:
-            self.base, self.base_name = known, value
-            return
-        if known is None and self.base is None and value == self.base_name:
-            return
-        self.robot.change_frame(self.base, known, f"base changes from {self.base_name or 'the one before'} to {value}")
-        self.base, self.base_name, self.last = known, value, {}
+        if self.robot.placed and not (known is None and value == self.robot.frame_name):
+            self.last = {}
+        self.robot.use_frame(value, known, "base")
 
     def _numbers(self, text: str) -> dict[str, float]:
         """Return the numbers of {X 1,Y 2,..}."""
@@ -358,12 +348,8 @@ class _KrlReader:
         for item in split_fields(extra, "{", "}"):
             if re.match(r"\s*\$(BASE|TOOL|IPO_MODE)\b", item):
                 raise InputError(f"{item.strip()[:30]!r} for one move is not read; write it as a statement")
-            if "$VEL" not in item or "CP" not in item:
-                continue
-            speed = re.search(rf"CP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", item)
-            if not speed:
-                raise InputError(f"{item.strip()[:40]!r} sets no speed in m/s")
-            self.own = float(speed.group(1)) * 1e3
+            if "$VEL" in item and "CP" in item:
+                self.own = self._read_speed(item)
 
     def _pose(self, numbers: dict[str, float]) -> Array:
         """Return a pose; coordinates that are not named stay."""
@@ -374,7 +360,7 @@ class _KrlReader:
         missing = [key for key in (*PLACE, *ANGLES) if key not in full]
         if missing:
             raise InputError(f"position without {' '.join(missing)}, which nothing before it states")
-        self.last, self.placed = full, True
+        self.last, self.robot.placed = full, True
         return read_pose(full)
 
     def _move(self, statement: str) -> None:
@@ -384,35 +370,31 @@ class _KrlReader:
             raise InputError("SPL with data of its own (WITH) is not read; give them to the SPLINE")
         if self.spline is None:
             self._read_with(extra)
+        poses, joints = self.spline, kind in ("PTP", "SPTP")
         if kind.endswith("_REL"):
             raise InputError(f"{kind} (relative moves) is not read; write absolute positions")
-        if kind == "SPLINE":
-            self.spline = []
-            return
-        if kind == "ENDSPLINE":
-            poses, self.spline = self.spline, None
-            if poses:
+        if kind in ("SPLINE", "ENDSPLINE"):
+            self.spline = [] if kind == "SPLINE" else None
+            if poses and kind == "ENDSPLINE":
                 self.robot.spline(poses, self._speed())
             return
-        if self.spline is not None and kind != "SPL":
-            raise InputError(f"{kind} within SPLINE is not read, only SPL is")
+        if (poses is None) == (kind == "SPL"):
+            raise InputError(f"{kind} {'outside of' if poses is None else 'within'} SPLINE is not read")
         parts = split_fields(rest, "{", "}")
         named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
-        if kind in ("PTP", "SPTP") and named and named.group(0) not in self.positions:
+        if joints and named and named.group(0) not in self.positions:
             unknown = named.group(0)[:24]
             self.robot.lose(f"joint move to {unknown} is left out: it is not known here or in the .dat file")
             return
         numbers = self._target(parts[0])
-        if kind in ("PTP", "SPTP") and numbers.keys() & set(AXES):
+        if joints and numbers.keys() & set(AXES):
             self.robot.lose()
-        elif kind in ("PTP", "SPTP"):
+        elif joints:
             self.robot.rapid(self._pose(numbers))
         elif kind in ("LIN", "SLIN"):
             self.robot.straight(self._pose(numbers), self._speed())
-        elif kind == "SPL":
-            if self.spline is None:
-                raise InputError("SPL outside of SPLINE is not read")
-            self.spline.append(self._pose(numbers))
+        elif poses is not None:
+            poses.append(self._pose(numbers))
         else:
             self._circle(numbers, parts[1:])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from compplan.errors import InputError
@@ -55,6 +56,15 @@ def split_lines(text: str) -> list[str]:
     if not lines[-1]:
         lines.pop()
     return lines
+
+
+def match_form(pattern: re.Pattern[str] | str, text: str, what: str) -> re.Match[str]:
+    """Return how a whole text has a form; refuse one of another form, `what` says of what kind it is and expected."""
+    found = re.fullmatch(pattern, text)
+    if found is None:
+        kind, _, expected = what.partition(": ")
+        raise InputError(f"{kind} {text.strip()[:40]!r} is not read{expected and ', expected '}{expected}")
+    return found
 
 
 def cut_comment(line: str) -> tuple[str, str]:

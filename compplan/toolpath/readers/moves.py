@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.toolpath.events import Event, guard_cuts
-from compplan.toolpath.readers.arcs import FARTHEST, LARGEST_RADIUS, Arc, Point, combine, count_chords, sample_arcs
+from compplan.toolpath.readers.arcs import FARTHEST, LARGEST_RADIUS, Arc, Point, combine, count_chords, sample_arc
 from compplan.toolpath.toolpath import Toolpath
 
 #: Greatest number of waypoints that a file may make, chords of arcs counted.
@@ -230,14 +230,14 @@ class MoveLog:
     def _tabulate(self) -> tuple[Array, list[Event], NDArray[np.bool_]]:
         """Return the rows, arcs as their chords, shape (n, WIDTH), the events at them, and which belong to holes."""
         table = np.array(self._rows, dtype=np.float64).reshape(-1, WIDTH)
-        points, number = sample_arcs(list(self._arcs.values()), self.chord)
+        points = [sample_arc(arc, self.chord) for arc in self._arcs.values()]
         ends = np.array(list(self._arcs), dtype=np.int64)
         repeats = np.ones(len(table), dtype=np.int64)
-        repeats[ends] = number
+        repeats[ends] = [len(on_arc) for on_arc in points]
         first = np.concatenate([[0], np.cumsum(repeats)])
         full, last = np.repeat(table, repeats, axis=0), first[ends + 1] - 1
         programmed = full[last, :3]  # the end of each arc stays as it was programmed
-        full[np.repeat(np.isin(np.arange(len(table)), ends), repeats), :3] = points
+        full[np.repeat(np.isin(np.arange(len(table)), ends), repeats), :3] = np.concatenate([np.empty((0, 3)), *points])
         full[last, :3] = programmed
         drilled = np.zeros(len(full), dtype=bool)
         for begin, end in self._holes:

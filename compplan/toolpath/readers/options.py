@@ -30,16 +30,6 @@ CHORD_MM = 0.001
 WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
 
 
-def ask_compensation(options: CamTable, word: str) -> str:
-    """Return what is noted of a word that compensates the radius of the cutter, or refuse it."""
-    if options.compensation is None:
-        raise InputError(f"{word} compensates the radius of the cutter: whether the file holds the path of the tool's "
-                         "centre (the control adds wear alone) or the contour of the part is not known; write [cam] "
-                         'compensation = "centre_line" (--compensation) for the first, post-process the second as '
-                         "the centre's path")  # fmt: skip
-    return f"{word} compensates wear alone: the path is that of the tool's centre, as compensation = centre_line says"
-
-
 class MachineAxes(StrictTable):
     """Rotary axes of a machine.
 
@@ -101,12 +91,6 @@ class CamTable(StrictTable):
         """The rotary axes of the machine."""
         return self._axes
 
-    def with_axes(self, rotary: Literal["head", "table", "head_table"], axes: MachineAxes) -> CamTable:
-        """Return the options for a machine; a stated `rotary` stays."""
-        options = self.model_copy(update={"rotary": self.rotary or rotary, "machine": None})
-        options._axes = axes
-        return options
-
 
 def find_start(place: Point, unknown: Iterable[int], stated: Sequence[float] | None, reason: str = "") -> Point:
     """Return where a cut begins, of a place [mm] whose coordinates of some axes are not known. [mm]
@@ -154,21 +138,19 @@ def list_machines() -> dict[str, NamedMachine]:
     return {name: check_table(NamedMachine, table, file=SHIPPED, key=name) for name, table in tables.items()}
 
 
-def find_machine(name: str, folder: Path) -> NamedMachine:
-    """Return a machine by its name: one that ships, or NAME.toml in a folder, which comes first."""
-    own = folder / f"{name}.toml"
-    if own.is_file():
-        return read_toml_model(MachineFile, own).machine
-    shipped = list_machines()
-    if name not in shipped:
+def use_machine(options: CamTable, file: Path) -> CamTable:
+    """Return options with the machine that they name: one that ships, or NAME.toml beside the file, which comes first.
+
+    A stated `rotary` stays.
+    """
+    name = options.machine
+    if name is None:
+        return options
+    own, shipped = file.with_name(f"{name}.toml"), list_machines()
+    if not own.is_file() and name not in shipped:
         raise InputError(f"no machine named {name!r}, choose from {', '.join(shipped)}, or write {name}.toml "
                          "beside the CAM file", where="cam.machine")  # fmt: skip
-    return shipped[name]
-
-
-def use_machine(options: CamTable, file: Path) -> CamTable:
-    """Return options with the machine that they name."""
-    if options.machine is None:
-        return options
-    machine = find_machine(options.machine, file.parent)
-    return options.with_axes(machine.rotary, machine)
+    machine = read_toml_model(MachineFile, own).machine if own.is_file() else shipped[name]
+    options = options.model_copy(update={"rotary": options.rotary or machine.rotary, "machine": None})
+    options._axes = machine
+    return options

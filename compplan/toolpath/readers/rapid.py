@@ -28,10 +28,14 @@ DATA = re.compile(
 )
 MOVE = re.compile(r"(MOVE(?:L|J|C)(?:DO|SYNC|AO|GO)?|TRIGG[LJC]|MOVEABSJ|MOVEEXTJ)\s*\\?\s*(.*)$")
 ASSIGN = re.compile(r"(\w+)\s*([.{].*?)?\s*:=\s*(.+)$")
-OUTPUT = re.compile(r"(?:SETDO\s*(?:\\[^,]*,)?\s*(\w+)\s*,\s*([01])|(SET|RESET)\s+(\w+))$")
-WAITS = re.compile(rf"WAITTIME\s*(?:\\INPOS\s*,)?\s*({NUMBER})$")
-#: Statements that a robot program of another language cannot repeat: the operator is asked.
-ASKED = re.compile(r"(WAIT\w*|SET[A-Z]O\w*|SET|RESET|PULSEDO|INVERTDO|TRIGGIO|TRIGGEQUIP|TRIGGINT)\b")
+#: Statements that set a signal, wait or stop, and those that a program of another language cannot repeat.
+SWITCHES = {
+    "output": re.compile(
+        r"(?:(?P<on>SET|RESET)\s+|SETDO\s*(?:\\[^,]*,)?\s*)(?P<signal>\w+)(?(on)|\s*,\s*(?P<level>[01]))$"
+    ),
+    "wait": re.compile(rf"WAITTIME\s*(?:\\INPOS\s*,)?\s*({NUMBER})$"), "halt": re.compile(r"STOP\b"),
+    "asked": re.compile(r"(WAIT\w*|SET[A-Z]O\w*|SET|RESET|PULSEDO|INVERTDO|TRIGGIO|TRIGGEQUIP|TRIGGINT)\b"),
+}  # fmt: skip
 #: Number by which two robots move together (\\ID:=20), after a target.
 POINT_ID = re.compile(r"\\\s*ID\s*:=\s*\w+")
 VELSET = re.compile(rf"VELSET\s+({NUMBER})\s*,\s*({NUMBER})$")
@@ -104,9 +108,7 @@ class _RapidReader:
         self.data: dict[tuple[str, str], str] = {}
         self.flow, self.note = self.robot.flow, self.robot.note
         self.flow.run_line = self._run_line
-        self.wobj = self.tool = ""
-        self.first = np.eye(4)
-        self.placed = False
+        self.tool = ""
         self.external: Sequence[float] = ()
         self.share, self.fastest = 1.0, math.inf
 
@@ -170,19 +172,13 @@ class _RapidReader:
 
     def _switch(self, statement: str) -> bool:
         """Carry out a statement that waits, stops or sets a signal or the speed; return whether it is one."""
-        output, waits, velset = (pattern.match(statement) for pattern in (OUTPUT, WAITS, VELSET))
         if statement.startswith("VELSET"):
+            velset = VELSET.match(statement)
             if velset is None or self.robot.blocks:
                 raise InputError(f"{statement[:30]!r} changes the speed and is not read, expected two numbers in a row")
             self.share, self.fastest = float(velset.group(1)) / 100.0, float(velset.group(2))
             return True
-        signal = None
-        if output:
-            signal = output.group(1) or output.group(4), output.group(2) == "1" or output.group(3) == "SET"
-        return self.robot.switch(
-            statement, output=signal, wait=float(waits.group(1)) if waits else None,
-            halts=re.match(r"STOP\b", statement) is not None, asked=ASKED.match(statement) is not None,
-        )  # fmt: skip
+        return self.robot.switch(statement, SWITCHES)
 
     def _assign(self, statement: str) -> bool:
         """Carry out an assignment; return whether it is one."""
@@ -211,21 +207,16 @@ class _RapidReader:
         switches = " ".join(fields)
         if re.search(r"\\T\s*:=", switches):
             raise InputError(f"{word} with a time (\\T) is not read; give it a speed")
-        self._use_wobj(switches)
+        found = re.search(r"\\WOBJ\s*:=\s*(\w+)", switches)
+        wobj = found.group(1) if found else "WOBJ0"
+        if wobj != self.robot.frame_name:
+            self.robot.use_frame(wobj, self._work_object(wobj), "work object")
+            self.robot.placed = True
         tool = fields[min(count + 2 + word.startswith("TRIGG"), len(fields) - 1)].partition("\\")[0].strip()
         if self.tool and tool != self.tool:
             self.robot.note_tool()
         self.tool = tool
         poses = [self._target(field) for field in fields[:count]]
-        self._carry_over(word, fields, poses, circle=circle)
-        if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
-            self.robot.ask(f"{word} {','.join(fields[count + 1 :])}")
-        elif word.endswith("DO") and len(fields) >= count + 5:
-            state = float(fields[-1].strip() not in ("0", "LOW"))
-            self.robot.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
-
-    def _carry_over(self, word: str, fields: list[str], poses: list[Array], *, circle: bool) -> None:
-        """Carry out the motion of a move."""
         if word.startswith(("MOVEJ", "TRIGGJ")):
             self.robot.rapid(poses[0])
         elif circle:
@@ -235,20 +226,11 @@ class _RapidReader:
             self.robot.rapid(poses[0])
         else:
             self.robot.straight(poses[0], self._speed(fields[1]))
-
-    def _use_wobj(self, switches: str) -> None:
-        """Put a work object in force; the path stays in the one of the first move."""
-        found = re.search(r"\\WOBJ\s*:=\s*(\w+)", switches)
-        wobj = found.group(1) if found else "WOBJ0"
-        if wobj == self.wobj:
-            return
-        if not self.placed:
-            self.wobj, self.placed = wobj, True
-            self._work_object(wobj)
-            return
-        one, other = self._work_object(self.wobj), self._work_object(wobj)
-        self.robot.change_frame(one, other, f"work object changes from {self.wobj} to {wobj}")
-        self.wobj = wobj
+        if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
+            self.robot.ask(f"{word} {','.join(fields[count + 1 :])}")
+        elif word.endswith("DO") and len(fields) >= count + 5:
+            state = float(fields[-1].strip() not in ("0", "LOW"))
+            self.robot.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
 
     def _work_object(self, wobj: str) -> Array | None:
         """Return the place of a work object, None where the module does not say it."""

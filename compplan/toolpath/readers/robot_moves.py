@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.arcs import Point, find_arc, sample_arcs
+from compplan.toolpath.readers.arcs import Point, find_arc, sample_arc
 from compplan.toolpath.readers.cnc.flow import Flow
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import FARTHEST, MoveLog
@@ -44,6 +46,10 @@ class RobotProgram:
         self.log = MoveLog(CHORD_MM, self.flow)
         self.blocks = 0
         self.frame = np.eye(4)
+        #: Name and place of the frame that the program states, None where it is not known; whether a pose stands in it.
+        self.frame_name = ""
+        self.place: Array | None = None
+        self.placed = False
         self.pose: Array | None = None
         self.lost = False
         direction = options.tool_direction or "z"
@@ -70,25 +76,34 @@ class RobotProgram:
         where = "in a loop or a branch: " if self.blocks else ""
         self.log.happen("call", self.flow.line, text=f"{where}{statement}")
 
-    def switch(self, statement: str, *, output: tuple[str, bool] | None, wait: float | None, halts: bool,
-               asked: bool) -> bool:  # fmt: skip
-        """Carry out a statement that sets a signal, waits, stops or asks; return whether it is one."""
-        found = bool(output or wait is not None or halts or asked)
-        if found and (self.blocks or (asked and not output and wait is None and not halts)):
+    def switch(self, statement: str, switches: Mapping[str, re.Pattern[str]]) -> bool:
+        """Carry out a statement that sets a signal, waits, halts or is asked of the operator; return whether it is one.
+
+        An output has the groups `signal` and `on` or `level`.
+        """
+        output, wait, halt = (switches[kind].match(statement) for kind in ("output", "wait", "halt"))
+        known = bool(output or wait or halt)
+        if not known and not switches["asked"].match(statement):
+            return False
+        if self.blocks or not known:
             self.ask(statement)
         elif output:
-            self.log.happen("output", self.flow.line, value=float(output[1]), text=output[0])
-        elif wait is not None:
-            self.log.happen("dwell", self.flow.line, value=max(wait, 0.0))
-        elif halts:
+            on = output["on"] in ("TRUE", "SET") or output.groupdict().get("level") == "1"
+            self.log.happen("output", self.flow.line, value=float(on), text=output["signal"])
+        elif wait:
+            self.log.happen("dwell", self.flow.line, value=max(float(wait.group(1)), 0.0))
+        else:
             self.log.happen("stop", self.flow.line)
-        return found
+        return True
 
-    def change_frame(self, before: Array | None, after: Array | None, change: str) -> None:
-        """Put another frame in force, whose place and that of the one before have to be known."""
-        if before is None or after is None:
-            raise InputError(f"{change}, and their places are not both known")
-        self.frame = self.frame @ np.linalg.inv(before) @ after
+    def use_frame(self, name: str, place: Array | None, kind: str) -> None:
+        """Put a frame in force; the path stays in that of its first pose, whose place has to be known then."""
+        if self.placed and (name != self.frame_name or not (place is None and self.place is None)):
+            if self.place is None or place is None:
+                raise InputError(f"{kind} changes from {self.frame_name or 'the one before'} to {name}, and their "
+                                 "places are not both known")  # fmt: skip
+            self.frame = self.frame @ np.linalg.inv(self.place) @ place
+        self.frame_name, self.place = name, place
 
     def lose(self, note: str = "joint moves to axis values are left out: where they take the tip is not known") -> None:
         """Leave out a joint move and forget the pose, where it ends."""
@@ -97,7 +112,8 @@ class RobotProgram:
 
     def note_tool(self) -> None:
         """Note that another tool is taken."""
-        self.note("the tool changes on the way: the path is that of the tip of each")
+        if self.pose is not None:
+            self.note("the tool changes on the way: the path is that of the tip of each")
 
     def rapid(self, pose: Array) -> None:
         """Move rapidly to a pose: in joint space, where a program's path is not known."""
@@ -127,13 +143,13 @@ class RobotProgram:
         through = self.frame[:3, :3] @ via + self.frame[:3, 3]
         arc = find_arc(_point(before), _tuple(through), _point(goal), angle)
         if angle is not None:
-            goal[:3, 3] = sample_arcs([arc], self.log.chord)[0][-1]
+            goal[:3, 3] = sample_arc(arc, self.log.chord)[-1]
         if self._count_pieces(before, goal) == 1:
             self.log.arc(arc, _point(goal), feed)
             self.log.axis = self._axis(goal)
         else:
             length = self.log.length
-            self._follow(sample_arcs([arc], self.log.chord)[0], before, goal, feed)
+            self._follow(sample_arc(arc, self.log.chord), before, goal, feed)
             self.log.counts["arcs"] += 1
             self.log.length = length + arc.length
             self.log.arc_length += arc.length

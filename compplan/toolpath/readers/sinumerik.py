@@ -12,14 +12,14 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc import sinumerik_lexer as lexer
+from compplan.toolpath.readers.cnc.cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
-from compplan.toolpath.readers.cnc.origins import Origins
-from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
+from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, PLANE_AXES, PLANE_NORMALS, CncBlock, State
-from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
+from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame
 from compplan.toolpath.readers.gcode import BEGINNING
 from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
@@ -68,7 +68,6 @@ LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
 SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "RNDM", "FA", "DISCL", "FGREF", "TOFFL",
                     "TOFFR", "OMA", "STOLF", "TCARR", *VALUES, *CORNERS))  # fmt: skip
 OF_ARCS = frozenset(("CR", "AR", "TURN", *MIDDLES))
-FRAME_WORDS = frozenset(("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR"))
 #: Moves in machine coordinates, which are left out: their places need not be known.
 HOME = re.compile(r"\bSUPA\b|\bG0*1?53\b|\bG7[45]\b")
 TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
@@ -101,7 +100,7 @@ class Sinumerik:
 
     tip_word = "TRAORI"
     frames: tuple[str, ...] = ("shift", "plane", "program", "origin")
-    ends = frozenset({2.0, 17.0, 30.0})
+    ends, moving = frozenset({2.0, 17.0, 30.0}), MOVING
     silent = frozenset(map(float, (6, 40, 41, 42, 43, 44, 45, 70, 19, 10, 11, 21, 22)))
 
     def __init__(self, file: Path, options: CamTable) -> None:
@@ -179,7 +178,9 @@ class Sinumerik:
         if frame := next((word for word in names if word in FRAME_WORDS), None):
             if len(names) > 1 or block.codes or block.calls:
                 raise InputError(f"{frame} stands in a block with other words, expected it alone")
-            self._change_frame(frame, block)
+            if frame.endswith("TRANS"):
+                self.ask_for_unit(values.get(letter) for letter in AXES)
+            change_frame(it, frame, block)
             return False
         modal = "MCALL" in names
         if modal:
@@ -196,7 +197,7 @@ class Sinumerik:
             it.call(f"L{values.pop('L'):g}", values.pop("P", 1.0))
         if len(MOTIONS.intersection(block.codes)) > 1:
             raise InputError("two motions stand in one block, expected one")
-        takes = it.run_words(block, (*block.codes, *names), find_word, self._pass_over)
+        takes = it.run_words(block, (*block.codes, *names), find_word)
         if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
         if values and self._move(block, takes):
@@ -205,18 +206,11 @@ class Sinumerik:
             if called == "TRAORI":
                 it.control_tip(True)
             elif called == "CYCLE800":
-                self._swivel(arguments)
+                swivel(it, [0.0 if not text or text[0] == '"' else self.evaluate(text) for text in arguments])
+                it.course.aim(self.point_square(it.state.plane))
             elif not self.cycles.run(called, arguments, modal=modal):
                 self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
-
-    def _pass_over(self, block: CncBlock, word: float | str) -> None:
-        """Note a G code that is not known; refuse it where it may claim coordinates, and any other word."""
-        if isinstance(word, str):
-            raise InputError(f"word {word[:24]} is not read and may move the tool; post-process without it")
-        if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-            raise InputError(f"G{word:g} with coordinates is not read and may move the tool")
-        self.it.note(f"G{word:g} is not read")
 
     def _move(self, block: CncBlock, takes: str) -> bool:
         """Carry out the coordinates of a block; return whether it moves the tool."""
@@ -288,117 +282,57 @@ class Sinumerik:
                 return
         raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
 
-    def _change_frame(self, word: str, block: CncBlock) -> None:
-        """Carry out TRANS, ROT, SCALE, MIRROR (in place of what was) and ATRANS .. (on top of it)."""
-        values, kind, scale = block.values, word.removeprefix("A"), self.it.state.scale
-        if unknown := values.keys() - {"X", "Y", "Z", "RPL"}:
-            raise InputError(f"{word} with {min(unknown)} is not read, expected X Y Z")
-        numbers = [values.get(letter, 0.0) for letter in AXES]
-        if kind == "TRANS":
-            self.ask_for_unit(numbers)
-            step = shift(*(number * scale for number in numbers))
-        elif kind == "ROT":
-            step = self._find_rotation(values, numbers)
-        elif kind == "SCALE":
-            factors = [values.get(letter, 1.0) for letter in AXES]
-            if len(set(factors)) > 1 or not 1e-6 < abs(factors[0]) < 1e6:
-                raise InputError(f"{word} with different factors of its axes is not read")
-            step = stretch(factors[0], factors[0], factors[0])
-        else:
-            step = stretch(*(-1.0 if letter in values else 1.0 for letter in AXES))
-        self.it.contour.refuse_open()
-        self.it.put(program=self.it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
+    def set_motion(self, block: CncBlock, code: float | str) -> None:
+        """G0 to G3, CIP, CT: the motion of this block and those after it."""
+        self.it.state.motion, self.stated = code, True
 
-    def _find_rotation(self, values: dict[str, float], numbers: list[float]) -> Frame:
-        """Return a rotation: in the plane (RPL), or about Z, then the new Y, then the new X."""
-        deep = DEEP_AXIS[self.it.state.plane]
-        if "RPL" in values:
-            if len(values) > 1:
-                raise InputError("RPL beside rotations about axes is not read")
-            return rotate(deep, values["RPL"])
-        if any(numbers[axis] for axis in range(3) if axis != deep) and not self.it.tilted:
-            self.it.note("ROT tilts the coordinates; the tool axis stays until rotary axes or CYCLE800 turn it")
-        return rotate(2, numbers[2]).then(rotate(1, numbers[1])).then(rotate(0, numbers[0]))
+    def set_plane(self, block: CncBlock, code: float) -> None:
+        """G17 to G19: the plane."""
+        self.it.state.plane = int(code)
+        if not self.it.state.tip_control:
+            self.it.course.aim(self.square())
 
-    def _swivel(self, arguments: list[str]) -> None:
-        """Carry out CYCLE800(_FR, _TC, _ST, _MODE, X0, Y0, Z0, A, B, C, X1, Y1, Z1, ..): a swivelled plane."""
-        self.it.contour.refuse_open()
-        texts = [*arguments, *[""] * 14]
-        numbers = [0.0 if not text or text.startswith('"') else self.evaluate(text) for text in texts]
-        status, mode = int(numbers[2]), int(numbers[3])
-        x0, y0, z0, a, b, c, x1, y1, z1 = numbers[4:13]
-        if any((a, b, c)) and not 0 < mode < 64:
-            raise InputError(f"CYCLE800 with mode {mode} names angles of rotary axes or projections, which are not "
-                             "read; swivel axis by axis (mode 57, 27 or 39)")  # fmt: skip
-        turn = Frame()
-        for place, angle in enumerate((a, b, c)):
-            axis = ((mode >> (2 * place)) & 3) - 1
-            if angle and axis < 0:
-                raise InputError(f"CYCLE800 with mode {mode} names no axis for one of its angles")
-            turn = turn.then(rotate(axis, angle)) if angle else turn
-        k = self.it.state.scale
-        step = shift(x0 * k, y0 * k, z0 * k).then(turn).then(shift(x1 * k, y1 * k, z1 * k))
-        step = self.it.find_frame().then(step) if status % 10 == 1 else step
-        self.it.put(shift=step if step.plain else None, plane=None if step.plain else step, program=None)
-        self.it.course.aim(self.point_square(self.it.state.plane))
+    def set_unit(self, block: CncBlock, code: float) -> None:
+        """G70, G71 (lengths alone), G700, G710 (feeds as well): inches or millimetres."""
+        state, scale = self.it.state, INCH if code in (70.0, 700.0, 20.0) else 1.0
+        if code not in (70.0, 71.0):
+            if state.feed is not None and state.feed_mode != 93:
+                state.feed *= scale / state.feed_scale
+        elif scale != state.feed_scale:
+            basic = "mm" if state.feed_scale == 1.0 else "inch"
+            self.it.note(f"G70 and G71 set lengths only: F counts in {basic}/min, the control's basic system (taken "
+                         "from --unit, else mm)")  # fmt: skip
+        state.set_unit(scale, feeds=code not in (70.0, 71.0))
+
+    def set_pole(self, block: CncBlock, code: float) -> None:
+        """G110 (from the tool), G111 (from the origin), G112 (from the last pole): the pole."""
+        state = self.it.state
+        last = state.pole or (0.0, 0.0, 0.0)
+        base = {110.0: self.it.contour.position, 111.0: (0.0, 0.0, 0.0), 112.0: last}[code]
+        point = list(base)
+        for axis in block.list_axes():
+            number = block.values[AXES[axis]] * state.scale
+            point[axis] = number if AXES[axis] in block.absolute else base[axis] + number
+        if block.has(POLAR):
+            raise InputError("a pole in polar coordinates is not read")
+        state.pole = point[0], point[1], point[2]
+
+    def control_tip(self, block: CncBlock, code: str) -> None:
+        """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
+        self.it.control_tip(code == "TRAORI")
 
 
-def set_motion(dialect: Sinumerik, block: CncBlock, code: float | str) -> None:
-    """G0 to G3, CIP, CT: the motion of this block and those after it."""
-    dialect.it.state.motion, dialect.stated = code, True
-
-
-def set_plane(dialect: Sinumerik, block: CncBlock, code: float) -> None:
-    """G17 to G19: the plane."""
-    dialect.it.state.plane = int(code)
-    if not dialect.it.state.tip_control:
-        dialect.it.course.aim(dialect.square())
-
-
-def set_unit(dialect: Sinumerik, block: CncBlock, code: float) -> None:
-    """G70, G71 (lengths alone), G700, G710 (feeds as well): inches or millimetres."""
-    state, scale = dialect.it.state, INCH if code in (70.0, 700.0, 20.0) else 1.0
-    if code not in (70.0, 71.0):
-        if state.feed is not None and state.feed_mode != 93:
-            state.feed *= scale / state.feed_scale
-    elif scale != state.feed_scale:
-        basic = "mm" if state.feed_scale == 1.0 else "inch"
-        dialect.it.note(f"G70 and G71 set lengths only: F counts in {basic}/min, the control's basic system (taken "
-                        "from --unit, else mm)")  # fmt: skip
-    state.set_unit(scale, feeds=code not in (70.0, 71.0))
-
-
-def set_pole(dialect: Sinumerik, block: CncBlock, code: float) -> None:
-    """G110 (from the tool), G111 (from the origin), G112 (from the last pole): the pole."""
-    state = dialect.it.state
-    last = state.pole or (0.0, 0.0, 0.0)
-    base = {110.0: dialect.it.contour.position, 111.0: (0.0, 0.0, 0.0), 112.0: last}[code]
-    point = list(base)
-    for axis in block.list_axes():
-        number = block.values[AXES[axis]] * state.scale
-        point[axis] = number if AXES[axis] in block.absolute else base[axis] + number
-    if block.has(POLAR):
-        raise InputError("a pole in polar coordinates is not read")
-    state.pole = point[0], point[1], point[2]
-
-
-def control_tip(dialect: Sinumerik, block: CncBlock, code: str) -> None:
-    """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
-    dialect.it.contour.refuse_open()
-    dialect.it.control_tip(code == "TRAORI")
-
-
-MOTION, PLANE, UNIT, POLE = Code(set_motion, 1), Code(set_plane), Code(set_unit), Code(set_pole, 2, "once")
 OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code))
 WORDS: dict[float | str, Code] = {
     **COMMON,
-    **dict.fromkeys((*MOTIONS, "CIP", "CT"), MOTION),
-    17.0: PLANE, 18.0: PLANE, 19.0: PLANE,
-    **dict.fromkeys((70.0, 71.0, 700.0, 710.0, 20.0, 21.0), UNIT),
+    **dict.fromkeys((*MOTIONS, "CIP", "CT"), Code(Sinumerik.set_motion, 1)),
+    **dict.fromkeys((17.0, 18.0, 19.0), Code(Sinumerik.set_plane)),
+    **dict.fromkeys((70.0, 71.0, 700.0, 710.0, 20.0, 21.0), Code(Sinumerik.set_unit)),
     **dict.fromkeys((74.0, 75.0, "SUPA"), ignore("machine")),
-    25.0: ignore("once"), 26.0: ignore("once"), 110.0: POLE, 111.0: POLE, 112.0: POLE,
+    25.0: ignore("once"), 26.0: ignore("once"),
+    **dict.fromkeys((110.0, 111.0, 112.0), Code(Sinumerik.set_pole, 2, "once")),
     **dict.fromkeys((54.0, 55.0, 56.0, 57.0, 500.0, *(float(code) for code in range(505, 600))), OFFSET),
-    "TRAORI": Code(control_tip), "TRAFOOF": Code(control_tip),
+    **dict.fromkeys(("TRAORI", "TRAFOOF"), Code(Sinumerik.control_tip)),
     # nothing of the path
     **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
                                 451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),

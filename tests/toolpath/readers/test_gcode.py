@@ -77,15 +77,13 @@ def test_arcs_have_their_length_in_every_plane_and_form(read, plane: str, text: 
 def test_chords_keep_to_the_arc_and_hold_its_extremes(
     radius: float, start: float, sweep: float, counter: bool, rise: float, chord: float
 ) -> None:
-    from compplan.toolpath.readers.arcs import arc_about, sample_arcs
+    from compplan.toolpath.readers.arcs import arc_about, sample_arc
 
     sense = 1 if counter else -1
     first = (radius * np.cos(start), radius * np.sin(start), 0.0)
     last = (radius * np.cos(start + sense * sweep), radius * np.sin(start + sense * sweep), rise)
     arc = arc_about(first, last, (0.0, 0.0, 7.0), (0.0, 0.0, 1.0), right_hand=counter)
-    points, counts = sample_arcs([arc, arc], chord)
-    assert counts[0] == counts[1] and points[: counts[0]] == pytest.approx(points[counts[0] :])
-    points = np.vstack([first, points[: counts[0]]])
+    points = np.vstack([first, sample_arc(arc, chord)])
     assert arc.sweep == pytest.approx(sense * sweep)
     assert points[-1] == pytest.approx(last, abs=1e-9)
     assert np.hypot(*points[:, :2].T) == pytest.approx(radius)

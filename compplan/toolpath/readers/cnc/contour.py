@@ -18,17 +18,11 @@ LEANING = 1e-6
 
 @dataclass(frozen=True)
 class Element:
-    """Hold a line or an arc of a contour, in the coordinates of the program; feeds in mm/s.
+    """Hold a line (no centre) or an arc of a contour, in the coordinates of the program; feeds in mm/s.
 
-    Args:
-        named: Axes of the end that are absolute coordinates.
-        line: Line of its block.
-        centre: Centre of an arc, None for a line.
-        normal: Axis of an arc, which it turns about by the right hand or against it; or normal of the plane.
-        turns: 1 for less than a turn or a full circle; each further one adds a full turn.
-        axis: Tool axis at the end, in the part; None: it stays.
-        run: Puts down an element on which rotary axes turn, in place of the usual line.
-
+    `named` are the axes of the end that are absolute coordinates. An arc turns about its normal, by the right hand or
+    against it, for at most a full circle and further `turns` beyond the first. `axis` is the tool axis at the end, in
+    the part (None: it stays); `run` puts down an element on which rotary axes turn.
     """
 
     start: Point
@@ -135,8 +129,8 @@ class Contour:
         elif element.centre is None:
             course.line(element.end, element.named, element.feed, element.axis)
         else:
-            course.arc(element.end, element.named, element.centre, element.normal, element.feed,
-                       right_hand=element.right_hand, turns=element.turns)  # fmt: skip
+            about = (element.centre, element.normal, element.right_hand, element.turns)
+            course.arc(element.end, element.named, element.feed, *about)
 
 
 def join_corner(

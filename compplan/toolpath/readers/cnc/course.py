@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle, normalise
+from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, normalise
 from compplan.toolpath.readers.frames import UNIT, Frame
 from compplan.toolpath.readers.moves import HasLine, MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
@@ -20,10 +20,6 @@ TURN_STEP = 1.0
 #: Turns of the tool below this are none. [rad]
 STEADY = 1e-9
 UP: Point = (0.0, 0.0, 1.0)
-
-
-class OffCircleError(InputError):
-    """Tell that start and end of an arc do not lie on one circle."""
 
 
 class Course:
@@ -52,6 +48,10 @@ class Course:
     def knows(self) -> bool:
         """Whether the place of the tool is known."""
         return not self.untold and not self.lost
+
+    def is_unknown(self, axis: int) -> bool:
+        """Tell whether a coordinate of the tool is not known."""
+        return axis in self.lost or axis in self.untold
 
     @property
     def direction(self) -> Point | None:
@@ -209,31 +209,21 @@ class Course:
         start, end = self.frame.apply(self.position), self.frame.apply(target)
         angle = 0.0 if axis is None else _angle(self.log.axis, axis)
         if axis is not None and angle > math.radians(TURN_STEP):
-            self._turn_on_line(start, end, feed, axis, math.ceil(math.degrees(angle) / TURN_STEP - 1e-9))
+            counts, before = dict(self.log.counts), self.log.axis
+            pieces = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9)
+            for share in (piece / pieces for piece in range(1, pieces + 1)):
+                point = end if share == 1.0 else combine(1.0 - share, start, share, end)
+                self.log.line(point, feed, _turn_towards(before, axis, share))
+            self.log.count_one(counts)
         else:
             self.log.line(end, feed, axis)
         self.position = target
         if math.dist(start, end) > 1e-9:
             self.way = True
 
-    def _turn_on_line(self, start: Point, end: Point, feed: float, axis: Point, pieces: int) -> None:
-        log, before = self.log, self.log.axis
-        counts = dict(log.counts)
-        for piece in range(1, pieces + 1):
-            share = piece / pieces
-            point = end if piece == pieces else combine(1.0 - share, start, share, end)
-            log.line(point, feed, _turn_towards(before, axis, share))
-        log.count_one(counts)
-
-    def arc(self, target: Point, named: Iterable[int], centre: Point, normal: Point, feed: float, *,
-            right_hand: bool, turns: int = 1) -> None:  # fmt: skip
-        """Cut along an arc or a helix; everything stands in the coordinates of the program.
-
-        Raises:
-            OffCircleError: If start and end lie on no circle about the centre.
-            InputError: If the start is not known, or the frame makes an ellipse of the arc.
-
-        """
+    def arc(self, target: Point, named: Iterable[int], feed: float, centre: Point, normal: Point, right_hand: bool,
+            turns: int) -> None:  # fmt: skip
+        """Cut along an arc or a helix; everything stands in the coordinates of the program."""
         if self.leave_out(target, named):
             return
         if not self.knows:
@@ -244,9 +234,7 @@ class Course:
         start, end, unit = frame.apply(self.position), frame.apply(target), normalise(frame.turn(normal))
         hand = right_hand != frame.mirrored
         arc = arc_about(start, end, frame.apply(centre), unit, right_hand=hand, turns=turns)
-        if not fits_circle(arc.radius, arc.end_radius):
-            message = f"arc starts {arc.radius:.4f} mm from its centre and ends {arc.end_radius:.4f} mm from it"
-            raise OffCircleError(f"{message}, expected the same radius")
+        arc.check_circle()
         self.log.arc(arc, end, feed)
         self.position, self.way = target, arc
 

@@ -1,14 +1,18 @@
-"""Drilling cycles: the geometry of holes and of patterns of holes, which all dialects share."""
+"""Drilling cycles: holes and patterns of all dialects; G73 to G89 of G-code, CYCLE8x and HOLESx of Sinumerik."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.course import Course
+from compplan.toolpath.readers.cnc.interpreter import Interpreter
+from compplan.toolpath.readers.cnc.state import AXES, CncBlock
+from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotate
 
 #: Greatest number of holes of one block or pattern, and of pecks of one hole.
 MOST_HOLES = 10_000
@@ -19,21 +23,41 @@ PECK_CLEARANCE_MM = 0.254
 #: 0.0001 inch; assumed. [mm]
 LEAST_PECK_MM = 0.005
 SKIPPED = "is left out: the tool moves rapidly above the holes (option cycles)"
+PECK_NOTE = (
+    f"G83 comes back to {PECK_CLEARANCE_MM:g} mm above the depth before, G73 goes back by as much: "
+    "assumed, the control's own setting is not in the file"
+)
+#: Cycles of G-code that go back with the feed, that wait at the bottom, and that reverse the spindle there.
+FEED_BACK = frozenset({74.0, 84.0, 85.0, 89.0})
+DWELLING = frozenset({82.0, 89.0, 76.0, 88.0, 74.0, 84.0})
+TAPPING = {74.0: ("spindle_cw", "spindle_ccw"), 84.0: ("spindle_ccw", "spindle_cw")}
+NOT_CUT = {87.0: "back boring", 88.0: "boring with a retract by hand"}
+#: Drilling cycles of Sinumerik, and whether the tool leaves the hole with a feed.
+DRILLING = {"CYCLE81": False, "CYCLE82": False, "CYCLE83": False, "CYCLE84": True, "CYCLE840": True, "CYCLE85": True,
+            "CYCLE86": False, "CYCLE87": False, "CYCLE88": False, "CYCLE89": True}  # fmt: skip
+PATTERNS = {"HOLES1", "HOLES2", "CYCLE801"}
+REFUSED = re.compile(r"CYCLE\d+|POCKET\d|SLOT\d|LONGHOLE|HOLES\d|CONTPRON|CONTDCON")
+#: Calls that say nothing of the path.
+SILENT_CALLS = frozenset((
+    "ACCLIM", "BRISKA", "CLEARM", "COARSEA", "CYCLE60", "CYCLE832", "CYCLE996", "CYCLE9960", "CYCLE_HSC", "DELT",
+    "DISPLOF", "DRIVEA", "EXTERN", "FGROUP", "FINEA", "FXS", "GETT", "GROUP_ADDEND", "GROUP_BEGIN", "GROUP_END",
+    "INIT", "JERKLIM", "LIMS", "MSG", "RESET", "SETAL", "SETM", "SETMS", "SOFTA", "SPCOF", "SPCON", "START", "STOPRE",
+    "VELOLIM", "WAITE", "WAITM", "WAITMC", "WAITS", "WORKPIECE", "WRITE",
+))  # fmt: skip
+#: Pitches of coarse metric threads by their size. [mm]
+PITCHES = {3: 0.5, 4: 0.7, 5: 0.8, 6: 1.0, 8: 1.25, 10: 1.5, 12: 1.75, 14: 2.0, 16: 2.0, 18: 2.5, 20: 2.5, 22: 2.5,
+           24: 3.0, 27: 3.0, 30: 3.5, 33: 3.5, 36: 4.0, 39: 4.0, 42: 4.5, 45: 4.5, 48: 5.0}  # fmt: skip
+Numbers = list[float | None]
 
 
 @dataclass
 class Hole:
     """Hold a hole along an axis of the program (0 to 2), from the level at which the feed begins to its bottom.
 
-    Args:
-        top: Level that the tool goes back to.
-        feed, out: Feed, and feed back to `clear`, None where the tool leaves the hole rapidly. [mm/s]
-        pecks: Levels on the way to the bottom.
-        lifts: Whether the tool leaves the hole after each of them, else it goes back a little.
-        by_clear: Whether a rapid way out stops at `clear`.
-        wait: Dwell at the bottom. [s]
-        turn: Sense of the spindle at the bottom and above (tapping), "" where it stays, at its speed [1/min].
-
+    `top` is the level that the tool goes back to; `feed` and `out` the feed and that back to `clear`, None where the
+    tool leaves the hole rapidly [mm/s]; `pecks` levels on the way, from each of which it leaves the hole (`lifts`) or
+    goes back a little; a rapid way out may stop at `clear` (`by_clear`); `wait` is a dwell at the bottom [s]; `turn`
+    the sense of the spindle at the bottom and above (tapping), "" where it stays, at its speed [1/min].
     """
 
     axis: int
@@ -50,23 +74,24 @@ class Hole:
     speed: float = 0.0
 
 
-def drill(course: Course, hole: Hole, *, expand: bool, name: str) -> None:
+def drill(course: Course, hole: Hole, name: str) -> None:
     """Carry out a hole where the tool is: rapidly to its clear level, down with feed, and back; else go back alone."""
-    log, line = course.log, course.reader.line
-    if expand:
-        course.rapid(set_level(course.position, hole.axis, hole.clear), (hole.axis,))
+    if course.options.cycles == "expand":
+        go_to_level(course, hole.axis, hole.clear)
         course.begin_cut()
         if not course.leave_out(set_level(course.position, hole.axis, hole.bottom)):
             _cut_hole(course, hole)
-            if hole.turn[1]:
-                log.happen(hole.turn[1], line, value=hole.speed)
     else:
         course.note(f"drilling cycle {name} {SKIPPED}")
-    course.rapid(set_level(course.position, hole.axis, hole.top), (hole.axis,))
+    go_to_level(course, hole.axis, hole.top)
+
+
+def go_to_level(course: Course, axis: int, level: float) -> None:
+    """Move rapidly along an axis."""
+    course.rapid(set_level(course.position, axis, level), (axis,))
 
 
 def _cut_hole(course: Course, hole: Hole) -> None:
-    """Cut a hole from its clear level to its bottom, in pecks where the cycle has them."""
     place, log, line = course.position, course.log, course.reader.line
 
     def at(level: float) -> Point:
@@ -87,6 +112,8 @@ def _cut_hole(course: Course, hole: Hole) -> None:
         course.line(at(hole.clear), (), hole.out)
     elif hole.by_clear:
         course.rapid(at(hole.clear))
+    if hole.turn[1]:
+        log.happen(hole.turn[1], line, value=hole.speed)
 
 
 def list_pecks(clear: float, bottom: float, first: float, less: float, least: float) -> list[float]:
@@ -109,17 +136,198 @@ def list_circle(centre: tuple[float, float], radius: float, start: float, step: 
 def list_grid(corner: tuple[float, float], turn: float, steps: tuple[float, float], counts: tuple[int, int],
               first: float = 0.0) -> list[Point]:  # fmt: skip
     """List holes in rows, to and fro; the rows turn about the corner by an angle in degrees."""
-    cosine, sine = math.cos(math.radians(turn)), math.sin(math.radians(turn))
-    places: list[Point] = []
-    _check(counts[0] * counts[1])
-    for row in range(counts[1]):
-        for column in range(counts[0]) if row % 2 == 0 else reversed(range(counts[0])):
-            u, v = first + column * steps[0], row * steps[1]
-            places.append((corner[0] + u * cosine - v * sine, corner[1] + u * sine + v * cosine, 0.0))
-    return places
+    turned = Frame(rotate(2, turn).rows, (*corner, 0.0))
+    columns = range(_check(counts[0] * counts[1]) // counts[1])
+    return [
+        turned.apply((first + column * steps[0], row * steps[1], 0.0))
+        for row in range(counts[1]) for column in (columns if row % 2 == 0 else reversed(columns))
+    ]  # fmt: skip
 
 
 def _check(count: int) -> int:
     if not 0 < count <= MOST_HOLES:
         raise InputError(f"pattern of {count} holes, 1 to {MOST_HOLES} are read")
     return count
+
+
+def begin_cycle(it: Interpreter, code: float) -> None:
+    """Begin a cycle of G-code; the level it began at stays until it is cancelled."""
+    state, axis = it.state, DEEP_AXIS[it.state.plane]
+    if not state.cycle_code:
+        state.cycle_start = None if it.course.is_unknown(axis) else it.course.position[axis]
+        state.cycle = {}
+    state.cycle_code = code
+
+
+def run_cycle(it: Interpreter, block: CncBlock) -> None:
+    """Carry out the holes of one block of G-code.
+
+    The tool moves rapidly to each hole at the level where it is (or R if that is higher), and to the level R; it cuts
+    to the bottom, in pecks of Q where the cycle has them, and goes back to R (G99) or to the level at which the cycle
+    began (G98). R, Z, Q, P, I, J, K are modal, L (or K without I) repeats.
+    """
+    state, values, code, axis = it.state, block.values, it.state.cycle_code, DEEP_AXIS[it.state.plane]
+    deep = AXES[axis]
+    _take_words(it, block, axis)
+    if values.keys().isdisjoint(("X", "Y", "Z", "R", "RP", "AP")):
+        return
+    repeats = values.get("L", values.get("K", 1.0) if "I" not in state.cycle else 1.0)
+    if repeats == 0.0:
+        return
+    if not 1.0 <= repeats <= MOST_HOLES:
+        raise InputError(f"cycle with {repeats:.0f} repeats, at most {MOST_HOLES} are read")
+    if it.options.cycles == "expand" and code in NOT_CUT:
+        raise InputError(f"cycle G{code:g} ({NOT_CUT[code]}) is not read; post-process it as single moves")
+    if deep not in state.cycle:
+        raise InputError(f"cycle G{code:g} has no depth {deep}")
+    beside = CncBlock(
+        {key: value for key, value in values.items() if key in ("X", "Y", "Z", "RP", "AP") and key != deep}
+    )
+    named = () if state.incremental else it.motion.target(beside)[1]
+    it.contour.refuse_open()
+    it.course.check_place({0, 1, 2} - {axis} - set(named))
+    for _ in range(int(repeats)):
+        target, named = it.motion.target(beside)
+        with it.log.hole():
+            _run_hole(it, code, target, named, axis)
+
+
+def _take_words(it: Interpreter, block: CncBlock, axis: int) -> None:
+    """Keep what a block says of its hole; in G91 R counts from where the cycle began, and the depth from R."""
+    state, values, deep = it.state, block.values, AXES[axis]
+    stated = values["R"] * state.scale if "R" in values and not state.incremental else None
+    start = _find_start(it, axis, stated)
+    for letter in ("R", deep):
+        if letter in values:
+            from_level = start if letter == "R" else state.cycle.get("R", start)
+            state.cycle[letter] = values[letter] * state.scale + (from_level if state.incremental else 0.0)
+    for letter in "QIJK" if "I" in values else "QJ":
+        if letter in values:
+            state.cycle[letter] = abs(values[letter]) * state.scale
+    if "P" in values:
+        state.cycle["P"] = values["P"]
+
+
+def _find_start(it: Interpreter, axis: int, stated: float | None = None) -> float:
+    """Return the level at which the cycle began; where it is not known, the highest rapid so far or the level R."""
+    state = it.state
+    if state.cycle_start is None:
+        known = it.course.level_of_height() if axis == 2 else None
+        known = state.cycle.get("R", stated) if known is None else known
+        if known is None and not it.course.muted:
+            raise InputError("a drilling cycle begins where the height of the tool is not known and states no level R; "
+                             "let a rapid move (G0) to a height come first")  # fmt: skip
+        state.cycle_start = it.course.position[axis] if known is None else known
+        it.note(f"a cycle begins at an unknown height: {state.cycle_start:g} is assumed")
+    return state.cycle_start
+
+
+def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...], axis: int) -> None:
+    state, course, words = it.state, it.course, it.state.cycle
+    start = _find_start(it, axis)
+    clear, bottom = words.get("R", start), words[AXES[axis]]
+    level = max(start if axis in course.lost else course.position[axis], clear)
+    course.settle((axis,))
+    if level > course.position[axis] and course.knows:
+        course.rapid(set_level(course.position, axis, level))
+    course.rapid(set_level(target, axis, level), named)
+    feed, wait = it.motion.feed(abs(clear - bottom)), words.get("P", 0.0) if code in DWELLING else 0.0
+    hole = Hole(
+        axis, clear, bottom, max(start, clear) if state.retract_to_start else clear, feed,
+        feed if code in FEED_BACK else None, lifts=code == 83.0,
+        wait=wait if wait < 100.0 else wait * 1e-3,  # from 100 on it counts in milliseconds
+        turn=TAPPING.get(code, ("", "")) if state.turning else ("", ""), speed=state.spindle,
+    )  # fmt: skip
+    first = words.get("I", words.get("Q", 0.0))  # Haas: from I by J less each time down to K
+    pecks = it.options.cycles == "expand" and code in (73.0, 83.0) and first > 0.0 and bottom < clear
+    if pecks and not course.muted:
+        it.note(PECK_NOTE)
+        less, least = (words.get("J", 0.0), words.get("K", first)) if "I" in words else (0.0, first)
+        hole.pecks = list_pecks(clear, bottom, first, less, least)
+    drill(course, hole, f"G{code:g}")
+
+
+class SinumerikCycles:
+    """Carry out cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801."""
+
+    def __init__(self, it: Interpreter, evaluate: Callable[[str], float], ask_for_unit: Callable[..., None]) -> None:
+        self.it, self.evaluate, self.ask_for_unit = it, evaluate, ask_for_unit
+        #: Cycle that is called at every place from here on (MCALL).
+        self.modal: tuple[str, Numbers] | None = None
+
+    def run(self, called: str, arguments: list[str], *, modal: bool) -> bool:
+        """Carry out a cycle, or keep it for the holes that follow; return whether the call is one that is read."""
+        if called in SILENT_CALLS:
+            return True
+        if called not in DRILLING and called not in PATTERNS:
+            if REFUSED.fullmatch(called):
+                raise InputError(f"{called} is not read; write its moves out in the CAM system")
+            return False
+        numbers: Numbers = [None if not text or text[0] == '"' else self.evaluate(text) for text in arguments]
+        numbers += [None] * (20 - len(numbers))
+        if called in PATTERNS:
+            self._drill_pattern(called, [number or 0.0 for number in numbers])
+        elif modal:
+            self.modal = called, numbers
+        else:
+            self._drill(called, numbers)
+        return True
+
+    def drill_here(self) -> None:
+        """Drill with the modal cycle after a block that moved the tool."""
+        if self.modal is not None:
+            self._drill(*self.modal)
+
+    def _drill(self, called: str, numbers: Numbers) -> None:
+        """Carry out CYCLE8x(RTP, RFP, SDIS, DP, DPR, ..): from RFP + SDIS to DP, back to RTP.
+
+        DPR, where it is not 0, is the depth below RFP in place of DP.
+        """
+        it, scale = self.it, self.it.state.scale
+        it.contour.refuse_open()
+        self.ask_for_unit(numbers[:5])
+        rtp, rfp, sdis, dp, dpr = (None if number is None else number * scale for number in numbers[:5])
+        if rtp is None or (dp is None and not dpr):
+            raise InputError(f"{called} states no retract plane or no depth, expected RTP, RFP, SDIS, DP, DPR")
+        surface = rfp or 0.0
+        sense = 1.0 if rtp >= surface else -1.0
+        bottom = surface - sense * abs(dpr) if dpr else dp or 0.0
+        if (bottom - surface) * sense > 0.0:
+            raise InputError(f"{called} ends above its reference plane, expected a depth below RFP")
+        feed, out = self._find_feeds(called, numbers)
+        axis, clear = DEEP_AXIS[it.state.plane], surface + sense * abs(sdis or 0.0)
+        with it.log.hole():
+            go_to_level(it.course, axis, clear)
+            drill(it.course, Hole(axis, clear, bottom, rtp, feed, out if DRILLING[called] else None), called)
+
+    def _find_feeds(self, called: str, numbers: Numbers) -> tuple[float, float]:
+        """Return feed into and out of a hole in mm/s."""
+        state = self.it.state
+        if called == "CYCLE84":
+            size, pitch, speed, back = numbers[7], numbers[8], numbers[10], numbers[11]
+            lead = abs(pitch) * state.scale if pitch else PITCHES.get(int(abs(size or 0.0)), 0.0)
+            speed = abs(speed) if speed else state.spindle
+            if lead and speed:
+                return lead * speed / 60.0, lead * abs(back or speed) / 60.0
+        if called == "CYCLE85" and numbers[6]:
+            return numbers[6] * state.feed_scale / 60.0, (numbers[7] or numbers[6]) * state.feed_scale / 60.0
+        feed = self.it.motion.feed(0.0)
+        return feed, feed
+
+    def _drill_pattern(self, called: str, n: list[float]) -> None:
+        """Carry out HOLES1 (a row), HOLES2 (a circle) and CYCLE801 (a grid) with the modal cycle."""
+        if self.modal is None:
+            raise InputError(f"{called}, and no drilling cycle is called before it (MCALL)")
+        corner, count = (n[0], n[1]), int(n[5])
+        if called == "HOLES1":  # SPCA, SPCO, STA1, FDIS, DBH, NUM
+            places = list_grid(corner, n[2], (n[4], 0.0), (count, 1), n[3])
+        elif called == "HOLES2":  # CPA, CPO, RAD, STA1, INDA, NUM
+            places = list_circle(corner, n[2], n[3], n[4] or 360.0 / max(count, 1), count)
+        else:  # SPCA, SPCO, STA, DIS1, DIS2, NUM1, NUM2
+            places = list_grid(corner, n[2], (n[3], n[4]), (count, int(n[6])))
+        first, second = PLANE_AXES[self.it.state.plane]
+        self.it.contour.refuse_open()
+        for u, v, _ in places:
+            place = set_level(self.it.course.position, first, u * self.it.state.scale)
+            self.it.course.rapid(set_level(place, second, v * self.it.state.scale), (first, second))
+            self.drill_here()

@@ -26,13 +26,9 @@ FUNCTIONS: Mapping[str, tuple[int, Callable[..., float]]] = {
 
 @dataclass(frozen=True)
 class Grammar:
-    """Say what an expression may hold.
+    """Say what an expression may hold: functions and how many arguments each takes, operators and how they bind.
 
-    Args:
-        functions: Functions by name, and how many arguments each takes.
-        operators: Operators by their sign or word: how tightly each binds (greater: tighter), and what it does.
-        bare: Whether a function of one argument may go without brackets (SIN 30).
-
+    A greater number binds tighter; where `bare`, a function of one argument may go without brackets (SIN 30).
     """
 
     functions: Mapping[str, tuple[int, Callable[..., float]]]
@@ -134,17 +130,14 @@ class Parser:
             return float(not self.operand())
         function = self.grammar.functions.get(word)
         if function is None:
-            return self.lookup(word, self._indices())
+            return self.lookup(word, tuple(self._list("]")) if self._accept("[") else ())
         count, rule = function
         values: list[float] = []
         if self.grammar.bare:
             values = [need(self.operand())] if count else []
         else:
             self._expect(self.grammar.brackets[0])
-            values = [need(self.parse())]
-            while self._accept(","):
-                values.append(need(self.parse()))
-            self._expect(self.grammar.brackets[1])
+            values = self._list(self.grammar.brackets[1])
             if word == "ATAN" and len(values) < count and re.match(r"\s*/\s*\[", self.text[self.place :]):
                 self._take()  # ATAN[y]/[x]
                 values.append(need(self.operand()))
@@ -155,14 +148,13 @@ class Parser:
         except ValueError:
             raise ValueError(f"{word} of {', '.join(f'{value:g}' for value in values)} has no value") from None
 
-    def _indices(self) -> tuple[float, ...]:
-        if not self._accept("["):
-            return ()
+    def _list(self, closing: str) -> list[float]:
+        """Return the values of expressions between commas up to a bracket."""
         values = [need(self.parse())]
         while self._accept(","):
             values.append(need(self.parse()))
-        self._expect("]")
-        return tuple(values)
+        self._expect(closing)
+        return values
 
     def _take(self) -> str:
         found = self.grammar.token.match(self.text, self.place)

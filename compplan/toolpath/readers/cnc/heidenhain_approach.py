@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
@@ -11,18 +10,15 @@ from compplan.toolpath.readers.arcs import Point, combine, cross, dot
 from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import PLANE_NORMALS
+from compplan.toolpath.readers.frames import PLANE_NORMALS
+from compplan.toolpath.readers.lines import match_form
 
 
 @dataclass(frozen=True)
 class Way:
-    """Hold what an APPR or DEP block says: its kind LT, LN, CT or LCT, and its feed in mm/s.
+    """Hold what an APPR or DEP block says: its kind LT, LN, CT or LCT, LEN, R (signed), CCA [deg], feeds in mm/s.
 
-    Args:
-        length, radius, angle: LEN of LT and LN; R of CT and LCT, signed; CCA of CT. [deg]
-        side: 1 or -1 where the tool runs left or right of the contour, 0 without compensation.
-        feed_before: Feed of the move to where the approach begins, None where that is rapid. [mm/s]
-
+    The tool runs left (1) or right (-1) of the contour; `feed_before` leads to the approach, None where that is rapid.
     """
 
     kind: str
@@ -110,37 +106,33 @@ class Approaches:
             it.note("an approach with a depth goes there before it touches the contour; newer controls sink on the way")
         it.contour.wait(lambda element: way.approach(start, first, depth, element.tangent(element.start)), first,
                         it.flow.line)  # fmt: skip
-        self.words.start_functions(functions)
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            pass
 
     def run_departure(self, rest: str) -> None:
         """DEP: leave the contour."""
         it, axis = self.it, self.words.tool_axis
         way, words, functions = self._read_way(rest, "DEP")
-        self.words.start_functions(functions)
-        direction = it.motion.find_direction()
-        it.contour.refuse_open()
-        last, target = it.contour.position, it.motion.target(self.words.read(words))[0]
-        height = target[axis] - last[axis]
-        flat = combine(1.0, target, -height, way.normal) if way.kind == "LCT" else None
-        for element in way.depart(last, flat, direction):
-            it.contour.add(element)
-        if abs(height) > 1e-9:
-            place = combine(1.0, it.contour.position, height, way.normal)
-            it.contour.add(Element(it.contour.position, place, (), way.feed, it.flow.line))
-        self.words.side, it.state.motion = "", 1.0
-        self.words.stop_functions(functions)
+        with self.words.functions(functions):
+            direction = it.motion.find_direction()
+            it.contour.refuse_open()
+            last, target = it.contour.position, it.motion.target(self.words.read(words))[0]
+            height = target[axis] - last[axis]
+            flat = combine(1.0, target, -height, way.normal) if way.kind == "LCT" else None
+            for element in way.depart(last, flat, direction):
+                it.contour.add(element)
+            if abs(height) > 1e-9:
+                place = combine(1.0, it.contour.position, height, way.normal)
+                it.contour.add(Element(it.contour.position, place, (), way.feed, it.flow.line))
+            self.words.side, it.state.motion = "", 1.0
 
     def _read_way(self, rest: str, what: str) -> tuple[Way, Words, set[int]]:
-        found = re.match(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest)
-        if not found:
-            raise InputError(f"{what} {rest[:20]!r} is not read, expected LT, LN, CT, LCT")
-        words, functions = self.words.split(found.group(2))
+        kind, text = match_form(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest, f"{what}: LT, LN, CT, LCT").groups()
+        words, functions = self.words.split(text)
         feed_before = None if self.it.state.motion == 0.0 else self.it.motion.feed(0.0)
         self.words.take_side(words)
         if self.words.take_feed(words) and what == "APPR":
             raise InputError("an approach with FMAX is not read; give it a feed")
-        kind = found.group(1)
         need = {"LT": "LEN", "LN": "LEN", "CT": "CCA", "LCT": ""}[kind]
         if need and need not in words:
             raise InputError(f"{what} {kind} has no {need}")

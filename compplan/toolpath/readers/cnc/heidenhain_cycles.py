@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.contour import Element
-from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid
+from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import PLANE_AXES, PLANE_NORMALS
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS
+from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool leaves the hole with the feed; old ones, and the part that states their feed.
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
@@ -52,9 +53,7 @@ class HeidenhainCycles:
 
     def define(self, text: str) -> None:
         """Carry out CYCL DEF."""
-        found = CYCLE.match(text)
-        if not found:
-            raise InputError(f"cycle {text[:30]!r} is not read, expected CYCL DEF and its number")
+        found = match_form(CYCLE, text, "cycle: CYCL DEF and its number")
         number, part, rest = int(found.group(1)), found.group(2), found.group(3).strip()
         at = None if part is None else int(part)
         if self.datums.define(number, at, rest) or number in SILENT:
@@ -126,8 +125,8 @@ class HeidenhainCycles:
         """
         course, axis, values = self.it.course, self.words.tool_axis, cycle.values
         feed, out = self._find_feeds(cycle)
-        expand = self.it.options.cycles == "expand"
-        if cycle.number in OLD:
+        expand, old = self.it.options.cycles == "expand", cycle.number in OLD
+        if old:
             if expand:
                 course.begin_cut()
             clear = top = course.position[axis]
@@ -142,21 +141,21 @@ class HeidenhainCycles:
             clear, bottom = surface + cycle.get("Q200"), surface + depth
             top = max(clear, surface + values.get("Q204", 0.0))
         with self.it.log.hole():
-            if cycle.number not in OLD:
-                course.rapid(set_level(course.position, axis, clear), (axis,))
+            if not old:
+                go_to_level(course, axis, clear)
             elif not expand:
                 self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
                 return
             if cycle.number == 208 and expand and depth != 0.0:
                 self._mill_bore(values, clear, bottom, feed)
-                course.rapid(set_level(course.position, axis, clear), (axis,))
-                course.rapid(set_level(course.position, axis, top), (axis,))
+                go_to_level(course, axis, clear)
+                go_to_level(course, axis, top)
             elif depth != 0.0:
                 hole = Hole(axis, clear, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
-                drill(course, hole, expand=expand, name=str(cycle.number))
-            elif cycle.number not in OLD:
-                course.rapid(set_level(course.position, axis, top), (axis,))
-        if cycle.number not in OLD:
+                drill(course, hole, str(cycle.number))
+            elif not old:
+                go_to_level(course, axis, top)
+        if not old:
             self.it.state.motion = 0.0
 
     def _find_feeds(self, cycle: Cycle) -> tuple[float, float | None]:
@@ -211,4 +210,4 @@ class HeidenhainCycles:
             self._drill_over(place, Cycle(cycle.number, {**cycle.values, **kept}))
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > course.position[axis]:
-            course.rapid(set_level(course.position, axis, top), (axis,))
+            go_to_level(course, axis, top)

@@ -8,8 +8,9 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import cross
 from compplan.toolpath.readers.cnc.heidenhain_words import TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES, PLANE_NORMALS
-from compplan.toolpath.readers.frames import NOWHERE, Frame, rotate, shift, stand_on, stretch
+from compplan.toolpath.readers.cnc.state import AXES
+from compplan.toolpath.readers.frames import NOWHERE, PLANE_NORMALS, Frame, rotate, shift, stand_on, stretch
+from compplan.toolpath.readers.lines import match_form
 
 AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
 NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
@@ -88,10 +89,8 @@ class KlartextDatums:
         self.it.put(mirror=stretch(x, y, z) if letters else None)
 
     def _rotate(self, rest: str) -> None:
-        found = re.fullmatch(rf"(I?)ROT\s*({VALUE})", rest)
-        if not found:
-            raise InputError(f"rotation {rest[:20]!r} is not read, expected ROT and an angle")
-        angle = self.value(found.group(2)) + (self.turned if found.group(1) else 0.0)
+        step, text = match_form(rf"(I?)ROT\s*({VALUE})", rest, "rotation: ROT and an angle").groups()
+        angle = self.value(text) + (self.turned if step else 0.0)
         if angle and "mirror" in self.it.frames:
             raise InputError("a rotation in a mirrored frame is not read")
         self.turned = angle

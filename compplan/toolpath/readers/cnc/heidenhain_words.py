@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from compplan.errors import InputError
@@ -12,8 +13,9 @@ from compplan.toolpath.readers.arcs import set_level
 from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, evaluate
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import POLAR
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, LETTERS, CncBlock
-from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, cut_comment, split_lines
+from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock
+from compplan.toolpath.readers.frames import DEEP_AXIS
+from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, cut_comment, match_form, split_lines
 
 NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"
 #: A value of a word: a number or a Q parameter, with or without a sign.
@@ -29,7 +31,7 @@ WORD = re.compile(
 BLOCK_NUMBER = re.compile(r"\s*(\d+)\s*(?=\D|$)")
 FUNCTION_NUMBER = re.compile(r"FN\s*(\d+)\s*:\s*(.*)")
 ASSIGN = re.compile(r"(Q[LRS]?\d+)\s*=\s*(.+)")
-JUMP = re.compile(r"IF\s+(.+?)\s+(EQU|NE|GT|LT)\s+(.+?)\s+GOTO\s+LBL\s*(\".*\"|\d+|QS?\d+)\s*$")
+JUMP = re.compile(r".*?IF\s+(.+?)\s+(EQU|NE|GT|LT)\s+(.+?)\s+GOTO\s+LBL\s*(\".*\"|\d+|QS?\d+)\s*$")
 CALL = re.compile(r"CALL\s+LBL\s*(\"[^\"]*\"|\d+|QS?\d+)\s*(?:REP\s*(\d+|Q[LR]?\d+)(?:\s*/\s*\d+)?)?\s*$")
 LABEL = re.compile(r"LBL\s*(\"[^\"]*\"|\d+)\s*$")
 CYCLE = re.compile(r"CYCL\s+DEF\s*(\d+)(?:\s*\.(\d+))?\s*(.*)")
@@ -171,12 +173,6 @@ class KlartextWords:
             return number * self.unit * self.it.state.spindle / 60.0
         return number * (1.0 if self.unit == 1.0 else 0.1 * INCH) / 60.0
 
-    def control_tip(self, on: bool, *, spatial: bool = False) -> None:
-        """Let X Y Z be the tip in the part frame, however the rotary axes stand, or not."""
-        self.it.contour.refuse_open()
-        self.it.rotary.spatial, self.it.state.tip_control = spatial, on
-        self.it.set_frame()
-
     def split(self, text: str) -> tuple[Words, set[int]]:
         """Return the words of a block by their letters, and its M functions."""
         functions: set[int] = set()
@@ -216,23 +212,23 @@ class KlartextWords:
         else:
             course.rapid(target)
 
-    def start_functions(self, functions: set[int]) -> None:
-        """Let happen what M functions switch before the move of their block."""
+    @contextmanager
+    def functions(self, functions: set[int]) -> Iterator[None]:
+        """Let happen what M functions switch before and after the move of their block."""
         if not functions:
+            yield
             return
         for number in sorted(functions & REFUSED_M.keys()):
             raise InputError(f"M{number} ({REFUSED_M[number]}) is not read; post-process without it")
         self.it.machine.switch_on(sorted(map(float, functions)), self.it.flow.line)
         if 128 in functions:
-            self.control_tip(True)
+            self.it.control_tip(True)
         if functions & {136, 137}:
             self.per_turn = 136 in functions
             self.set_feed_scale()
-
-    def stop_functions(self, functions: set[int]) -> None:
-        """Let happen what M functions switch after it."""
+        yield
         if 129 in functions:
-            self.control_tip(False)
+            self.it.control_tip(False)
         if self.it.machine.stop(sorted(functions), self.it.flow.line):
             self.it.flow.over = True
 
@@ -248,17 +244,12 @@ class KlartextWords:
         """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
         it = self.it
         if re.match(r"DEF(?![A-Z])", text):
-            found = TOOL_DEF.match(text)
-            if not found:
-                raise InputError(f"tool TOOL {text[:36]!r} is not read")
+            found = match_form(TOOL_DEF, text, "tool TOOL")
             self.old = self.old or found.group(2) is not None
             if found.group(3) is not None:
                 self.radii[found.group(1) or ""] = self.value(found.group(3))
             return
-        found = TOOL.match(text)
-        if not found:
-            raise InputError(f"tool call TOOL {text[:36]!r} is not read")
-        called, axis, rest = found.groups()
+        called, axis, rest = match_form(TOOL, text, "tool call TOOL").groups()
         it.contour.refuse_open()
         words, bare = dict(TOOL_WORD.findall(rest)), TOOL_WORD.sub("", rest)
         if re.sub(r"M\s*\d+|\"[^\"]*\"", "", bare).strip():
@@ -283,9 +274,8 @@ class KlartextWords:
             self.turn_axis()
         if "S" in words and it.state.turning:
             it.log.happen(it.state.turning, it.flow.line, value=it.state.spindle)
-        functions = {int(number) for number in re.findall(r"M\s*(\d+)", bare)}
-        self.start_functions(functions)
-        self.stop_functions(functions)
+        with self.functions({int(number) for number in re.findall(r"M\s*(\d+)", bare)}):
+            pass
 
     def take_side(self, words: Mapping[str, str]) -> None:
         """Keep whether the tool runs left or right of the contour; note compensation of its radius, or refuse it."""

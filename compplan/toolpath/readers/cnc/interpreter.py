@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.contour import Contour
@@ -19,7 +19,7 @@ from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, Machine, State
 from compplan.toolpath.readers.frames import Frame
-from compplan.toolpath.readers.options import CamTable, ask_compensation
+from compplan.toolpath.readers.options import CamTable
 
 #: Addresses that make a move.
 MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
@@ -29,14 +29,10 @@ UNKNOWN_MACHINE = "moves while rotary axes stand turned whose machine is not sta
 
 @dataclass(frozen=True)
 class Code:
-    """Say what a word does.
+    """Say what a word does: run(dialect, block, code) carries it out; words of lower ranks act before others.
 
-    Args:
-        run: Carries it out: run(dialect, block, code).
-        rank: Words of lower ranks act before others of their block.
-        takes: "" where the coordinates of the block are a move, "once" where the word takes them for itself, "machine"
-            where they are machine coordinates.
-
+    `takes` is "" where the coordinates of the block are a move, "once" where the word takes them for itself, "machine"
+    where they are machine coordinates.
     """
 
     run: Callable[..., None]
@@ -67,14 +63,14 @@ def refuse(what: str) -> Code:
 def set_mode(**changes: object) -> Code:
     """Return a word that sets modal state."""
 
-    def run(dialect: HasInterpreter, block: CncBlock, code: float | str) -> None:
+    def run(dialect: Any, block: CncBlock, code: float | str) -> None:
         for name, value in changes.items():
             setattr(dialect.it.state, name, value)
 
     return Code(run)
 
 
-def compensate_radius(dialect: HasInterpreter, block: CncBlock, code: float | str) -> None:
+def compensate_radius(dialect: Any, block: CncBlock, code: float | str) -> None:
     """G41, G42: the radius of the cutter."""
     if block.values.get("D") != 0.0:
         dialect.it.compensate_radius(f"G{code:g}")
@@ -88,12 +84,6 @@ COMMON: dict[float | str, Code] = {
     4.0: ignore("once"), 53.0: ignore("machine"), 153.0: ignore("machine"), 33.0: refuse("threading"),
     34.0: refuse("threading"), **dict.fromkeys((9.0, 40.0, 61.0, 64.0, 96.0, 97.0), ignore()),
 }  # fmt: skip
-
-
-class HasInterpreter(Protocol):
-    """A dialect that holds its interpreter."""
-
-    it: Interpreter
 
 
 class Interpreter:
@@ -124,22 +114,30 @@ class Interpreter:
             finish()
         self.machine.end(self.flow.line)
 
-    def run_words(self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None],
-                  pass_over: Callable[[CncBlock, float | str], None]) -> str:  # fmt: skip
+    def run_words(
+        self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None]
+    ) -> str:
         """Carry out the G codes and names of a block by their rank, however they are shuffled.
 
         Return what takes the coordinates of the block, "" where they are a move. `find` gives what a word does, None
-        where it is unknown; `pass_over` notes such a word, or refuses it.
+        where it is unknown.
         """
         takes = ""
         found = [((entry.rank if (entry := find(word)) else 0, isinstance(word, str), word), entry) for word in words]
         for (_, _, word), entry in sorted(found, key=lambda item: item[0]) if len(found) > 1 else found:
             if entry is None:
-                pass_over(block, word)
+                self.pass_over(block, word)
                 continue
             entry.run(self.dialect, block, word)
             takes = entry.takes if entry.takes == "machine" else takes or entry.takes
         return takes
+
+    def pass_over(self, block: CncBlock, word: float | str) -> None:
+        """Note a G code that is not known; refuse it where it may claim coordinates, and any other word."""
+        name = word[:24] if isinstance(word, str) else f"G{word:g} with coordinates"
+        if isinstance(word, str) or (block.has(self.dialect.moving) and MOTIONS.isdisjoint(block.codes)):
+            raise InputError(f"word {name} is not read and may move the tool; post-process without it")
+        self.note(f"G{word:g} is not read")
 
     @property
     def tilted(self) -> bool:
@@ -184,11 +182,11 @@ class Interpreter:
         else:
             self.course.unmute(UNKNOWN_MACHINE)
 
-    def control_tip(self, on: bool) -> None:
-        """Begin or end that X Y Z are the tip in the part frame."""
-        if self.state.tip_control != on:
+    def control_tip(self, on: bool, *, spatial: bool = False) -> None:
+        """Begin or end that X Y Z are the tip in the part frame; spatial: A B C are angles of the tool there."""
+        if (self.state.tip_control, self.rotary.spatial) != (on, spatial):
             self.contour.refuse_open()
-            self.state.tip_control = on
+            self.state.tip_control, self.rotary.spatial = on, spatial
             self.set_frame()
 
     def leave_out_machine_move(self, block: CncBlock, words: str) -> None:
@@ -210,7 +208,14 @@ class Interpreter:
 
     def compensate_radius(self, word: str) -> None:
         """Note compensation of the cutter's radius, or refuse it."""
-        self.note(ask_compensation(self.options, word))
+        if self.options.compensation is None:
+            raise InputError(f"{word} compensates the radius of the cutter: whether the file holds the path of the "
+                             "tool's centre or the contour of the part is not known; write [cam] compensation = "
+                             '"centre_line" (--compensation) for the first, post-process the second as the centre\'s '
+                             "path")  # fmt: skip
+        self.note(
+            f"{word} compensates wear alone: the path is that of the tool's centre, as compensation = centre_line says"
+        )
 
     def call(self, name: str, times: float) -> None:
         """Carry out a subprogram of the file, or beside it."""

@@ -8,11 +8,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, fits_circle, normalise, set_level
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, normalise, set_level
 from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_centre, find_tangent_arc
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.rotary import Rotary
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, Dialect, State
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, State
+from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, PLANE_NORMALS, rotate, turn_about
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.options import CHORD_MM
 
@@ -44,8 +45,6 @@ class MotionReader:
                  set_frame: Callable[..., None]) -> None:  # fmt: skip
         self.course, self.contour, self.rotary, self.state, self.dialect = course, contour, rotary, state, dialect
         self.options, self.set_frame = rotary.options, set_frame
-        #: Corner at the end of the block at hand where another block states it.
-        self.corner: Corner | None = None
         self.keeps_polar = True
         #: Arcs that lie on no circle where their I J K count as usual.
         self.proofs: set[tuple[float, ...]] = set()
@@ -127,8 +126,8 @@ class MotionReader:
             named += [first, second]
         return (point[0], point[1], point[2]), tuple(named)
 
-    def move(self, block: CncBlock) -> None:
-        """Carry out the coordinates of a block."""
+    def move(self, block: CncBlock, corner: Corner | None = None) -> None:
+        """Carry out the coordinates of a block; corner: the one at its end where another block states it."""
         state, course, contour = self.state, self.course, self.contour
         arc = state.motion in ROUND
         if not arc and not block.has(STRAIGHT) and not block.has(POLAR):
@@ -144,7 +143,7 @@ class MotionReader:
                 raise InputError("an arc on which the tool or rotary axes turn is not read; post-process it as "
                                  "straight moves")  # fmt: skip
             if not course.leave_out(target, named):
-                self._go_round(block, target, named)
+                self._go_round(block, target, named, corner or self._corner(block))
             return
         before = dict(self.rotary.angles)
         axis, by_axes = self._turn(block, rapid=rapid) if block.has(TURNING) else (None, False)
@@ -160,13 +159,11 @@ class MotionReader:
         if by_axes and axis is not None:
             after = dict(self.rotary.angles)
             element = replace(element, run=lambda: self._cut_turning(element, before, after))
-        contour.add(element, self._corner(block))
+        contour.add(element, corner or self._corner(block))
 
     def _corner(self, block: CncBlock) -> Corner | None:
         """Return the corner that a block asks for at its end."""
         values, state = block.values, self.state
-        if self.corner is not None:
-            return self.corner
         feed = values["FRC"] * state.feed_scale / 60.0 if values.get("FRC") else None
         for address, kind in CORNERS.items():
             if values.get(address):
@@ -188,10 +185,7 @@ class MotionReader:
         if taken:
             return axis, False
         turned = rotary.turned
-        for letter in LETTERS:
-            if letter in values:
-                base = rotary.angles.get(letter, 0.0) if state.counts_on(block, letter) else 0.0
-                rotary.angles[letter] = values[letter] + base
+        state.turn(rotary.angles, block)
         if rotary.spatial:
             return self.dialect.square(), False
         self.set_frame(carried=True)
@@ -252,7 +246,7 @@ class MotionReader:
             raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
         return normalise(self.course.frame.invert().turn(self.course.direction))
 
-    def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...]) -> None:
+    def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...], corner: Corner | None) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise, seen from the positive end of the plane's normal."""
         state, values, start = self.state, block.values, self.contour.position
         about_pole = "CC" in block.names or (block.has(POLAR) and not block.has(CENTRES))
@@ -266,8 +260,7 @@ class MotionReader:
             found = find_tangent_arc(start, self.find_direction(" (CT)"), target, normal)
             if found is None:
                 feed = self.feed(math.dist(start, target), block)
-                straight = Element(start, target, named, feed, self.line, normal=normal)
-                self.contour.add(straight, self._corner(block))
+                self.contour.add(Element(start, target, named, feed, self.line, normal=normal), corner)
                 return
             centre, right_hand = found
         elif "CR" in values:
@@ -290,17 +283,15 @@ class MotionReader:
             raise InputError(f"arc of {turns:g} further turns, expected a whole number less than {MOST_TURNS}")
         count = int(turns) + 1
         way = arc_about(start, target, centre, normal, right_hand=right_hand, turns=count).length
-        self.contour.add(
-            Element(start, target, named, self.feed(way, block), self.line, centre, normal, right_hand, count),
-            self._corner(block),
-        )
+        feed = self.feed(way, block)
+        self.contour.add(Element(start, target, named, feed, self.line, centre, normal, right_hand, count), corner)
 
     def _prove(self, start: Point, target: Point, block: CncBlock, *, right_hand: bool) -> None:
         """Keep an arc that lies on no circle where its I J K count as usual."""
         plane, offsets = self.state.plane, tuple(block.values.get(letter, 0.0) for letter in "IJK")
         usual = combine(1.0, start, self.state.scale, (offsets[0], offsets[1], offsets[2]))
         arc = arc_about(start, target, usual, PLANE_NORMALS[plane], right_hand=right_hand)
-        if not fits_circle(arc.radius, arc.end_radius):
+        if not arc.fits_circle:
             ends = [place[axis] for place in (start, target) for axis in PLANE_AXES[plane]]
             self.proofs.add((*(round(number, 3) for number in ends), *offsets))
 
@@ -318,18 +309,14 @@ class MotionReader:
 
     def _find_opening(self, block: CncBlock, start: Point, target: Point, *, right_hand: bool) -> tuple[Point, Point]:
         """Return centre and end of an arc by its opening angle AR, with its end or its centre."""
-        opening, normal = block.values["AR"], PLANE_NORMALS[self.state.plane]
+        opening, deep = block.values["AR"], DEEP_AXIS[self.state.plane]
         if not 0.0 < opening < 360.0:
             raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
-        angle, flat = math.radians(opening), lambda point: combine(1.0, point, -dot(point, normal), normal)
         if block.has(CENTRES):
             centre = self.state.centre(start, block, self.state.plane)
-            arm = combine(1.0, flat(start), -1.0, flat(centre))
-            turn = angle if right_hand else -angle
-            side = (normal[1] * arm[2] - normal[2] * arm[1], normal[2] * arm[0] - normal[0] * arm[2],
-                    normal[0] * arm[1] - normal[1] * arm[0])  # fmt: skip
-            end = combine(1.0, combine(1.0, centre, math.cos(turn), arm), math.sin(turn), side)
-            return centre, combine(1.0, end, dot(target, normal) - dot(end, normal), normal)
-        radius = 0.5 * math.dist(flat(start), flat(target)) / math.sin(0.5 * angle)
-        signed = radius if angle <= math.pi else -radius
-        return find_centre(start, target, normal, signed, self.contour.unit, right_hand=right_hand), target
+            end = turn_about(centre, rotate(deep, opening if right_hand else -opening)).apply(start)
+            return centre, set_level(end, deep, target[deep])
+        chord = math.dist(start, set_level(target, deep, start[deep]))
+        radius = math.copysign(0.5 * chord / math.sin(math.radians(0.5 * opening)), 180.0 - opening)
+        normal = PLANE_NORMALS[self.state.plane]
+        return find_centre(start, target, normal, radius, self.contour.unit, right_hand=right_hand), target

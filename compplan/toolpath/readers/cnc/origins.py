@@ -1,16 +1,20 @@
-"""Frames of G-code: work offsets, shifts of the origin, home positions; turned, scaled and tilted frames on top."""
+"""Frames of G-code: work offsets, shifts of the origin, home positions; turned, scaled and tilted frames on top.
+
+`change_frame` and `swivel` are those of Siemens words, which files for Fanuc controls may hold too.
+"""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
 from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, LETTERS, CncBlock
-from compplan.toolpath.readers.frames import rotate, scale_about, shift, turn_about
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock
+from compplan.toolpath.readers.frames import DEEP_AXIS, Frame, rotate, scale_about, shift, stretch, turn_about
 
 DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
@@ -167,7 +171,7 @@ class Origins:
         found = False
         for axis in block.list_axes():
             value = block.values[AXES[axis]] * self.state.scale
-            if axis in course.lost or axis in course.untold:
+            if course.is_unknown(axis):
                 step[axis] = 0.0 if axis in course.lost else value - position[axis]
                 found = found or axis in course.lost
                 position[axis] = value
@@ -247,7 +251,7 @@ class Layers:
                 if state.incremental:
                     raise InputError("the centre of a rotation or scale in G91 has two meanings, state it in G90")
                 centre[axis] = values[letter] * state.scale
-            elif letter in letters and (axis in course.lost or axis in course.untold):
+            elif letter in letters and course.is_unknown(axis):
                 raise InputError(f"a rotation or scale about the tool's place, whose {letter} is not known; state it")
         return combine(1.0, (centre[0], centre[1], centre[2]), 1.0, self.origins.zero)
 
@@ -315,3 +319,60 @@ class Layers:
         axis = self.plane_axis
         if axis is not None and not self.turned_to_plane and math.dist(axis, self.it.log.axis) > 1e-9:
             raise InputError("a cut in a tilted plane (G68.2) that the tool is not turned to (G53.1, or A B C)")
+
+
+FRAME_WORDS = frozenset(("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR"))
+
+
+def change_frame(it: Interpreter, word: str, block: CncBlock) -> None:
+    """Carry out TRANS, ROT, SCALE, MIRROR (in place of what was) and ATRANS .. (on top of it)."""
+    values, kind, scale = block.values, word.removeprefix("A"), it.state.scale
+    if unknown := values.keys() - {"X", "Y", "Z", "RPL"}:
+        raise InputError(f"{word} with {min(unknown)} is not read, expected X Y Z")
+    numbers = [values.get(letter, 0.0) for letter in AXES]
+    if kind == "TRANS":
+        step = shift(*(number * scale for number in numbers))
+    elif kind == "ROT":
+        step = _find_rotation(it, values, numbers)
+    elif kind == "SCALE":
+        factors = [values.get(letter, 1.0) for letter in AXES]
+        if len(set(factors)) > 1 or not 1e-6 < abs(factors[0]) < 1e6:
+            raise InputError(f"{word} with different factors of its axes is not read")
+        step = stretch(factors[0], factors[0], factors[0])
+    else:
+        step = stretch(*(-1.0 if letter in values else 1.0 for letter in AXES))
+    it.contour.refuse_open()
+    it.put(program=it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
+
+
+def _find_rotation(it: Interpreter, values: dict[str, float], numbers: list[float]) -> Frame:
+    """Return a rotation: in the plane (RPL), or about Z, then the new Y, then the new X."""
+    deep = DEEP_AXIS[it.state.plane]
+    if "RPL" in values:
+        if len(values) > 1:
+            raise InputError("RPL beside rotations about axes is not read")
+        return rotate(deep, values["RPL"])
+    if any(numbers[axis] for axis in range(3) if axis != deep) and not it.tilted:
+        it.note("ROT tilts the coordinates; the tool axis stays until rotary axes or CYCLE800 turn it")
+    return rotate(2, numbers[2]).then(rotate(1, numbers[1])).then(rotate(0, numbers[0]))
+
+
+def swivel(it: Interpreter, arguments: Sequence[float]) -> None:
+    """Carry out CYCLE800(_FR, _TC, _ST, _MODE, X0, Y0, Z0, A, B, C, X1, Y1, Z1, ..): a swivelled plane."""
+    it.contour.refuse_open()
+    numbers = [*arguments, *[0.0] * 14]
+    status, mode = int(numbers[2]), int(numbers[3])
+    x0, y0, z0, a, b, c, x1, y1, z1 = numbers[4:13]
+    if any((a, b, c)) and not 0 < mode < 64:
+        raise InputError(f"CYCLE800 with mode {mode} names angles of rotary axes or projections, which are not "
+                         "read; swivel axis by axis (mode 57, 27 or 39)")  # fmt: skip
+    turn = Frame()
+    for place, angle in enumerate((a, b, c)):
+        axis = ((mode >> (2 * place)) & 3) - 1
+        if angle and axis < 0:
+            raise InputError(f"CYCLE800 with mode {mode} names no axis for one of its angles")
+        turn = turn.then(rotate(axis, angle)) if angle else turn
+    k = it.state.scale
+    step = shift(x0 * k, y0 * k, z0 * k).then(turn).then(shift(x1 * k, y1 * k, z1 * k))
+    step = it.find_frame().then(step) if status % 10 == 1 else step
+    it.put(shift=step if step.plain else None, plane=None if step.plain else step, program=None)

@@ -22,15 +22,11 @@ class RotaryError(InputError):
 
 @dataclass(frozen=True)
 class RotaryMachine:
-    """Hold the rotary axes of a machine.
+    """Hold the rotary axes of a machine: letters and senses of those that turn the tool (head) and the part (table).
 
-    Args:
-        head: Letters and senses of the axes that turn the tool, the one that carries the others first.
-        table: ... of the axes that turn the part; positive turns the part by the right hand where the sense is 1.
-        centre: Where the first axis of the table passes, in the part frame with all axes at 0. [mm]
-        offset: From the first axis of the table to the second. [mm]
-        pivot: Distance from the tip of the tool to where the axes of the head meet. [mm]
-
+    The one that carries the others comes first; positive turns by the right hand where the sense is 1. The first axis
+    of the table passes through `centre` in the part frame with all axes at 0, the second stands by `offset` from it,
+    and the axes of the head meet at `pivot` above the tip. [mm]
     """
 
     head: tuple[tuple[str, float], ...] = ()

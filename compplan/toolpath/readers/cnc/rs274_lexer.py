@@ -7,16 +7,23 @@ import re
 from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import FARTHEST_WITHOUT_POINT
+from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, swivel
 from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
 from compplan.toolpath.readers.cnc.state import CncBlock
 from compplan.toolpath.readers.lines import DECIMAL
 
 Words = list[tuple[str, float]]
 NUMBER = rf"{DECIMAL}(?:E[-+]\d{{1,3}}(?![\d.]))?"
-#: A word: one letter and a number; what makes a corner round or cuts it off: ,R2 and ,C2.
+#: A word: one letter and a number.
 WORD = re.compile(rf"(?<![A-Z,])([A-Z])\s*=?\s*({NUMBER})", re.ASCII)
-CORNER = re.compile(rf",\s*([RC])\s*({NUMBER})")
-CORNER_WORDS = {"R": "RND", "C": "CHR"}
+#: What makes a corner round or cuts it off: ,R2 and ,C2 (Fanuc), RND=2, CHR=2 and CHF=2 (Siemens). Words that files for
+#: Fanuc controls may hold beside: a tool direction (A3=0 B3=0 C3=1), a numbered spindle (M1=3), frames, machine moves.
+CORNER = re.compile(rf"(?:,\s*([RC])|\b(RND|CHR|CHF)\s*=)\s*({NUMBER})")
+CORNER_WORDS = {"R": "RND", "C": "CHR", "RND": "RND", "CHR": "CHR", "CHF": "CHF"}
+DIRECTION = re.compile(rf"(?<![A-Z0-9])([ABC]3)\s*=\s*({NUMBER})")
+SPINDLE_NUMBER = re.compile(r"(?<![A-Z0-9])([MS])\d{1,2}\s*=\s*(?=\d)")
+SIEMENS = {"SUPA": "G53", "TRAORI": " ", "TRAFOOF": " "}
+SWIVEL = re.compile(r'CYCLE800\(([-+\d.,\s"]*)\)')
 #: What makes brackets a list of arguments, not a comment: a word right before them.
 CALLED = re.compile(r"(?<![A-Za-z0-9_])[A-Za-z_]{2,}\w*$")
 UNSIGNED_EXPONENT = re.compile(r"[\d.]E\d")
@@ -94,12 +101,13 @@ def strip_comments(line: str) -> tuple[str, list[str]]:
 
 def split_words(line: str) -> tuple[Words, str]:
     """Split a line without comments into its words and what could not be read as words."""
-    corners: Words = []
-    if "," in line:
-        corners = [(CORNER_WORDS[letter], float(number)) for letter, number in CORNER.findall(line)]
-        line = CORNER.sub(" ", line)
+    others: Words = []
+    if "," in line or "=" in line:
+        others = [(CORNER_WORDS[one or other], float(number)) for one, other, number in CORNER.findall(line)]
+        others += [(letter, float(number)) for letter, number in DIRECTION.findall(line)]
+        line = SPINDLE_NUMBER.sub(r"\1", DIRECTION.sub(" ", re.sub(r"\bCR\s*=", "R", CORNER.sub(" ", line))))
     found = WORD.findall(line)
-    return [(letter, float(number)) for letter, number in found] + corners, WORD.sub("", line).strip()
+    return [(letter, float(number)) for letter, number in found] + others, WORD.sub("", line).strip()
 
 
 def check_words(words: list[tuple[str, float]]) -> str:
@@ -196,6 +204,8 @@ class Lexer:
                 block.codes.append(value)
             elif letter == "M":
                 block.machine.append(value)
+            elif letter in FRAME_WORDS:
+                block.names.append(letter)
             else:
                 block.values[letter] = value
         return block
@@ -235,7 +245,13 @@ class Lexer:
             raise InputError(f"letter O stands in or beside a number in {line[:40]!r}, expected digits")
         if names:
             moves = self.begun and (FRAMES.search(line) or MOVES.search(IDENTIFIER.sub(" ", line)))
-            if names[0] not in TEXT and (moves or ARGUMENTS.search(raw)):
+            if names[0] in FRAME_WORDS or names[0] in SIEMENS:
+                return self._translate(names[0], line)
+            if found := SWIVEL.search(raw.upper()):
+                texts = [text.strip() for text in found.group(1).split(",")]
+                swivel(self.it, [float(text) if text and text[0] != '"' else 0.0 for text in texts])
+                return None
+            if names[0] != "CYCLE832" and names[0] not in TEXT and (moves or ARGUMENTS.search(raw)):
                 raise InputError(f"word {names[0][:20]} is not read and may move the tool; post-process without it")
             self.it.note(f"vendor word {names[0][:20]} is not read")
             return None
@@ -246,3 +262,12 @@ class Lexer:
             self.it.note(f"character {rest[0]!r} is not read")
             return words
         raise InputError(f"cannot read {rest[:40]!r}, expected words such as X12.5")
+
+    def _translate(self, name: str, line: str) -> Words:
+        """Return the words of a line with a word of Siemens controls, in files for several controls."""
+        words, rest = split_words(line.replace(name, SIEMENS.get(name, " "), 1))
+        if rest:
+            raise InputError(f"word {name} beside {rest[:20]!r} is not read; post-process without it")
+        if name in ("TRAORI", "TRAFOOF"):
+            self.it.control_tip(name == "TRAORI")
+        return [*words, (name, 0.0)] if name in FRAME_WORDS else words

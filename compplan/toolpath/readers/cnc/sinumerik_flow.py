@@ -9,7 +9,8 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.sinumerik_lexer import BLOCK_NUMBER, LABEL, SinumerikVariables, cut_comment
+from compplan.toolpath.readers.cnc.sinumerik_lexer import BLOCK_NUMBER, LABEL, SinumerikVariables, cut_comment, find_key
+from compplan.toolpath.readers.lines import match_form
 
 HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
 PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
@@ -85,10 +86,7 @@ class SinumerikFlow:
 
     def _declare(self, text: str) -> None:
         """Carry out DEF."""
-        found = DECLARE.match(text)
-        if not found:
-            raise InputError(f"declaration {text[:40]!r} is not read")
-        kind, rest = found.groups()
+        kind, rest = match_form(DECLARE, text, "declaration").groups()
         item = r"([A-Z_$][\w]*)\s*(?:\[[^\]]*\])?\s*(?:=\s*((?:\"[^\"]*\"|[^,(]|\([^)]*\))+))?"
         for variable, value in re.findall(item, rest):
             if variable == "SET" or kind.startswith(("STRING", "CHAR", "AXIS", "FRAME")):
@@ -131,22 +129,15 @@ class SinumerikFlow:
             return self._repeat(word, rest, program, index)
         return index + 1
 
-    def _match(self, pattern: str, rest: str, statement: str) -> tuple[str, ...]:
-        """Return the parts of a statement; refuse one of another form."""
-        found = re.fullmatch(pattern, rest)
-        if not found:
-            raise InputError(f"{statement.split()[0]} {rest[:40]!r} is not read, expected {statement}")
-        return found.groups()
-
     def _run_if(self, rest: str, program: CncProgram, index: int) -> int:
         if "GOTO" in rest:
-            condition, how, label = self._match(GOTO, rest, "IF .. GOTOF label")
+            condition, how, label = match_form(GOTO, rest, "IF: IF .. GOTOF label").groups()
             return self._find_goto(how, label, program, index) if self.evaluate(condition) else index + 1
         return index + 1 if self.evaluate(rest) else program.alternatives.get(index, program.partners[index]) + 1
 
     def _run_for(self, rest: str, program: CncProgram, index: int) -> int:
-        variable, first, last = self._match(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)", rest, "FOR I = 1 TO 5")
-        key = ("R", (float(variable[1:]),)) if re.fullmatch(r"R\d+", variable) else (variable, ())
+        variable, first, last = match_form(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)", rest, "FOR: FOR I = 1 TO 5").groups()
+        key = find_key(variable)
         self.values.names |= {variable} if key[0] != "R" else set()
         counting = self.flow.call.counting
         value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(first)
@@ -154,7 +145,7 @@ class SinumerikFlow:
         return program.partners[index] + 1 if value > self.evaluate(last) else index + 1
 
     def _run_case(self, rest: str, program: CncProgram, index: int) -> int:
-        expression, cases = self._match(r"(.+?)\s+OF\s+(.*)", rest, "CASE .. OF .. GOTOF label")
+        expression, cases = match_form(r"(.+?)\s+OF\s+(.*)", rest, "CASE: CASE .. OF .. GOTOF label").groups()
         value = self.evaluate(expression)
         for constant, how, label in re.findall(r"(\S+)\s+(GOTO[FBC]?)\s+([A-Z_]\w*|N?\d+)", cases):
             if constant == "DEFAULT" or self.evaluate(constant) == value:
@@ -180,7 +171,7 @@ class SinumerikFlow:
     def _repeat(self, word: str, rest: str, program: CncProgram, index: int) -> int:
         """Carry out REPEAT label P=n: from the label to here, n times more."""
         pattern = r"([A-Z_]\w*)(?:\s*P\s*=?\s*(.+))?" if word == "REPEAT" else "(?!)"
-        label, times = self._match(pattern, rest, "REPEAT label P=n")
+        label, times = match_form(pattern, rest, "REPEAT: REPEAT label P=n").groups()
         start = self._find_goto("GOTOB", label, program, index)
         return start if self.flow.repeat(index, lambda: self.evaluate(times or "1")) else index + 1
 

@@ -12,7 +12,6 @@ from compplan.toolpath.readers.lines import cut_comment as cut_after
 
 NUMBER = rf"{DECIMAL}(?:EX[-+]?\d+)?"
 LETTER = re.compile(rf"([A-Z])\s*({NUMBER})(?![\d.]|\s*[=(\[])")
-EXTENDED = re.compile(r"([A-Z])(\d{1,4})\s*=\s*")
 NAMED = re.compile(r"([$A-Z_][$\w]*)\s*", re.ASCII)
 PLACED = re.compile(r"(AC|IC|DC|ACP|ACN|CAC|CIC|CDC)\s*\(")
 BLOCK_NUMBER = re.compile(r"\s*(?:/\d?\s*)?(?:[N:]\s*\d+\s*)?(?:/\d?\s*)?")
@@ -20,7 +19,10 @@ LABEL = re.compile(r"([A-Z_][A-Z0-9_]*)\s*:(?!=)\s*", re.ASCII)
 #: A comment in brackets after words with numbers.
 REMARK = re.compile(rf"(?:^|\s)[A-Z]\s*=?\s*{DECIMAL}\s*(\()", re.IGNORECASE)
 QUOTED = re.compile(r'"[^"]*"')
-
+EQUALS = re.compile(r"\s*=\s*(?!=)")
+NUMBERED = re.compile(r"([A-Z])(\d{1,4})")
+CLOSING = re.compile(r"\s*\)")
+Key = tuple[str, tuple[float, ...]]
 
 GRAMMAR = Grammar(
     functions={
@@ -48,12 +50,17 @@ SYSTEM = {"$PI": math.pi, "TRUE": 1.0, "FALSE": 0.0, "$P_SEARCH": 0.0, "$P_ISTES
           "$P_SEARCH1": 0.0, "$P_SEARCH2": 0.0, "$P_DRYRUN": 0.0, "$P_PROGTEST": 0.0}  # fmt: skip
 
 
+def find_key(name: str, indices: tuple[float, ...] = ()) -> Key:
+    """Return what a variable is kept by: R5 is R[5]."""
+    return ("R", (float(name[1:]),)) if name[0] == "R" and name[1:].isdigit() else (name, indices)
+
+
 class SinumerikVariables:
     """Hold the variables of a program."""
 
     def __init__(self, unknown: dict[str, str]) -> None:
         self.unknown = unknown
-        self.numbers: dict[tuple[str, tuple[float, ...]], float] = {}
+        self.numbers: dict[Key, float] = {}
         #: Names that the program declares.
         self.names: set[str] = set()
 
@@ -61,8 +68,7 @@ class SinumerikVariables:
         """Return the value of a variable; ValueError if it has none that is known."""
         if name in SYSTEM:
             return SYSTEM[name]
-        if name[0] == "R" and name[1:].isdigit():
-            name, indices = "R", (float(name[1:]),)
+        name, indices = find_key(name, indices)
         value = self.numbers.get((name, indices), 0.0 if name in self.names else None)
         if value is None:
             shown = f"{name}[{', '.join(f'{index:g}' for index in indices)}]" if indices else name
@@ -101,12 +107,11 @@ class _Splitter:
         self.words, self.place = CncBlock(), 0
 
     def _look_up(self, name: str, indices: tuple[float, ...]) -> float | None:
-        if name[0] == "R" and name[1:].isdigit():
-            name, indices = "R", (float(name[1:]),)
+        key = find_key(name, indices)
         for variable, at, value in reversed(self.words.assigned):  # what stands before it in the block holds already
-            if variable == name and at == indices and value is not None:
+            if (variable, at) == key and value is not None:
                 return value
-        return self.lookup(name, indices)
+        return self.lookup(*key)
 
     def read_word(self) -> None:
         """Read a word, or pass over a blank."""
@@ -116,18 +121,6 @@ class _Splitter:
         elif found := LETTER.match(text, place):
             self.place = found.end()
             self._keep(found.group(1), float(found.group(2).replace("EX", "E")))
-        elif found := EXTENDED.match(text, place):  # R1=.., I1=.., A3=.., M1=.., S1=..
-            letter, index, self.place = found.group(1), found.group(2), found.end()
-            if letter + index in self.variables:
-                self.words.assigned.append((letter + index, (), self._value()[0]))
-            elif letter == "T" and text.startswith('"', self.place):
-                self._skip_text()
-            elif letter == "R":
-                self.words.assigned.append(("R", (float(index),), self._value()[0]))
-            elif letter in "MS":
-                self._keep(letter, self._value()[0])
-            else:
-                self._keep(f"{letter}{int(index)}", *self._value())
         elif found := NAMED.match(text, place):
             self.place = found.end()
             self._read_named(found.group(1))
@@ -147,7 +140,7 @@ class _Splitter:
             (words.relative if how == "I" else words.absolute if how == "A" else set()).add(address)
 
     def _read_named(self, name: str) -> None:
-        """Read NAME, NAME=.., NAME[..]=.., NAME(..)."""
+        """Read NAME, NAME=.., NAME[..]=.., NAME(..), R1=.., I1=.., A3=.., M1=.., S1=.."""
         text, words = self.text, self.words
         indices: tuple[float, ...] = ()
         if text.startswith("(", self.place):
@@ -161,30 +154,31 @@ class _Splitter:
             inner, self.place = text[self.place + 1 : close], close + 1
             if not re.fullmatch(r"\s*[A-Z]\w*\s*", inner) or inner.strip() in self.variables:
                 indices = tuple(evaluate_at(part, 0, GRAMMAR, self._look_up)[0] for part in inner.split(","))
-        equals = re.compile(r"\s*=\s*(?!=)").match(text, self.place)
+        equals, numbered = EQUALS.match(text, self.place), NUMBERED.fullmatch(name)
         if not equals:
             if indices:
                 raise ValueError(f"cannot read {name}[ in {text[:40]!r}")
             words.names.append(name)
             return
         self.place = equals.end()
+        letter = numbered.group(1) if numbered else name
         if text.startswith('"', self.place):
-            self._skip_text()
-            if name != "T":
+            found = QUOTED.match(text, self.place)
+            if not found:
+                raise ValueError('a quote (") is opened and never closed')
+            self.place = found.end()
+            if letter != "T":
                 words.assigned.append((name, indices, None))
         elif name.startswith("$") and re.match(r"[A-Z_$]\w*\s*[(\[]", text[self.place :]):
             words.assigned.append((name, indices, None))
             self.place = len(text)
-        elif name == "R" or name in self.variables or name.startswith("$"):
-            words.assigned.append((name, indices, self._value()[0]))
+        elif letter == "R" or name in self.variables or name.startswith("$"):
+            key = (name, indices) if name in self.variables else find_key(name, indices)
+            words.assigned.append((*key, self._value()[0]))
+        elif numbered and letter in "MS":
+            self._keep(letter, self._value()[0])
         else:
-            self._keep(name, *self._value())
-
-    def _skip_text(self) -> None:
-        found = QUOTED.match(self.text, self.place)
-        if not found:
-            raise ValueError('a quote (") is opened and never closed')
-        self.place = found.end()
+            self._keep(f"{letter}{int(numbered.group(2))}" if numbered else name, *self._value())
 
     def _value(self) -> tuple[float, str]:
         """Return a value, and whether it is absolute ("A"), relative ("I") or as the mode says ("")."""
@@ -194,7 +188,7 @@ class _Splitter:
         value, self.place = evaluate_at(self.text, found.end() if found else self.place, GRAMMAR, self._look_up)
         if not found:
             return value, ""
-        closing = re.compile(r"\s*\)").match(self.text, self.place)
+        closing = CLOSING.match(self.text, self.place)
         if not closing:
             raise ValueError(f"')' is missing in {self.text[:40]!r}")
         self.place = closing.end()

@@ -9,14 +9,11 @@ from typing import Protocol
 
 from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.flow import CncProgram
+from compplan.toolpath.readers.frames import PLANE_AXES
 from compplan.toolpath.readers.moves import MoveLog
 
 AXES, LETTERS = "XYZ", "ABC"
 INCH = 25.4
-PLANE_NORMALS: dict[int, Point] = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
-#: First and second axis of the planes, and the one that a tool points along.
-PLANE_AXES = {17: (0, 1), 18: (2, 0), 19: (1, 2)}
-DEEP_AXIS = {17: 2, 18: 1, 19: 0}
 
 #: Codes that happen before the move of their block, beside M6, and what they switch on.
 STARTING = {3.0: ("spindle_cw",), 4.0: ("spindle_ccw",), 7.0: ("mist",), 8.0: ("coolant",),
@@ -34,11 +31,8 @@ LEAST_MILLISECONDS = 100.0
 class CncBlock:
     """Hold the words of a block: numbers by address (X, CR, A3, I1 ..), G codes, M codes, words without a number.
 
-    Args:
-        absolute: Addresses whose number is absolute, whatever the mode; relative: counts from where the tool is.
-        calls: Names with arguments, as texts.
-        assigned: Variables and their values: name, indices, number (None: text).
-
+    Numbers of some addresses are absolute, whatever the mode, or relative to where the tool is. `calls` are names with
+    their arguments as texts, `assigned` variables: name, indices, number (None: text).
     """
 
     values: dict[str, float] = field(default_factory=dict)
@@ -125,6 +119,13 @@ class State:
     def counts_on(self, block: CncBlock, address: str) -> bool:
         """Return whether a number of a block counts from where the tool is."""
         return address in block.relative or (self.incremental and address not in block.absolute)
+
+    def turn(self, angles: dict[str, float], block: CncBlock) -> None:
+        """Take the angles of rotary axes that a block states."""
+        for letter in LETTERS:
+            if letter in block.values:
+                base = angles.get(letter, 0.0) if self.counts_on(block, letter) else 0.0
+                angles[letter] = block.values[letter] + base
 
     def centre(self, start: Point, block: CncBlock, plane: int) -> Point:
         """Return the centre of an arc from I J K, as they count in this program."""
@@ -232,23 +233,21 @@ class Machine:
 class Dialect(Protocol):
     """What a dialect gives its interpreter.
 
-    `tip_word` is what it calls control of the tip, where cuts that turn axes without it are not read, else "";
-    `frames` the names of its frames, the outermost first, that of a tilted plane is "plane".
+    `tip_word` is what it calls control of the tip, where cuts that turn axes without it are not read, else ""; `frames`
+    the names of its frames, the outermost first, that of a tilted plane is "plane"; `moving` what makes a move.
     """
 
     tip_word: str
     frames: tuple[str, ...]
     silent: frozenset[float]
     ends: frozenset[float]
+    moving: frozenset[str]
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""
-        ...
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Tell whether rotary words are those of a tilted plane, and the tool axis then."""
-        ...
 
     def run_line(self, program: CncProgram, index: int) -> int:
         """Carry out a line; return the next one, or END."""
-        ...

@@ -14,13 +14,18 @@ CODES = [
     ("G5.2", "NURBS"),
     ("G12", "pocket cycles"),
     ("G777 X5", "may move the tool"),
+    ("TRANS X5", (15.0, 0.0)),
+    ("ROT Z90", (0.0, 10.0)),
+    ('CYCLE800(1,"",0,57,5,0,0,0,0,0)', (15.0, 0.0)),
+    ("TRAORI SOFT", "is not read"),
+    ("G2 X2 Y2 CR=2 F60", (10.0, 0.0)),
 ]
 #: ... and of Sinumerik.
 WORDS = [("SOFT", (10.0, 0.0)), ("G777 X5", "may move the tool")]
 
 
 FORMS = {
-    ".nc": ("G21 G90 G17\nG0 X0 Y0 Z5\n{}\nG0 X0 Y0 Z1\nG1 X10 F600\nM30\n", CODES),
+    ".nc": ("O1 G21 G90 G17\nG0 X0 Y0 Z5\n{}\nG0 X0 Y0 Z1\nG1 X10 F600\nM30\n", CODES),
     ".mpf": ("G71 G90 G17\nG0 X0 Y0 Z5\n{}\nG0 X0 Y0 Z1\nG1 X10 F600\nM30\n", WORDS),
 }
 CASES = [(suffix, word, expected) for suffix, (_, words) in FORMS.items() for word, expected in words]

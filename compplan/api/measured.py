@@ -1,0 +1,67 @@
+"""What a verb or command takes for a measurement log: with the tool, the measured point, and questions to settle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.api.given import take_robot
+from compplan.diagnosis.data.plausibility import check_plausibility
+from compplan.errors import InputError
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.checks import check_runs
+from compplan.measurement.instrument import read_instrument
+from compplan.measurement.reading import read_campaign
+from compplan.robot import Robot
+
+#: Farthest that a measured point may be from the TCP, along an axis. [mm]
+MOST_OFFSET = 1e4
+
+
+def read_measured(
+    measurements: Any, robot: str | Path | Robot, *, tool: Mapping[str, Any] | Path | None = None,
+    target_offset_mm: Sequence[float] | None = None, instrument: str | Path | None = None,
+) -> tuple[Robot, Campaign]:  # fmt: skip
+    """Read a robot with the tool that was mounted, and a log with the point that was measured.
+
+    Raises:
+        InputError: If a file or the offset is not what it has to be.
+    """
+    mounted, campaign = take_robot(robot, tool), measurements
+    if not isinstance(campaign, Campaign):
+        campaign = read_campaign(
+            measurements, mounted, None if instrument is None else read_instrument(Path(instrument))
+        )
+    if instrument is not None and campaign.sights is None:
+        message = "an instrument is given, but the log has none of the columns contact, reading_mm, distance_mm"
+        raise InputError(message, file=campaign.file)
+    if target_offset_mm is not None:
+        offset = np.asarray(target_offset_mm, float)
+        if offset.shape != (3,) or not (np.abs(offset) <= MOST_OFFSET).all():
+            expected = f"expected three numbers X, Y, Z in mm, at most {MOST_OFFSET:.0f} each"
+            raise InputError(f"the target offset is {list(target_offset_mm)}, {expected}")
+        campaign = replace(campaign, target_offset=offset * 1e-3)
+    return mounted, campaign
+
+
+def choose_frames(register: Sequence[str], campaign: Campaign) -> tuple[str, ...]:
+    """Return the frames to fit: those named, or the tool where an instrument sees no positions of a known point."""
+    unknown = campaign.sights is not None and not campaign.measured.any() and campaign.target_offset is None
+    return tuple(register) or (("tool",) if unknown else ())
+
+
+def settle_questions(robot: Robot, campaign: Campaign, register: Sequence[str], assume_ok: bool) -> list[str]:
+    """Return the questions that a log raises before anything is fitted, as sentences, where they are assumed answered.
+
+    Raises:
+        InputError: With the first question that is not answered.
+    """
+    check_runs(campaign)
+    questions = check_plausibility(robot, campaign, register)
+    if questions and not assume_ok:
+        raise InputError(f"{questions[0].sentence} (to continue anyway: --assume-ok)", file=campaign.file)
+    return [question.sentence for question in questions]
