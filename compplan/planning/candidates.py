@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.errors import ConvergenceError, InfeasibleError
-from compplan.planning.deflection import measure_motion
 from compplan.planning.feed import time_run
 from compplan.planning.measured_runs import (
     SAME,
@@ -145,79 +144,6 @@ def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
     except ConvergenceError:
         return False
     return bool(timing.time[-1] <= AT_FEED * least_time(task) and timing.acceleration_ratio < CALM)
-
-
-def measure_runs(
-    start: Start, request: PathRequest, *, window: float = 1.0, beside: TimedStart | None = None,
-    known: TimedStart | None = None,
-) -> list[TimedStart]:  # fmt: skip
-    """Measure the fastest run of a start; beside another run, slower ones too, each with a narrower band.
-
-    Args:
-        start: The start, without a pace.
-        request: What is asked of the path.
-        window: Windows of smoothing, share of those that plans have.
-        beside: A run whose time is not to be passed, or None.
-        known: A run of the same posture, where one has been measured.
-    """
-    found = list[TimedStart]()
-    try:
-        whole = resolve_starts(request.state(start), request.feed_request) if known is None else known.task
-        task, spare = replace(whole, smoothing=window * whole.smoothing), (1.0 - SHORT) * smoothing_time(whole)
-        slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
-        kept, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
-        dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
-        still = spread_tip(task, request.force, rows) if known is None else known.quiet
-        calm = band_radius(still, mean=aside)
-        for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
-            eased = start if count == 0 and window == 1.0 else replace(
-                start, pace=Easing(window, task.origin, slower))  # fmt: skip
-            run = replace(task, start=eased)
-            time = time_run(run, run.q_start, request.feed_request)[1].time
-            rings = _spread_vibration(run, time, rows, dynamics)
-            band = band_radius(still + rings, mean=aside)
-            widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
-            found.append(TimedStart(eased, float(time[-1]), widest, least, spare, still, whole))
-            if beside is None or not rings.any():
-                break
-            if count % 2 == 0:  # two rounds bring the run near to a target, then the time says which way it goes on
-                late = time[-1] > beside.time
-                if late and count == 0:
-                    break
-                low, high = (target, high) if late else (low, min(target, widest))
-                kept = kept if late else (slower, band, time)
-                slower, band, time = kept
-                target = 0.5 * (low + high) if low > 0.0 else LOWER * high
-            room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
-            use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / room
-            wide = _widen(np.interp(np.arange(len(task)), rows, use), time, task.smoothing)
-            slower = np.maximum(slower * np.clip(wide**GAIN, EASIER, SLOWER), 1.0)
-    except ConvergenceError:
-        pass
-    return found
-
-
-def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynamics: Dynamics) -> Array:
-    """Return the covariance of the tip by its vibration at some waypoints of a run. Shape (k, 3, 3). [m^2]"""
-    motion = measure_motion(task, time, dynamics)
-    if motion is None:
-        return np.zeros((len(rows), 3, 3))
-    away = motion.error[:, rows] - motion.error[:, rows].mean(axis=0)
-    return np.asarray(np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1))
-
-
-def _widen(use: Array, time: Array, reach: float) -> Array:
-    """Return the greatest value within a reach of time [s] on either side, its steps smoothed. Shape (n,)."""
-    from scipy.ndimage import maximum_filter1d, uniform_filter1d
-
-    span = time[-1] - time[0]
-    if not (span > 0.0 and reach > 0.0):
-        return use
-    grid = np.linspace(time[0], time[-1], int(np.clip(8.0 * span / reach, 16, 20_000)))
-    size = max(int(reach / (grid[1] - grid[0])), 1)
-    wide = maximum_filter1d(np.interp(grid, time, use), 2 * size + 1, mode="nearest")
-    smooth = uniform_filter1d(wide, size // 2 * 2 + 1, mode="nearest")  # a running sum: rounding may make it negative
-    return np.interp(time, grid, np.clip(smooth, use.min(), use.max()))
 
 
 def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Start:

@@ -113,7 +113,7 @@ class Bench:
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
-    """Read robot and tool a second time; a robot or a path in memory is taken as it is, and a faded robot."""
+    """Read robot and tool a second time; a robot or a path in memory is taken as it is."""
     if job is None or task.robot.folder is None or job.context.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
