@@ -103,13 +103,19 @@ class StayMeans:
 
 @dataclass(frozen=True, eq=False)
 class SolvedMeans:
-    """Columns with their prior variances d (k,), values (k,), covariance (k, k), and noise v of each channel."""
+    """Columns: prior variances d (k,), values (k,), Phi^T N^-1 Phi (k, k); and noise v of each channel."""
 
     means: StayMeans
     variance: Array
     mean: Array
-    covariance: Array
+    information: Array
     noise: Array
+
+    def covariance(self, least: Array) -> Array:
+        """Return the covariance with prior variances of at least (k,): what poses do not show may be there."""
+        deviation = np.sqrt(np.maximum(self.variance, least))
+        inner = self.information * np.outer(deviation, deviation) + np.eye(len(deviation))
+        return mirror_lower(invert_factor(factorize(inner))) * np.outer(deviation, deviation)
 
     def values(self, p: int) -> Array:
         """Return the values of all columns. Shape (p,)."""
@@ -134,9 +140,9 @@ def calibrate(folds: Folds, claims: Sequence[Claim]) -> Calibration:
     whole = solve_means(means)
     near = whole if len(np.unique(folds.pose)) >= CALIBRATION.many_poses else None
     parts = [solve_means(means, folds.fold[means.row] != number, near).values(p) for number in folds.numbers]
-    posterior = Posterior(
-        0.0, whole.means.columns, whole.mean, fit.model.posterior.hyper, lambda: whole.covariance
-    )  # fmt: skip
+    columns = whole.means.columns
+    usual = (EVIDENCE.tau_scale * fit.search.prior.spread[columns]) ** 2
+    posterior = Posterior(0.0, columns, whole.mean, fit.model.posterior.hyper, lambda: whole.covariance(usual))
     return Calibration(tuple(claim.signature for claim in claims), posterior, np.array(parts))
 
 
@@ -253,12 +259,12 @@ def solve_means(
     root = np.sqrt(weight / noise[channel])
     while True:
         scaled, deviation = means.design[used] * root[:, None], np.sqrt(variance)
-        inner = (scaled * deviation).T @ (scaled * deviation) + np.eye(len(deviation))
-        covariance = mirror_lower(invert_factor(factorize(inner))) * np.outer(deviation, deviation)
-        mean = covariance @ (scaled.T @ (y * root))
+        information = scaled.T @ scaled
+        lower = factorize(information * np.outer(deviation, deviation) + np.eye(len(deviation)))
+        mean = deviation * solve_factor(lower, deviation * (scaled.T @ (y * root)))
         wrong = means.positive & (mean < 0.0)
         if not wrong.any():
-            return SolvedMeans(means, variance, mean, covariance, noise)
+            return SolvedMeans(means, variance, mean, information, noise)
         means, variance = means.take(~wrong), variance[~wrong]
 
 
