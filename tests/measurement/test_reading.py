@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, ncx2
 from simulated_campaigns import plan_rows, write_small_robot
 
 from compplan.errors import InputError
 from compplan.measurement import pooling
 from compplan.measurement.campaign import Campaign
+from compplan.measurement.distance import band_radius
 from compplan.measurement.pooling import pool_rows
 from compplan.measurement.reading import read_campaign
+from compplan.measurement.registration import Registration
 from compplan.robot import Robot
 
 HEAD = "run,time_s,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,mx_Nm,my_Nm,mz_Nm,x_mm,y_mm,z_mm\n"
@@ -168,3 +171,20 @@ def test_visits_are_kept_apart_only_where_they_scatter_beyond_chance(monkeypatch
     assert len(pool_rows(campaign)) == 11
     campaign.position[:, 0] += np.linspace(0.0, 2.0 * SIGMA, len(campaign))
     assert len(pool_rows(campaign)) > 200
+
+
+def test_targets_are_seen_from_where_the_instrument_stands(robot: Robot, tmp_path: Path) -> None:
+    """A quarter of a turn about z and a shift: x of the base is y of the instrument; the target lies beside the tip."""
+    campaign = read_campaign(write(tmp_path, HEAD + "static_1,0,9,0,0,0,0,0,0,0,0,0,0,0,1,2,3\n"), robot)
+    base, tool = np.eye(4), np.eye(4)[None].copy()
+    base[:3, :3], base[:3, 3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.1, 0.2, 0.3]
+    tool[0, :3, 3] = [0.0, 0.0, 0.5]
+    seen = Registration(base, tool).locate_targets(campaign, np.array([[1.0, 0.0, 0.0]]), np.eye(3)[None])
+    assert seen[0] == pytest.approx([0.1, 1.2, 0.8])
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.0, 3.0])
+def test_the_radius_of_an_even_error_about_a_mean_is_that_of_the_noncentral_chi_square(shift: float) -> None:
+    exact = np.sqrt(ncx2.ppf(0.95, 3, shift**2)) if shift else np.sqrt(chi2.ppf(0.95, 3))
+    found = band_radius(np.eye(3)[None], mean=np.array([[shift, 0.0, 0.0]]))[0]
+    assert found == pytest.approx(exact, rel=2e-3)

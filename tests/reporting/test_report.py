@@ -276,7 +276,7 @@ def test_a_lowered_feed_is_named_with_its_place_and_the_busiest_joint(tmp_path: 
     slow = replace(run, feed=feed, share=share, velocity=velocity, limiting=limiting, by_velocity=by_velocity)
     write_plan_page(replace(plan, timing=slow), tmp_path / "report.html")
     html = own_part((tmp_path / "report.html").read_text())
-    assert "The feed is lowered at 20 waypoints (150-169): by the velocity limit of joint_4, down to 40 %" in html
+    assert "The feed is lowered at 20 waypoints (150-169), down to 40 %" in html and "limit of joint_4" in html
     assert "velocity of joint_4 (100\u00a0%)" in html
     assert re.search(r">150</td><td[^>]*>169</td>", html)
 
