@@ -54,19 +54,14 @@ def choose_frames(register: Sequence[str], campaign: Campaign) -> tuple[str, ...
     return tuple(register) or (("tool",) if unknown else ())
 
 
-def settle_questions(
-    robot: Robot, campaign: Campaign, register: Sequence[str], assume_ok: bool, *, events: bool = False
-) -> list[str]:
+def settle_questions(robot: Robot, campaign: Campaign, register: Sequence[str], assume_ok: bool) -> list[str]:
     """Return the questions that a log raises before anything is fitted, as sentences, where they are assumed answered.
-
-    `events`: whether what follows models events of the campaign: they are stated then and not asked about.
 
     Raises:
         InputError: With the first question that is not answered.
     """
     check_runs(campaign)
     questions = check_plausibility(robot, campaign, register)
-    open_ones = [question for question in questions if not (events and question.event)]
-    if open_ones and not assume_ok:
-        raise InputError(f"{open_ones[0].sentence} (to continue anyway: --assume-ok)", file=campaign.file)
+    if questions and not assume_ok:
+        raise InputError(f"{questions[0].sentence} (to continue anyway: --assume-ok)", file=campaign.file)
     return [question.sentence for question in questions]

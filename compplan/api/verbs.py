@@ -232,7 +232,7 @@ def diagnose_measured(
     mounted, campaign = read_measured(measurements, robot, **measured)
     frames = choose_frames(register, campaign)
     progress("questions")
-    questions = settle_questions(mounted, campaign, frames, assume_ok, events=True)
+    questions = settle_questions(mounted, campaign, frames, assume_ok)
     return diagnose_campaign(mounted, campaign, register=frames, without=without, progress=progress), questions
 
 

@@ -15,9 +15,9 @@ from compplan.diagnosis.results.verdict import NAMING, Finding, Verdict, check_c
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.search import SEARCH, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
+from compplan.diagnosis.validation.calibration import add_gear_waves
 from compplan.diagnosis.validation.held_out import Folds, make_folds
 from compplan.diagnosis.validation.probability import MAP
-from compplan.diagnosis.validation.sparse import add_gear_waves
 from compplan.diagnosis.validation.unmodelled import RevisedProbabilities, revise_probabilities
 from compplan.effects import robot_effects, solve_model_poses
 from compplan.effects.forward_model import ForwardModel
@@ -102,7 +102,7 @@ def _conclude(
     progress("held out")
     folds = Folds(add_gear_waves(fit), make_folds(campaign))
     before = position_residual(campaign, nominal, solve_model_poses(nominal))
-    plain = folds.hold_out([], background=False)
+    plain = folds.hold_out([])
     if not problem.register:
         plain = replace(plain, residual=before[plain.rows])
     good = campaign.usable.copy()
@@ -112,8 +112,7 @@ def _conclude(
     first = deliver_robot(folds, verdict, plain, state, good)
     seen = good[plain.rows]
     verdict, sizes = size_named(fit, verdict, first.uncertainty.calibration)
-    if first.small is not None:
-        verdict = check_calibration(verdict, plain.of(seen).rms, first.small.of(seen).rms)
+    verdict = check_calibration(verdict, plain.of(seen).rms, first.held.of(seen).rms)
     gap = Gap(
         before=rms_length(before[good]),
         after=rms_length(first.residual[good]),

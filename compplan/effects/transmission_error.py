@@ -1,8 +1,8 @@
 """transmission_error: an error periodic in a joint's angle, or a bump at one angle.
 
 Two models: waves of given cycles per turn, and a cubic B-spline over the visited angles, which is zero beyond them.
-A gear error is a wave or a wave with overtones. Several waves of different periods, bumps and splines fit any error
-that follows the joint's angle.
+A gear error is a wave or a wave with overtones. Several waves of different periods and splines fit any error that
+follows the joint's angle; a bell curve around one angle is read from a folder and never fitted.
 """
 
 from __future__ import annotations
@@ -87,15 +87,6 @@ def series_at(at: Linearization, index: int, cycle: float, tried: int = 1) -> Si
 def bump(angle: Array, centre: float | Array, width: float) -> Array:
     """Return a bell curve of height one around an angle; arrays broadcast."""
     return np.asarray(np.exp(-0.5 * ((angle - centre) / width) ** 2))
-
-
-def bump_at(at: Linearization, index: int, centre: float, width: float, tried: int = 1) -> Signature:
-    """Return an error around one angle of a joint, as of a damaged tooth, chosen from `tried` alternatives."""
-    unit = "m" if at.robot.actuated[index].kind == "prismatic" else "rad"
-    shape = bump(np.nan_to_num(at.campaign.q[:, index]), centre, width)[:, None]
-    fixed = {f"centre_{unit}": [centre], f"width_{unit}": [width]}
-    label = f"bump {centre:.3g} {width:.3g}"
-    return replace(_signature(at, index, label, (f"height_{unit}#0",), shape, fixed), tried=tried)
 
 
 def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING, most: int = MAX_SPLINES) -> Array:

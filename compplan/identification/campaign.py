@@ -6,11 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from compplan.effects.requested import GEOMETRY
-from compplan.errors import CompplanError, InputError
-from compplan.identification.estimate import Estimate, fit_rows
+from compplan.identification.estimate import Estimate
 from compplan.identification.parameters import FreeRobot
 from compplan.identification.problem import (
     GAIN_LIMIT,
@@ -28,15 +26,10 @@ from compplan.identification.problem import (
 from compplan.identification.update import IdentifiedGap, identified_uncertainty, measure_gap, update_robot
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit.intervals import gain_score
-from compplan.measurement.fit.least_squares import weigh
 from compplan.measurement.fit.rows import Rows, take_rows
 from compplan.measurement.registration import Registration
-from compplan.robot import Array, Robot
-from compplan.statics.elements import ELASTIC_AXES
+from compplan.robot import Robot
 from compplan.uncertainty.assumed import free_base
-
-#: A spring is looked for within this distance of the joint's origin, across its axis. [m]
-FARTHEST = 1.0
 
 
 @dataclass(frozen=True)
@@ -108,7 +101,7 @@ def identify_campaign(
     known = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
     if "base" in chosen.register or campaign.adrift:
         known = free_base(robot, known)
-    notes += [*said, *more, *growth.notes, *_describe_clustered(kept), *_describe_negative(estimate), *unwritten]
+    notes += [*said, *more, *_describe_clustered(kept), *_describe_negative(estimate), *unwritten]
     return Identification(
         robot=replace(updated, uncertainty=known),
         nominal=robot,
@@ -132,11 +125,10 @@ class _Growth:
     estimate: Estimate
     refinement: Refinement
     kept: Estimate
-    notes: tuple[str, ...]
 
 
 def _grow(problem: IdentifyProblem, progress: Callable[[str], None]) -> _Growth:
-    """Fit everything that is considered, grow the model from what is demanded, and place what was added."""
+    """Fit everything that is considered, and grow the model from what is demanded."""
     progress(f"compliances, geometry {problem.geometry}")
     structure = problem.structure()
     estimate = problem.fit(structure)
@@ -150,8 +142,7 @@ def _grow(problem: IdentifyProblem, progress: Callable[[str], None]) -> _Growth:
     )
     if not set(refinement.names) <= set(structure.names):
         estimate = problem.fit(grown.select([*structure.names, *refinement.names]))
-    kept, notes = _place_added(problem, _drop_negative(problem, grown, refinement), refinement)
-    return _Growth(problem, grown, estimate, refinement, kept, notes)
+    return _Growth(problem, grown, estimate, refinement, _drop_negative(problem, grown, refinement))
 
 
 def _prefer_less_geometry(growth: _Growth, progress: Callable[[str], None]) -> _Growth:
@@ -162,26 +153,6 @@ def _prefer_less_geometry(growth: _Growth, progress: Callable[[str], None]) -> _
         if gain_score(*scores) < GAIN_LIMIT:
             return plainer
     return growth
-
-
-def _place_added(problem: IdentifyProblem, kept: Estimate, refinement: Refinement) -> tuple[Estimate, tuple[str, ...]]:
-    """Find where added springs sit, where their place shows on held-out poses."""
-    notes = []
-    added = {entry.added for entry in refinement.rounds if entry.added}
-    for parameter in kept.structure.parameters:
-        if parameter.kind != "spring" or parameter.name not in added or not parameter.unit.startswith("rad"):
-            continue
-        placed = place_spring(kept.structure, parameter.name, problem.rows)
-        scores = [held_out_score(problem, entry) for entry in (kept, placed.estimate)]
-        if gain_score(*scores) > GAIN_LIMIT:
-            kept = placed.estimate
-            where = ", ".join(
-                f"{axis} {value * 1e3:.0f} +- {2 * error * 1e3:.0f} mm"
-                for axis, value, error in zip("xyz", placed.offset, placed.standard_errors, strict=True)
-                if error > 0
-            )
-            notes.append(f"{parameter.name} sits at {where} in the frame behind its joint (two standard errors)")
-    return kept, tuple(notes)
 
 
 def _describe_clustered(kept: Estimate) -> list[str]:
@@ -240,51 +211,3 @@ def _describe_negative(estimate: Estimate) -> list[str]:
         f"the compliance of {', '.join(names)} comes out below zero beyond its interval, which no spring can do:"
         " something that the model lacks acts like it; compplan diagnose looks for it"
     ]
-
-
-@dataclass(frozen=True)
-class SpringPlace:
-    """Where a spring sits: the fit with it there, its offset in the frame behind its joint, standard errors. [m]"""
-
-    estimate: Estimate
-    offset: Array
-    standard_errors: Array
-
-
-def place_spring(structure: FreeRobot, name: str, rows: Rows) -> SpringPlace:
-    """Fit the two components of a turning spring's offset across its axis, everything else fitted along at each place.
-
-    Raises:
-        InputError: If the spring does not turn about rx ry rz, or no place within 1 m fits.
-    """
-    index = structure.spring_labels.index(name)
-    springs = list(structure.robot.springs)
-    spring = springs[index]
-    if not spring.axis.startswith("r"):
-        raise InputError(f"spring {name!r} acts about or along {spring.axis}, expected one about rx, ry or rz")
-    across = np.flatnonzero(np.array(ELASTIC_AXES[spring.axis][1]) == 0)
-
-    def fit(components: Array) -> Estimate:
-        offset = spring.offset.copy()
-        offset[across] = components
-        springs[index] = replace(spring, offset=offset)
-        return fit_rows(replace(structure, robot=replace(structure.robot, springs=tuple(springs))), rows)
-
-    start = fit(spring.offset[across])
-
-    def residual(components: Array) -> Array:
-        system, root = fit(components).system, np.sqrt(start.weights)[:, None]
-        return np.asarray(weigh(system, system.whitener(start.noise) * root, rows.group)[0].ravel())
-
-    try:
-        found = least_squares(
-            residual, spring.offset[across], bounds=(-FARTHEST, FARTHEST), diff_step=0.01, x_scale=0.1, xtol=1e-5,
-            method="trf", max_nfev=20,
-        )  # fmt: skip
-    except CompplanError as error:
-        raise InputError(f"could not locate spring {name!r} within {FARTHEST:g} m of its joint: {error}") from None
-    estimate, errors = fit(found.x), np.zeros(3)
-    spread = np.linalg.pinv(found.jac.T @ found.jac)
-    scale = np.sqrt(2 * found.cost / max(len(found.fun) - len(start.values) - 2, 1))
-    errors[across] = scale * np.sqrt(np.diag(spread))
-    return SpringPlace(estimate, estimate.structure.robot.springs[index].offset, errors)

@@ -26,7 +26,7 @@ RIGID = {"revolute": 1e-6, "prismatic": 1e-7}
 #: together some .15 and .6 mm at two metres, as robot calibration reports).
 CALIBRATED, DELIVERED = (0.003, 0.03, 0.001), (0.010, 0.10, 0.003)
 #: The same of a plain calibration, which takes the robot for hardly known, and its compliances over what is usual
-#: (assumed: the weak pull to the nominal robot that compplan diagnose fits with, `diagnosis.validation.mixture.WIDE`).
+#: (assumed: zeros to 2 mrad, lengths to 2 mm, the usual weak pull to the nominal robot).
 PLAIN, PLAIN_COMPLIANCE = (0.115, 2.0, 0.115), 3.0
 #: Lost motion and gear error, full width and amplitude once a turn [deg], as in [noise] (assumed).
 PLAY, GEAR = 0.002, 0.002

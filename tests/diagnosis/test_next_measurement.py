@@ -22,7 +22,7 @@ from compplan.diagnosis.results.next_measurement import (
 from compplan.effects import Effect, apply_effects, solve_model_poses
 from compplan.effects.frame_shift import shift_at
 from compplan.effects.signature import Signature
-from compplan.effects.transmission_error import bump_at, spline_at, waves_at
+from compplan.effects.transmission_error import spline_at, waves_at
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.pose_selection import explain_rows, odds_gains, settle_choice, take_greedily
 from compplan.robot import Robot, load_robot
@@ -95,7 +95,7 @@ def test_a_claim_that_no_further_rows_would_offer_is_foreseen_by_its_own_model_a
         assert columns == pytest.approx(size * since[:, None, None] * np.eye(3), abs=1e-4)
 
 
-@pytest.mark.parametrize("claim", [waves_at(AT, 2, [3.0, 7.5]), bump_at(AT, 1, 0.2, 0.1), spline_at(AT, 4)])
+@pytest.mark.parametrize("claim", [waves_at(AT, 2, [3.0, 7.5]), spline_at(AT, 4)])
 def test_a_curve_that_one_nudge_of_its_joint_foresees_is_what_its_values_do_one_by_one(claim: Signature) -> None:
     found = probe_signature(AT, claim)
     for k, size in enumerate(claim.scale):
@@ -125,7 +125,7 @@ def test_moves_stay_within_joint_limits_and_loads(measured: tuple[Robot, Campaig
     robot, campaign = measured
     pool, moves = list_moves(robot, campaign)
     rows = np.array([row for move in moves for row in move.rows])
-    assert {move.kind for move in moves} == set(KINDS) - {"two_speeds"}
+    assert {move.kind for move in moves} == set(KINDS)
     assert (pool.q[rows] >= robot.lower).all()
     assert (pool.q[rows] <= robot.upper).all()
     largest = np.linalg.norm(campaign.wrench[:, :3], axis=1).max()

@@ -66,6 +66,14 @@ def test_poses_that_come_back_far_off_are_a_cause_and_no_noise() -> None:
     assert noise.stay < 1.6 * ROBOT
 
 
+def test_poses_that_scatter_beyond_a_stated_sigma_are_reported_and_no_noise() -> None:
+    campaign, gap = visit_poses(1)
+    side = np.where(np.arange(len(gap)) // POSES % 2 == 0, 1.0, -1.0)[:, None]
+    noise = estimate_noise(campaign, gap + 1e-4 * side, np.full(len(gap), INSTRUMENT), "position")
+    assert noise.sigma == pytest.approx(np.sqrt(2.0) * INSTRUMENT)  # sigma and the repeatability of any robot
+    assert noise.source == ("sigma column; poses met again scatter by 5.2 times what sigma and repeatability explain")
+
+
 def test_the_noise_has_the_chi_square_likelihood_and_leeway_of_its_witnesses() -> None:
     few, off = Noise(1e-5, 12.0, "repeats"), 0.3
     assert few.leeway == pytest.approx(12.0 / chi2.ppf(0.5 * (1.0 - LEVEL), 12.0))

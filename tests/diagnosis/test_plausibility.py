@@ -122,23 +122,6 @@ def test_mirrored_deviations_of_a_log_without_load_and_orientation_are_asked_abo
     assert question.about == "sign" and "against its weight" in question.sentence and "mirrored" in question.sentence
 
 
-def test_poses_that_were_jogged_by_hand_beside_those_of_a_program_are_asked_about(robot: Robot) -> None:
-    rows = plan_rows(robot, 11, poses=40, path=0, loads=0)
-    run = np.where(np.arange(len(rows)) < len(rows) // 2, "static_program", "static_jogged")
-    wrong = [Effect("link_geometry", f"joint_{k}", a, {f"{a}_m": 4e-4}) for k in (2, 3, 4) for a in ("tx", "tz")]
-    wrong += [Effect("joint_offset", f"joint_{k}", None, {"offset_rad": 4e-4}) for k in (3, 5)]
-    sound, off = (
-        measure(robot, replace(rows, run=run), effects, seed=11, orientation=False) for effects in ([], wrong)
-    )
-    mixed = np.where((run == "static_program")[:, None], sound.position, off.position)
-    (question,) = check_plausibility(robot, replace(sound, position=mixed))
-    assert question.about == "jogged poses" and "'static_jogged'" in question.sentence
-    assert about(robot, sound) == about(robot, off) == []
-    gross = sound.position.copy()
-    gross[np.flatnonzero(run == "static_jogged")[3]] += [3e-3, -2e-3, 1e-3]  # one wrong reading is no jogged run
-    assert about(robot, replace(sound, position=gross)) == []
-
-
 def test_encoders_read_before_the_arm_stood_still_are_named_and_not_taken_for_play(robot: Robot) -> None:
     stale = [Effect("time_skew", None, None, {"stale_ratio": 1e-3})]
     campaign = measure(robot, plan_rows(robot, 11, poses=30, path=0, loads=0), stale, seed=11, orientation=False)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.diagnosis.validation.mixture import WIDE
 from compplan.effects import joint_offset, link_geometry
 from compplan.errors import InputError
 from compplan.job.job import load_job
@@ -172,11 +171,11 @@ def test_twelve_poses_for_a_calibration_leave_less_than_random_ones() -> None:
     assert fit(choice.rows) < np.min(chance)
 
 
-def test_a_calibration_is_designed_as_wide_as_the_diagnosis_fits_one() -> None:
+def test_a_calibration_is_designed_for_zeros_of_2_mrad_and_lengths_of_2_mm() -> None:
     robot = load_robot("kuka_kr270")
     width = {unknown.names[0].split()[0]: unknown.deviation[0] for unknown in widen_uncertainty(robot, False).unknowns}
-    for effect, scale in (("joint_offset", joint_offset.SCALE), ("link_geometry", link_geometry.SCALE["r"])):
-        assert width[effect] == pytest.approx(WIDE[effect][1] * scale, rel=0.01)
+    assert width["joint_offset"] == pytest.approx(2.0 * joint_offset.SCALE, rel=0.01)
+    assert width["link_geometry"] == pytest.approx(4.0 * link_geometry.SCALE["r"], rel=0.01)
     stiff = replace(robot, springs=(), link_elasticities=())
     assert "gravity_sag" in {unknown.effect for unknown in widen_uncertainty(stiff, loaded=False).unknowns}
     assert "joint_stiffness" in {unknown.effect for unknown in widen_uncertainty(stiff, loaded=True).unknowns}

@@ -120,6 +120,6 @@ def _met_again(campaign: Campaign) -> int:
 def _question(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
     questions = check_plausibility(robot, campaign)
     for question in questions:
-        yield Remark("note" if question.event else "odd", question.about, question.sentence)
+        yield Remark("odd", question.about, question.sentence)
     if not questions:
         yield Remark("fine", "conventions", "units, frames, signs, point of the wrench and clock go with the robot")

@@ -127,12 +127,15 @@ def estimate_noise(
     witnesses = witnesses or NOISE.assumed
     # of pooled rows the mean is better known than a row: what the robot repeats is weighed against a row
     single_row = max(variance, campaign.scatter**2)
-    robot, freedom, told = _repeatability(again - share * variance, count, repeatability, single_row)
+    # beyond a stated sigma, poses that come back worse than a robot repeats drift, creep or have play: no noise
+    usual = share * variance + (repeatability or NOISE.assumed_repeatability) ** 2
+    odd = stated is not None and count > 0 and again > chance_factor(count) * usual
+    robot, freedom, told = _repeatability(again - share * variance, 0 if odd else count, repeatability, single_row)
     source = " and ".join(label for label in (source, told) if label)
-    if stated is not None and count:
-        beyond = again / (share * variance + (repeatability or 0.0) ** 2)
-        if beyond > chance_factor(count):
-            source += f"; poses met again scatter by {np.sqrt(beyond):.1f} times the stated sigma"
+    if odd:
+        source += (
+            f"; poses met again scatter by {np.sqrt(again / usual):.1f} times what sigma and repeatability explain"
+        )
     if not single:
         return Noise(float(np.sqrt(variance)), witnesses, source, float(np.sqrt(robot)) if told else 0.0, plain)
     total = spread**2 * variance + robot

@@ -12,13 +12,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
-from scipy.special import chdtri
 
 from compplan.diagnosis.data.conventions import CONVINCING, find_conventions, typical_gap
 from compplan.diagnosis.data.noise import ASSUMED_SIGMA
-from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SAMPLE, rank_number
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SAMPLE
 from compplan.effects import apply_effects, build_model, robot_effects, solve_model_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.frames import fit_registration
@@ -51,11 +49,6 @@ class CheckSettings:
     wrong_sign: float = 0.5
     #: A clock that is further off than this is no lag of a controller (assumed). [s]
     clock: float = 0.1
-    #: Numbers of a frame (theory): a run has to tell three times as many beyond its frames (assumed).
-    frame_values: int = 6
-    #: Events that are looked for in a run, and rounds of weights that leave gross errors out (assumed).
-    most_events: int = 2
-    robust_rounds: int = 4
 
 
 CHECKS = CheckSettings()
@@ -71,14 +64,10 @@ class QuestionRows(NamedTuple):
 
 @dataclass(frozen=True)
 class Question:
-    """Something to ask before anything is fitted: what it is about, and a sentence with the figure that shows it.
-
-    `event` tells whether an event of the campaign explains it, which a diagnosis can model: nothing has to be answered.
-    """
+    """Something to ask before anything is fitted: what it is about, and a sentence with the figure that shows it."""
 
     about: str
     sentence: str
-    event: bool = False
 
 
 def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str] = ()) -> list[Question]:
@@ -96,7 +85,7 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
     conventions = find_conventions(robot, campaign, parts) if far else ()
     # springs pushed the wrong way are no matter where joints are counted wrongly
     sign = None if conventions else ask_sign(robot, rows, register)
-    found = [ask_moment_point(robot, rows), sign, ask_clock(robot, rows, register), ask_jogged(rows, register)]
+    found = [ask_moment_point(robot, rows), sign, ask_clock(robot, rows, register)]
     questions = [question for question in found if question]
     if far:
         gap = typical_gap(robot, rows.campaign, parts, [*known, *conventions], 0.5)
@@ -305,110 +294,6 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
         f"positions on paths are {abs(late) * 1e3:.0f} ms {'ahead of' if late > 0 else 'behind'} the joints; are both"
         " clocks the same?",
     )
-
-
-def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
-    """Ask about runs whose poses lie on the nominal robot while those of others, under the same load, lie far off it.
-
-    Controllers with an accurate model of the arm correct poses of programs; poses that were jogged by hand are not.
-    Frames are fitted to each run by itself. A frame or a tool that moves inside a run is an event, which the diagnosis
-    models.
-    """
-    campaign, parts = rows.campaign, tuple(dict.fromkeys(("base", *register)))
-    found: list[tuple[float, float, str, NDArray[np.int_], Array]] = []
-    for number in np.unique(campaign.run_index):
-        run = np.flatnonzero((campaign.run_index == number) & ~campaign.on_path)
-        values = 3 * len(np.unique(campaign.pose[run])) - len(parts) * CHECKS.frame_values
-        if values < 3 * CHECKS.frame_values:
-            continue
-        across = rows.position[run] - rows.position[run].mean(axis=0)
-        if np.linalg.svd(across, compute_uv=False)[1] < NO_EFFECT:
-            continue  # on one line they tell no frame
-        own = campaign.take(run)
-        frames = fit_registration(own, rows.position[run], rows.rotation[run], parts)
-        gap = own.position - frames.locate_targets(own, rows.position[run], rows.rotation[run])
-        square = 3.0 * np.median(np.sum(gap**2, axis=1)) / chdtri(3, 0.5)  # as rms, whatever a gross error adds
-        rms = float(np.sqrt(square * 3 * len(np.unique(own.pose)) / values))
-        found.append((rms, float(np.linalg.norm(own.wrench, axis=1).mean()), str(own.run[0]), run, gap))
-    found.sort(key=lambda run: run[:3])
-    splits = [k for k in range(1, len(found)) if found[k - 1][0] < CONVINCING * found[k][0]]
-    if len(splits) != 1:
-        return None
-    near, far = found[: splits[0]], found[splits[0] :]
-    load, other = (float(np.mean([entry[1] for entry in side])) for side in (near, far))
-    if abs(load - other) > CONVINCING * max(load, other) + 1.0:
-        return None
-    said = (
-        f"poses of {near[0][2]!r} lie within {_mm(near[-1][0])} (rms) of the nominal robot, those of {far[0][2]!r}"
-        f" {_mm(far[0][0])} off it, gross errors aside, frames fitted to each"
-    )
-    events = [find_event(rows, run, gap, near[-1][0] / CONVINCING) for _, _, _, run, gap in far]
-    if all(events):
-        return Question("event", f"{said}; explained by {events[0]}", event=True)
-    return Question(
-        "jogged poses",
-        f"{said}: were the latter jogged by hand (the accurate model of a controller acts in programs only), or was a"
-        " load on the tool that the log does not hold in N?",
-    )
-
-
-def find_event(rows: QuestionRows, run: NDArray[np.int_], gap: Array, most: float) -> str:
-    """Return the event in a run that explains its gap: a frame or a tool that moved, at once or steadily; else empty.
-
-    The gap (k, 3) of the run's rows is fitted by a motion of the base frame (6 values) and a shift of the target on the
-    flange (3) that hold in the whole run, and, where that leaves more than `most` (rms, m), by one or two of these from
-    a row on or growing from row to row.
-    """
-    campaign = rows.campaign
-    poses = 3 * len(np.unique(campaign.pose[run]))
-    lever = rows.position[run] - rows.position[run].mean(axis=0)
-    turn = np.stack([np.cross(axis, lever) for axis in np.eye(3)], axis=2)
-    frame, tool = np.concatenate([np.broadcast_to(np.eye(3), (len(run), 3, 3)), turn], axis=2), rows.rotation[run]
-    order = np.arange(len(run))
-    courses = [(k, (order >= k).astype(float)) for k in range(FEW_ROWS, len(run) - FEW_ROWS + 1)]
-    courses.append((0, order / max(len(run) - 1, 1)))
-    events = [
-        (name, at, columns * course[:, None, None])
-        for name, columns in (("the frame", frame), ("the tool", tool)) for at, course in courses
-    ]  # fmt: skip
-    design, chosen = np.concatenate([frame, tool], axis=2), list[tuple[str, int]]()
-    if poses - design.shape[2] >= 2 * CHECKS.frame_values and _robust_rms(design, gap, poses) < most:
-        return f"another tool or target in run {str(campaign.run[run[0]])!r}"
-    for _ in range(CHECKS.most_events):
-        tried = []
-        for number, (_, _, columns) in enumerate(events):
-            whole = np.concatenate([design, columns], axis=2)
-            if poses - whole.shape[2] >= 2 * CHECKS.frame_values:
-                tried.append((rank_number(_robust_rms(whole, gap, poses)), number))
-        if not tried:
-            return ""
-        left, number = min(tried)
-        name, at, columns = events[number]
-        design = np.concatenate([design, columns], axis=2)
-        chosen.append((name, at))
-        if left < most:
-            return " and ".join(_describe_event(*event, campaign, run) for event in chosen)
-    return ""
-
-
-def _robust_rms(design: Array, gap: Array, values: int) -> float:
-    """Return what a linear model (k, 3, p) leaves of a gap (k, 3) of so many values, whatever gross errors add. [m]"""
-    weight = np.ones(len(gap))
-    for _ in range(CHECKS.robust_rounds):
-        columns = (weight[:, None, None] * design).reshape(-1, design.shape[2])
-        solved = np.linalg.lstsq(columns, (weight[:, None] * gap).reshape(-1), rcond=1e-9)[0]
-        size = np.linalg.norm(gap - design @ solved, axis=1)
-        weight = np.sqrt(1.0 / np.maximum(size / max(float(np.median(size)), 1e-300), 1.0))
-    square = 3.0 * float(np.median(size**2)) / float(chdtri(3, 0.5))
-    return float(np.sqrt(square * values / (values - design.shape[2])))
-
-
-def _describe_event(name: str, at: int, campaign: Campaign, run: NDArray[np.int_]) -> str:
-    where = f"run {str(campaign.run[run[0]])!r}"
-    if at == 0:
-        return f"a steady motion of {name} through {where} (wear, drift)"
-    before, poses = (len(np.unique(campaign.pose[part])) for part in (run[:at], run))
-    return f"a shift of {name} in {where} after {before} of {poses} poses"
 
 
 def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:

@@ -14,7 +14,7 @@ from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.effects.stiffness_nonlinearity import linear_in_disguise
-from compplan.effects.transmission_error import bump_at, series_at, spline_at, waves_at
+from compplan.effects.transmission_error import series_at, spline_at, waves_at
 from compplan.measurement.registration import CONTACTS
 from compplan.robot import Array
 
@@ -122,15 +122,12 @@ def propose_again(at: Linearization, proposals: list[Signature], wanted: set[Key
 
 def _again_curve(at: Linearization, index: int, old: Signature) -> Signature:
     """Offer a curve over a joint's angle at a new linearization."""
-    fixed = old.fixed
-    for unit, cycles in (("rad", "cycles_per_turn"), ("m", "cycles_per_m")):
-        if cycles in fixed and old.form.startswith("series"):
-            return series_at(at, index, fixed[cycles][0], old.tried)
-        if cycles in fixed:
-            return waves_at(at, index, fixed[cycles], old.tried)
-        if f"centre_{unit}" in fixed:
-            return bump_at(at, index, fixed[f"centre_{unit}"][0], fixed[f"width_{unit}"][0], old.tried)
-    return spline_at(at, index)
+    cycles = old.fixed.get("cycles_per_turn", old.fixed.get("cycles_per_m"))
+    if cycles is None:
+        return spline_at(at, index)
+    return series_at(at, index, cycles[0], old.tried) if old.form.startswith("series") else waves_at(
+        at, index, cycles, old.tried
+    )  # fmt: skip
 
 
 def in_background(signature: Signature) -> bool:

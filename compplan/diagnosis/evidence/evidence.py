@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, minimize
 from scipy.special import log_ndtr
 
-from compplan.diagnosis.evidence.likelihood import Hyper, Solution, gather_products, gather_rows, list_products
+from compplan.diagnosis.evidence.likelihood import Hyper, SolvedColumns, gather_products, list_products
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations
 from compplan.robot import Array
 
@@ -158,9 +158,7 @@ def find_posterior(
     error.
     """
     channels, loose, variance = equations.channels, _loose(prior, hyper), _Variance(prior)
-    wide = (prior.free | (prior.slab > 0))[prior.active]
-    # the smaller matrix: that of the values or that of the active columns
-    rows = gather_rows(channels, prior.active, wide) or gather_products(channels, prior.active)
+    rows = gather_products(channels, prior.active)
     if not fit:
         return _conclude(prior, channels, rows.solve(variance.at(hyper.log_tau), hyper), hyper)
     bounds = (
@@ -172,7 +170,7 @@ def find_posterior(
     others = len(hyper.vector) - len(channels)
     unit = np.array([np.sqrt(2.0 / max(ch.total.count, 1)) for ch in channels] + [EVIDENCE.likely] * others)
     started: list[float] = []
-    latest: dict[bytes, Solution] = {}
+    latest: dict[bytes, SolvedColumns] = {}
 
     def cost(vector: Array) -> tuple[float, Array]:
         here = hyper.with_vector(vector * unit)
@@ -216,7 +214,7 @@ def drop_negative(
         posterior = find_posterior(equations, prior, posterior.hyper, fit=False)
 
 
-def _conclude(prior: Prior, channels: Sequence[ChannelProducts], done: Solution, hyper: Hyper) -> Posterior:
+def _conclude(prior: Prior, channels: Sequence[ChannelProducts], done: SolvedColumns, hyper: Hyper) -> Posterior:
     extra = _hyperprior(channels, hyper, _loose(prior, hyper))[0]
     return Posterior(done.value + extra, prior.active, done.mean, hyper, done.covary())
 

@@ -1,4 +1,4 @@
-"""Likelihood of a campaign and posterior of the active columns, solved among columns or among values.
+"""Likelihood of a campaign and posterior of the active columns, solved among the columns.
 
 With the products G = Phi^T N^-1 Phi and a = Phi^T N^-1 y, and D the prior variance of the columns,
 
@@ -10,25 +10,15 @@ products that do not depend on it (compplan.diagnosis.evidence.normal_equations)
     1/v of all rows,    -1/v n lambda^2 / (1 + n lambda^2) of the means of n rows
 
 Where every stay has one row, the means are the rows: one product with the sum of both weights.
-
-A tracker campaign has a hundred values and four hundred columns: there the covariance of the values is the smaller
-matrix. With the first value of every stay turned to its mean times the root of its rows, small errors Phi_B of variance
-D_B add V = diag(v) + Phi_B D_B Phi_B^T, and wide columns A (claims, free frames) are solved by themselves:
-
-    S = (1/D_A + Phi_A^T V^-1 Phi_A)^-1,    a = S Phi_A^T V^-1 y,    b = D_B Phi_B^T V^-1 (y - Phi_A a)
-
-which is the same by Woodbury's identity [Rasmussen2006, A.3].
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
 
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, Products
@@ -216,11 +206,6 @@ def invert_triangle(lower: Array) -> Array:
     return np.asarray(dtrtri(lower, lower=1)[0]) if len(lower) else lower
 
 
-def multiply_triangle(lower: Array, right: Array) -> Array:
-    """Return L B, which takes half as long as a product of full matrices. Shape (p, p), (p, k) -> (p, k)."""
-    return np.asarray(dtrmm(1.0, lower, right, lower=1)) if right.size else right
-
-
 def invert_factor(lower: Array) -> Array:
     """Return the lower triangle of (L L^T)^-1, zeros above. Shape (p, p)."""
     return np.asarray(dlauum(invert_triangle(lower), lower=1, overwrite_c=1)[0]) if len(lower) else lower
@@ -231,139 +216,3 @@ def mirror_lower(triangle: Array) -> Array:
     full = triangle + triangle.T
     full[np.diag_indices_from(full)] *= 0.5
     return np.asarray(full)
-
-
-@dataclass(frozen=True, eq=False)
-class FewRows:
-    """The N values of all channels, in units of the noise, turned, and the active columns.
-
-    Attributes:
-        small: Columns of small errors. Shape (N, b).
-        large: Columns that are solved for by themselves. Shape (N, w).
-        observed: The values. Shape (N,).
-        size: Rows of the stay whose mean a value is, 0 for none. Shape (N,).
-        channel: Channel of each value. Shape (N,).
-        wide: Which of the active columns are solved for by themselves. Shape (a,).
-    """
-
-    small: Array
-    large: Array
-    observed: Array
-    size: Array
-    channel: NDArray[np.int_]
-    wide: NDArray[np.bool_]
-
-    def solve(self, variance: Array, hyper: Hyper) -> SolvedRows:
-        """Solve at one noise, for one prior variance of the columns. Shape (a,)."""
-        single = np.exp(hyper.log_noise)[self.channel]
-        shared = single * self.size * np.exp(2.0 * hyper.log_shared)[self.channel]
-        noise = single + shared
-        small = self.small * np.sqrt(variance[~self.wide])
-        covariance = small @ small.T
-        covariance[np.diag_indices_from(covariance)] += noise
-        lower = factorize(covariance)
-        inverse = invert_triangle(lower)
-        observed, wide = inverse @ self.observed, inverse @ self.large
-        deviation = np.sqrt(variance[self.wide])
-        scaled = wide * deviation
-        inner = factorize(scaled.T @ scaled + np.eye(len(deviation)))
-        large = deviation * solve_factor(inner, scaled.T @ observed)
-        left = observed - wide @ large
-        log_det = 2.0 * float(np.sum(np.log(np.diag(lower))) + np.sum(np.log(np.diag(inner))))
-        value = -0.5 * (log_det + float(observed @ left))
-        return SolvedRows(
-            self, hyper, value, inverse, wide, inner, deviation, variance, large, inverse.T @ left, noise, shared
-        )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class SolvedRows:
-    """The solution at one noise and background.
-
-    `inverse` is that of the lower factor of V (N, N), `wide` the wide columns whitened by it (N, w), `inner` the lower
-    factor of 1 + R Phi_A^T V^-1 Phi_A R with their deviations R (w,), `large` their values, `pull` V^-1 (y - Phi_A a)
-    (N,); `noise` is v (N,), `shared` what the error that a stay shares adds to it; `value` is the log likelihood.
-    """
-
-    rows: FewRows
-    hyper: Hyper
-    value: float
-    inverse: Array
-    wide: Array
-    inner: Array
-    deviation: Array
-    variance: Array
-    large: Array
-    pull: Array
-    noise: Array
-    shared: Array
-
-    @cached_property
-    def mean(self) -> Array:
-        """Values of the columns. Shape (a,)."""
-        wide, mean = self.rows.wide, np.zeros(len(self.variance))
-        mean[wide], mean[~wide] = self.large, self.variance[~wide] * (self.pull @ self.rows.small)
-        return mean
-
-    def covary(self) -> Callable[[], Array]:
-        """Return what works out the covariance of the columns. Shape (a, a)."""
-        return self._covariance
-
-    def _covariance(self) -> Array:
-        wide, small = np.flatnonzero(self.rows.wide), np.flatnonzero(~self.rows.wide)
-        scaled = self.variance[small]
-        covariance = np.zeros((len(self.variance), len(self.variance)))
-        white = multiply_triangle(self.inverse, self.rows.small) * scaled
-        root = invert_triangle(self.inner) * self.deviation
-        across = root @ (self.wide.T @ white)
-        covariance[np.ix_(wide, wide)] = root.T @ root
-        covariance[np.ix_(wide, small)] = -root.T @ across
-        covariance[np.ix_(small, wide)] = covariance[np.ix_(wide, small)].T
-        covariance[np.ix_(small, small)] = np.diag(scaled) - white.T @ white + across.T @ across
-        return covariance
-
-    def slopes(self) -> tuple[Array, Array, Array]:
-        """Return the derivatives of the log likelihood by log noise, log shared error, and the columns' variances.
-
-        With P = (V + Phi_A D_A Phi_A^T)^-1: 1/2 ((c^T P y)^2 - c^T P c) for every column c; zero for wide columns,
-        which are not asked for. Shapes (channels,), (channels,), (a,).
-        """
-        rows, channels = self.rows, len(self.hyper.log_noise)
-        by_value = 0.5 * (self.pull**2 - self._precision_squares(self.inverse))
-        of_columns = np.zeros(len(rows.wide))
-        squares = self._precision_squares(multiply_triangle(self.inverse, rows.small))
-        of_columns[~rows.wide] = 0.5 * ((self.pull @ rows.small) ** 2 - squares)
-        of_noise = np.bincount(rows.channel, by_value * self.noise, channels)
-        of_shared = np.bincount(rows.channel, by_value * 2.0 * self.shared, channels)
-        return np.asarray(of_noise), np.asarray(of_shared), of_columns
-
-    def _precision_squares(self, white: Array) -> Array:
-        """Return c^T P c of columns c that V has whitened. Shape (N, k) -> (k,)."""
-        across = invert_triangle(self.inner) @ (self.deviation[:, None] * (self.wide.T @ white))
-        return np.asarray(np.einsum("nk,nk->k", white, white) - np.einsum("nk,nk->k", across, across))
-
-
-Solution = SolvedColumns | SolvedRows
-
-
-def gather_rows(
-    channels: Sequence[ChannelProducts], active: NDArray[np.int_], wide: NDArray[np.bool_]
-) -> FewRows | None:
-    """Gather the values of all channels; None where there are no fewer of them than of the active columns.
-
-    `wide` tells which of these may be large. Shape (active,).
-    """
-    if sum(channel.total.count for channel in channels) >= len(active):
-        return None
-    rows = [channel.rows for channel in channels]
-    if any(part is None for part in rows):
-        return None
-    parts = [part for part in rows if part is not None]
-    return FewRows(
-        np.asfortranarray(np.concatenate([part.design.take(active[~wide], axis=1) for part in parts])),
-        np.concatenate([part.design.take(active[wide], axis=1) for part in parts]),
-        np.concatenate([part.observed for part in parts]),
-        np.concatenate([part.size for part in parts]),
-        np.repeat(np.arange(len(parts)), [len(part.observed) for part in parts]),
-        wide,
-    )

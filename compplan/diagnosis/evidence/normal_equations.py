@@ -45,21 +45,6 @@ class Products:
 
 
 @dataclass(frozen=True, eq=False)
-class ChannelRows:
-    """Values of a channel, turned so that the first of every group is its mean times the root of its size.
-
-    Attributes:
-        design: Columns, in units of the noise. Shape (N, p).
-        observed: Values. Shape (N,).
-        size: Rounded size of the group whose mean a value is, 0 for none. Shape (N,).
-    """
-
-    design: Array
-    observed: Array
-    size: Array
-
-
-@dataclass(frozen=True, eq=False)
 class ChannelProducts:
     """Products of one channel, in units of the noise.
 
@@ -69,14 +54,12 @@ class ChannelProducts:
         means: Products of the group means (times the root of its size) by group size; `total` itself where every group
             is a single row.
         witnesses: Degrees of freedom that the noise rests on.
-        rows: The values themselves, where they are fewer than the columns.
     """
 
     name: str
     total: Products
     means: dict[int, Products]
     witnesses: float
-    rows: ChannelRows | None = None
 
     def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
         """Take some columns."""
@@ -287,8 +270,7 @@ def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProd
             chosen = sizes == size
             known = None if old is None else old.means[int(size)]
             means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known, mean_told[chosen])
-    rows = turn_rows(group, design, observed, told) if told.sum() < design.shape[-1] else None
-    return ChannelProducts(channel.name, total, means, channel.noise.witnesses, rows)
+    return ChannelProducts(channel.name, total, means, channel.noise.witnesses)
 
 
 def turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -303,30 +285,6 @@ def turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array,
     design[one, 0], observed[one, 0] = np.einsum("ni,nip->np", unit, design[one]), np.sum(unit * observed[one], axis=1)
     design[one, 1:], observed[one, 1:] = 0.0, 0.0
     return design, observed, told
-
-
-def turn_rows(
-    group: NDArray[np.int_], design: Array, observed: Array, told: NDArray[np.bool_] | None = None
-) -> ChannelRows:
-    """Turn values so that the first of every group is its mean times the root of its size [Helmert1876].
-
-    A reflection takes the vector of ones to the first axis: x - u (u^T x) 2 / (u^T u), u = 1 - sqrt(n) e_1. Shapes of
-    group, design, observed and told: (r,), (r, c, p), (r, c), (r, c).
-    """
-    both = np.concatenate([design, observed[..., None]], axis=-1)
-    size = np.zeros(observed.shape)
-    first = np.flatnonzero(np.r_[True, np.diff(group) > 0]) if len(group) else np.zeros(0, int)
-    for start, end in zip(first, np.r_[first, len(group)][1:], strict=True):
-        n = end - start
-        across = np.ones(n)
-        across[0] -= np.sqrt(n)
-        if n > 1:
-            along = np.tensordot(across, both[start:end], axes=1)
-            both[start:end] -= (2.0 / float(across @ across)) * across[:, None, None] * along
-        size[start] = typical_size(np.array([n]))[0]
-    flat, shown = both.reshape(-1, both.shape[-1]), np.ones(size.size, bool) if told is None else told.reshape(-1)
-    flat = flat if shown.all() else flat[shown]
-    return ChannelRows(flat[:, :-1], flat[:, -1], size.reshape(-1)[shown])
 
 
 def _products(design: Array, observed: Array, old: Products | None, told: NDArray[np.bool_]) -> Products:

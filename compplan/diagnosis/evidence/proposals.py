@@ -19,8 +19,6 @@ from compplan.effects.tool_frame import SCALE as TOOL_SCALE
 from compplan.effects.tool_frame import tool_twists
 from compplan.effects.transmission_error import (
     OVERTONES,
-    bump,
-    bump_at,
     periods_seen,
     series_at,
     spline_at,
@@ -44,9 +42,6 @@ class ProposalSettings:
     #: Cycles per turn that are looked at, whole ones and those between (assumed: gears of arms turn 50 to 170 times,
     #: and a strain wave gear errs twice a turn of its motor).
     most_cycles: float = 200.0
-    #: Widths of a bump that are looked at, as shares of the visited range; its centres lie the least of them apart
-    #: (assumed).
-    bump_widths: tuple[float, ...] = (0.02, 0.04, 0.08, 0.16)
     #: What holds a shift that the rows on one side do not fix at zero, in squares of the noise (assumed).
     hold: float = 1e-2
     #: Frequencies lie this part of a turn over the range apart, and two waves at least as far (theory: a wave's own
@@ -142,29 +137,6 @@ def propose_waves(
             cycle = find_series(angle[some], pull[some], weight[some], grid, slides)
             found.append(series_at(at, index, cycle, tried=min(len(grid), PROPOSALS.tried_a_wave**3)))
             found.append(spline_at(at, index))
-            found += _best_bumps(at, index, angle, pull, weight)
-    return found
-
-
-def _best_bumps(at: Linearization, index: int, angle: Array, pull: Array, weight: Array) -> list[Signature]:
-    """Propose the bell curves that explain most, one of each width."""
-    seen = weight > 0
-    low, high = float(angle[seen].min()), float(angle[seen].max())
-    smooth = np.ones((int(seen.sum()), 1))
-    rest = pull[seen] - weight[seen] * (smooth @ _weighted_fit(smooth, pull[seen], weight[seen]))
-    found = []
-    centres = np.linspace(low, high, round(1.0 / min(PROPOSALS.bump_widths)))
-    tried = len(centres) * len(PROPOSALS.bump_widths)
-    for share in PROPOSALS.bump_widths:
-        width = share * (high - low)
-        shape = bump(angle[seen, None], centres[None], width)
-        inner = np.einsum("n,nk->k", weight[seen], shape**2)
-        mean = np.einsum("n,nk->k", weight[seen], shape) / weight[seen].sum()
-        inner = inner - weight[seen].sum() * mean**2
-        gain = 0.5 * (rest @ shape) ** 2 / np.maximum(inner, 1e-9 * weight[seen].sum())
-        best = int(np.argmax(gain))
-        if gain[best] > beats_chance(tried):
-            found.append(bump_at(at, index, float(centres[best]), width, tried=tried))
     return found
 
 

@@ -1,7 +1,7 @@
 """Delivery: the robot folder that a diagnosis writes, judged by what its model predicts of poses that it never saw.
 
-The folder holds the mixture of all models (`validation.mixture`); where that predicts poses left out no better than the
-nominal robot by more than chance, the nominal robot is written.
+The folder holds the posterior of named effects and small errors (`validation.calibration`); where that predicts poses
+left out no better than the nominal robot by more than chance, the nominal robot is written.
 """
 
 from __future__ import annotations
@@ -20,15 +20,8 @@ from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, stands
 from compplan.diagnosis.validation.bounds import find_breach
+from compplan.diagnosis.validation.calibration import calibrate, calibrated_state, hold_out_calibration
 from compplan.diagnosis.validation.held_out import Folds, HeldOut
-from compplan.diagnosis.validation.mixture import (
-    SMALL,
-    hold_out_stack,
-    list_options,
-    mixed_state,
-    solve_option,
-    stack_options,
-)
 from compplan.effects import fold_effects, is_of_instrument
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
@@ -46,8 +39,7 @@ class Delivery:
         held: What its model predicts of rows that it never saw.
         residual: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
         uncertainty: How surely it is known.
-        posterior: The mixture's posterior; None for the nominal robot.
-        small: What small errors alone predict of rows that they never saw; None for the nominal robot.
+        posterior: The posterior that it holds; None for the nominal robot.
     """
 
     kind: str
@@ -56,7 +48,6 @@ class Delivery:
     residual: Array
     uncertainty: Uncertainty
     posterior: Posterior | None = None
-    small: HeldOut | None = None
 
     def robot(self, nominal: Robot, known: int) -> Robot:
         """Return the robot folder: the nominal robot with the effects behind the `known` first ones."""
@@ -67,7 +58,7 @@ class Delivery:
 def deliver_robot(
     folds: Folds, verdict: Verdict, plain: HeldOut, nominal: FitState, good: NDArray[np.bool_]
 ) -> Delivery:  # fmt: skip
-    """Build the mixture's robot; the nominal one where that predicts no better, by enough, than it.
+    """Build the calibrated robot; the nominal one where that predicts no better, by enough, than it.
 
     `plain` is what the nominal robot predicts, `nominal` its state; `good` tells rows that are no outliers. Shape (n,).
     """
@@ -75,20 +66,19 @@ def deliver_robot(
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
     seen, fold, rivals = good[plain.rows], folds.fold[plain.rows], name_alternatives(verdict)
     before = plain.of(seen)
-    blend = stack_options(folds, list_options(named, every), seen)
-    held = hold_out_stack(folds, blend)
+    found = calibrate(folds, named)
+    held = hold_out_calibration(folds, found)
     stated = held.correct_for_selection(fold, seen)
-    posterior = blend.posterior(fit.search.equations.p)
     # nothing goes out whose stated error is not below the nominal one
     better = held.of(seen).rms < (1.0 - NEGLIGIBLE) * before.rms and stated.of(seen).rms < before.rms
-    state = mixed_state(fit, posterior.values(fit.search.equations.p), blend.claimed()) if better else nominal
+    values = found.posterior.values(fit.search.equations.p)
+    state = calibrated_state(fit, values, found.named) if better else nominal
     if not better or not stands(problem, state):
         known = state_uncertainty(fit, every, nominal, plain, good, rivals)
         return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known)
     state = settle_play(problem, register_again(fit, state, fit.state.use))
     known = state_uncertainty(fit, every, state, held, good, rivals)
-    small = replace(held, residual=solve_option(folds, SMALL).residual)
-    return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, posterior, small)
+    return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, found.posterior)
 
 
 def possible_claims(fit: Fit, verdict: Verdict) -> list[Claim]:

@@ -1,4 +1,4 @@
-"""Moves that a next measurement may consist of: reversal, loads, payloads, sign flip, joint sweep, warm-up, speeds.
+"""Moves that a next measurement may consist of: new poses, loads, reversal, joint sweep, warm-up.
 
 A pool of candidate moves is laid out as the continuation of a campaign, so that the forward models see order, loads,
 times and temperatures as they would be. A move is a few rows that only make sense together, such as one pose with and
@@ -30,12 +30,9 @@ NUDGE = float(np.sqrt(ROUNDING))
 KINDS = {
     "new_poses": "measure these poses, without load",
     "loaded_unloaded": "measure each pose without load and under the load",
-    "sign_flip": "measure each pose under the load and under its opposite",
-    "two_payloads": "measure each pose with a light and with a heavy known weight on the tool",
     "reversal": "come to each pose from either side of one joint",
     "joint_sweep": "sweep one joint over its range and hold the others",
     "warm_up": "let the robot cool down, then measure each pose cold, half warm and warm",
-    "two_speeds": "drive the same path slowly and fast",
 }
 #: Backing off before a pose is approached from a side: assumed ample for any lost motion. [rad, m]
 BACK_OFF = {"revolute": np.deg2rad(6.0), "prismatic": 0.05}
@@ -55,14 +52,8 @@ class MoveSettings:
     assumed_rise: float = 8.0
     #: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
     assumed_weight: float = 50.0
-    #: Speeds of a path that is driven slowly and fast (assumed: safe for any joint). [rad/s]
-    speeds: tuple[float, float] = (0.05, 0.25)
-    #: Amplitude of its swing (assumed). [rad]
-    swing: float = 0.15
     #: Radius about the base axis beyond which it is always clear (assumed). [m]
     column: float = 0.3
-    #: The light one of two payloads, over the heavy one (assumed).
-    light: float = 0.3
     #: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most,
     #: too (assumed).
     fewest_moves: int = 3
@@ -122,8 +113,6 @@ def list_moves(robot: Robot, campaign: Campaign, seed: int = SEED) -> tuple[Camp
     _add_sweeps(pool, robot, campaign, poses)
     if campaign.time is not None or campaign.temperature is not None:
         _add_warm_up(pool, poses)
-    if campaign.time is not None and campaign.on_path.any():
-        _add_paths(pool, robot, poses)
     return _continue_campaign(campaign, pool), tuple(pool.moves)
 
 
@@ -181,12 +170,9 @@ def _add_static(pool: Pool, campaign: Campaign, poses: Array) -> None:
     loads = given_loads(campaign)
     pool.clock = 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + MOVES.pace
     pool.moves += [MeasuringMove("new_poses", (pool.add(q),)) for q in poses]
-    weight = np.array([0.0, 0.0, -max(float(np.linalg.norm(load[:3])) for load in loads), 0.0, 0.0, 0.0])
     for number, q in enumerate(poses[:ENOUGH_ROWS]):
         load = loads[number % len(loads)]
         pool.moves.append(MeasuringMove("loaded_unloaded", (pool.add(q), pool.add(q, load))))
-        pool.moves.append(MeasuringMove("sign_flip", (pool.add(q, load), pool.add(q, -load))))
-        pool.moves.append(MeasuringMove("two_payloads", (pool.add(q, MOVES.light * weight), pool.add(q, weight))))
 
 
 def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
@@ -220,23 +206,6 @@ def _add_warm_up(pool: Pool, poses: Array) -> None:
         for seconds, warmth in zip(MOVES.course, (0.0, 0.5, 1.0), strict=True)
     ]
     pool.moves += [MeasuringMove("warm_up", numbers) for numbers in zip(*rows, strict=True)]
-
-
-def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
-    """Swing each joint by some degrees there and back, slowly and fast."""
-    clock, centre = pool.last(), np.clip(poses[0], robot.lower + MOVES.swing, robot.upper - MOVES.swing)
-    for index, joint in enumerate(robot.actuated):
-        if joint.kind != "revolute":
-            continue
-        rows: list[int] = []
-        for number, speed in enumerate(MOVES.speeds):
-            clock += MOVES.pace
-            for angle in np.linspace(0.0, 2.0 * np.pi, ENOUGH_ROWS):
-                q = centre + MOVES.swing * np.sin(angle) * np.eye(robot.nq)[index]
-                moment = clock + MOVES.swing * angle / speed
-                rows.append(pool.add(q, None, f"path_next_{index + 1}_{number + 1}", moment))
-            clock = pool.last()
-        pool.moves.append(MeasuringMove("two_speeds", tuple(rows), joint.name))
 
 
 def _continue_campaign(campaign: Campaign, pool: Pool) -> Campaign:

@@ -33,8 +33,6 @@ from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, weight_rows
 from compplan.robot import Array
 
-#: Effects that show in motion only; a path at two speeds is laid out for them.
-OF_MOTION = ("tracking_lag", "time_skew", "backlash")
 NOTHING = "none"
 
 
@@ -181,8 +179,7 @@ def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> 
     found: list[Proposal] = []
     for kind in KINDS:
         own = [move for move in moves if move.kind == kind]
-        moving = any(place is not None and place[0] in OF_MOTION for place in (pair.first, pair.second))
-        if not own or (kind == "two_speeds" and not moving):
+        if not own:
             continue
         picked, information = pick_moves(predict_difference(pair, design, own), pair.log_odds)
         if picked:
@@ -269,12 +266,11 @@ def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[
         "expected_probability_gain": round(proposal.gain, 3),
         "expected_log_likelihood_ratio": round(proposal.information, 2),
     }
-    if proposal.kind in ("warm_up", "two_speeds") and campaign.time is not None:
+    if proposal.kind == "warm_up" and campaign.time is not None:
         table["time_s"] = [round(float(campaign.time[row]), 2) for row in rows]
     if proposal.kind == "warm_up" and campaign.temperature is not None:
         table["temperature_C"] = [round(float(campaign.temperature[row]), 1) for row in rows]
-    loaded = proposal.kind in ("loaded_unloaded", "sign_flip", "two_payloads")
-    if loaded and not fit.problem.campaign.load_varies:
+    if proposal.kind == "loaded_unloaded" and not fit.problem.campaign.load_varies:
         table["assumed"] = "the campaign had no loads; the weight on the tool is assumed"
     return table
 

@@ -18,7 +18,7 @@ from compplan.diagnosis.data.channels import block_index, group_poses, position_
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, rms_length
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Prior, find_posterior
-from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations, Products, select_rows
+from compplan.diagnosis.evidence.normal_equations import NormalEquations, select_rows
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, advance_state, stands
@@ -98,35 +98,33 @@ class Folds:
         return group_poses(self.fit.problem.campaign)[self.fit.search.equations.source[0].rows]
 
     @cached_property
-    def without_fold(self) -> list[tuple[int, NormalEquations]]:
-        """The fit's normal equations without each fold."""
-        equations, every = self.fit.search.equations, np.arange(self.fit.search.equations.p)
-        rows = equations.source[0].rows
-        result = []
-        for number in np.unique(self.fold[rows]):
-            if all(channel.rows is not None for channel in equations.channels):
-                rest = select_rows(equations, self.fold != number, every)
-            else:
-                own = select_rows(equations, self.fold == number, every)
-                rest = tuple(_take_away(whole, part) for whole, part in zip(equations.channels, own, strict=True))
-            result.append((int(number), replace(equations, channels=rest)))
-        return result
+    def numbers(self) -> list[int]:
+        """The folds."""
+        return [int(number) for number in np.unique(self.fold[self.fit.search.equations.source[0].rows])]
 
-    def hold_out(self, claims: Sequence[Claim], *, background: bool = True) -> HeldOut:
-        """Predict every row by the exact model of some claims, with small errors or not, fitted to the other folds."""
+    def fit_others(self, claims: Sequence[Claim], number: int) -> Fit:
+        """Fit claims, without small errors, to all folds but one; noise is held."""
+        fit = with_claims(self.fit, claims, background=False)
+        equations, prior = fit.search.equations, fit.search.prior_of(claims)
+        part = replace(equations, channels=select_rows(equations, self.fold != number, prior.active))
+        found = find_posterior(part, prior.of(prior.active), fit.model.posterior.hyper, fit=False)
+        return replace(fit, model=replace(fit.model, posterior=replace(found, columns=prior.active)))
 
-        def build(number: int, equations: NormalEquations) -> tuple[Fit, FitState]:
-            fitted = with_claims(self.fit, claims, background=background, equations=equations)
+    def hold_out(self, claims: Sequence[Claim]) -> HeldOut:
+        """Predict every row by the exact model of some claims that is fitted to the other folds."""
+
+        def build(number: int) -> tuple[Fit, FitState]:
+            fitted = self.fit_others(claims, number)
             return fitted, advance_state(fitted)
 
         return self.hold_out_states(build)
 
-    def hold_out_states(self, build: Callable[[int, NormalEquations], tuple[Fit, FitState]]) -> HeldOut:
+    def hold_out_states(self, build: Callable[[int], tuple[Fit, FitState]]) -> HeldOut:
         """Predict every row by the exact model that a fit to the other folds leads to."""
         fit, rows = self.fit, self.fit.search.equations.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
-        for number, equations in self.without_fold:
-            fitted, state = build(number, equations)
+        for number in self.numbers:
+            fitted, state = build(number)
             if fit.problem.register and stands(fit.problem, state):
                 # frames turn far: what their derivatives leave out is fitted exactly, to rows that the fit saw; the
                 # few rows of a contact may leave its place open without some of them, and all are fitted below anyway
@@ -143,8 +141,8 @@ class Folds:
         """Predict every row to first order by claims alone; enough to rank candidates."""
         whole = self.fit.search.equations
         rows, left = whole.source[0].rows, np.zeros_like(whole.observed[0])
-        for number, equations in self.without_fold:
-            posterior = with_claims(self.fit, claims, background=False, equations=equations).model.posterior
+        for number in self.numbers:
+            posterior = self.fit_others(claims, number).model.posterior
             test = self.fold[rows] == number
             left[test] = whole.observed[0][test] - whole.designs[0][test][..., posterior.columns] @ posterior.mean
         return HeldOut(rows, left * whole.source[0].sigma)
@@ -183,14 +181,12 @@ def free_of_frames(fit: Fit, poses: int) -> float:
     return float(np.sqrt(values / max(values - taken, 0.5 * values)))
 
 
-def with_claims(
-    fit: Fit, claims: Sequence[Claim], *, background: bool, equations: NormalEquations | None = None
-) -> Fit:
-    """Return a fit with other claims, to the equations given or its own, noise and sizes of classes held."""
+def with_claims(fit: Fit, claims: Sequence[Claim], *, background: bool) -> Fit:
+    """Return a fit with other claims, beside small errors or not, noise and sizes of classes held."""
     prior = fit.search.prior
     if not background:
         prior = Prior(np.full_like(prior.background, -1), prior.spread, prior.free, prior.slab)
-    search = replace(fit.search, equations=equations or fit.search.equations, prior=prior, cache={})
+    search = replace(fit.search, prior=prior, cache={})
     posterior = find_posterior(search.equations, search.prior_of(claims), fit.model.posterior.hyper, fit=False)
     return replace(fit, search=search, model=replace(fit.model, claims=tuple(claims), posterior=posterior))
 
@@ -210,22 +206,3 @@ def predict_gap(fit: Fit, state: FitState) -> Array | None:
         return None
     gap = position_residual(problem.campaign, scene, attained)
     return gap if np.isfinite(gap[problem.campaign.usable]).all() else None
-
-
-def _take_away(whole: ChannelProducts, part: ChannelProducts) -> ChannelProducts:
-    """Return the products of the rows that are left."""
-    total = _difference(whole.total, part.total)
-    means = {}
-    for size, products in whole.means.items():
-        if products is whole.total:
-            means[size] = total
-        else:
-            means[size] = _difference(products, part.means[size]) if size in part.means else products
-    return replace(whole, total=total, means=means, rows=None)
-
-
-def _difference(whole: Products, part: Products) -> Products:
-    return Products(
-        whole.count - part.count, whole.gram - part.gram, whole.against - part.against,
-        max(whole.square - part.square, 0.0),
-    )  # fmt: skip

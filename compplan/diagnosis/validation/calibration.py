@@ -1,0 +1,305 @@
+"""Calibration: the posterior of the delivered robot, all its errors in one linear model with a width for each column.
+
+With the means y of the stays, in units of their noise, and the columns Phi of named effects, zeros, lengths,
+compliances, bending, reversal and gear waves,
+
+    y = Phi x + e,    x_j ~ N(0, d_j),    e of Student's t, variance v of each channel
+
+A small error has 1 / d_j ~ Gamma(nu / 2, nu (t u_j)^2 / 2), which makes x_j Student's t of nu degrees of freedom: most
+errors of a class are of size t, a few much larger. u_j moves a pose by its noise, t is half-Cauchy of scale one. A
+named effect has one d for all its columns. d, t and v are those of largest marginal likelihood [MacKay1992;
+Tipping2001]: with the posterior m, S of x,
+
+    g_j = 1 - S_jj / d_j,    d_j = (m_j^2 + nu (t u_j)^2) / (g_j + nu)    or, named,    d = sum m_j^2 / sum g_j
+    v = sum w r^2 / (N - sum g),    w = (mu + 1) / (mu + r^2 / v)
+
+v is no smaller than what rows of one stay tell. One stay is one observation, however many rows it has. The same is
+fitted without each fold of poses, so that the folder is judged by poses that it never saw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.evidence.candidates import BACKGROUND, CLASSES, REGISTRATION, in_background
+from compplan.diagnosis.evidence.evidence import EVIDENCE, SIZES, Posterior
+from compplan.diagnosis.evidence.likelihood import factorize, invert_factor, invert_triangle, mirror_lower, solve_factor
+from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations, turn_along
+from compplan.diagnosis.search.search import Claim
+from compplan.diagnosis.search.state import Fit, FitState, build_state
+from compplan.diagnosis.validation.held_out import Folds, HeldOut
+from compplan.effects.signature import Signature
+from compplan.effects.transmission_error import periods_seen, waves_at
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """Numbers of the calibration."""
+
+    #: Gear waves that are offered: harmonics of a turn, and the part of a period that has to be seen (assumed: teeth,
+    #: wave generator and bearings of real gears err in fewer).
+    waves: int = 30
+    seen: float = 0.5
+    #: Degrees of freedom of the sizes of small errors (assumed: as heavy a tail as has a scale), and of what is left
+    #: (assumed: usual for robust regression [Lange1989]).
+    sizes: float = 2.0
+    student: float = 5.0
+    #: Largest prior deviation of a small error, in units of its scale (assumed: zeros of 10 mrad, lengths of 10 mm).
+    largest: float = 10.0
+    #: Changes of the robust weights at most, and of the variances with each of them (assumed: most settle in half).
+    reweighted: int = 30
+    steps: int = 3
+    #: A fit has settled when what it explains moves by less than this share of the noise (assumed).
+    settled: float = 0.01
+    #: Variances of a class grow or shrink alike by this factor a step at most (assumed).
+    fastest: float = 4.0
+    #: Share of the observations that counts as noise at first (assumed: far too much, so that no column fits chance).
+    first_noise: float = 0.1
+    #: A column that moves no observation by more than this share of its noise is left out (assumed).
+    gone: float = 1e-3
+    #: From this many poses on, a fit without some of them may begin where that of all of them ends (assumed).
+    many_poses: int = 200
+
+
+CALIBRATION = CalibrationSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class StayMeans:
+    """Means of stays; N values, k columns.
+
+    Attributes:
+        design: Columns. Shape (N, k).
+        observed: Values, in units of the noise of one row. Shape (N,).
+        channel: Channel of each. Shape (N,).
+        row: A row of the campaign that belongs to each. Shape (N,).
+        columns: Columns of the normal equations. Shape (k,).
+        group: Class of small errors, then one number for each named effect; -1 for frames, without a prior. Shape (k,).
+        positive: Columns that cannot be negative. Shape (k,).
+        least: Smallest variance of each channel. Shape (channels,).
+    """
+
+    design: Array
+    observed: Array
+    channel: NDArray[np.int_]
+    row: NDArray[np.int_]
+    columns: NDArray[np.int_]
+    group: NDArray[np.int_]
+    positive: NDArray[np.bool_]
+    least: Array
+
+    def take(self, kept: NDArray[np.bool_]) -> StayMeans:
+        """Take some columns. Shape of `kept`: (k,)."""
+        return replace(
+            self, design=self.design[:, kept], columns=self.columns[kept], group=self.group[kept],
+            positive=self.positive[kept],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedMeans:
+    """Columns: prior variances d (k,), values (k,), Phi^T N^-1 Phi (k, k); and noise v of each channel."""
+
+    means: StayMeans
+    variance: Array
+    mean: Array
+    information: Array
+    noise: Array
+
+    def covariance(self, least: Array) -> Array:
+        """Return the covariance with prior variances of at least (k,): what poses do not show may be there."""
+        deviation = np.sqrt(np.maximum(self.variance, least))
+        inner = self.information * np.outer(deviation, deviation) + np.eye(len(deviation))
+        return mirror_lower(invert_factor(factorize(inner))) * np.outer(deviation, deviation)
+
+    def values(self, p: int) -> Array:
+        """Return the values of all columns. Shape (p,)."""
+        full = np.zeros(p)
+        full[self.means.columns] = self.mean
+        return full
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Named signatures, posterior of all rows, and values of all columns without each fold, shape (folds, p)."""
+
+    named: tuple[int, ...]
+    posterior: Posterior
+    without_fold: Array
+
+
+def calibrate(folds: Folds, claims: Sequence[Claim]) -> Calibration:
+    """Fit named effects and all small errors, to all rows and without each fold."""
+    fit, p = folds.fit, folds.fit.search.equations.p
+    means = average_stays(fit.search.equations, claims, np.exp(fit.model.posterior.hyper.log_noise))
+    whole = solve_means(means)
+    near = whole if len(np.unique(folds.pose)) >= CALIBRATION.many_poses else None
+    parts = [solve_means(means, folds.fold[means.row] != number, near).values(p) for number in folds.numbers]
+    columns = whole.means.columns
+    usual = (EVIDENCE.tau_scale * fit.search.prior.spread[columns]) ** 2
+    posterior = Posterior(0.0, columns, whole.mean, fit.model.posterior.hyper, lambda: whole.covariance(usual))
+    return Calibration(tuple(claim.signature for claim in claims), posterior, np.array(parts))
+
+
+def calibrated_state(fit: Fit, values: Array, named: Sequence[int]) -> FitState:
+    """Put the values of a calibration, shape (p,), into the exact model, the widest of its named effects first."""
+    equations = fit.search.equations
+    claimed = sorted(named, key=lambda n: -len(equations.columns(n)))
+    return build_state(fit, values, claimed, [n for n, s in enumerate(equations.signatures) if is_calibrated(s)])
+
+
+def hold_out_calibration(folds: Folds, found: Calibration) -> HeldOut:
+    """Predict every row by the robot that a calibration without its fold makes, read from its folder."""
+    values = dict(zip(folds.numbers, found.without_fold, strict=True))
+
+    def build(number: int) -> tuple[Fit, FitState]:
+        return folds.fit, calibrated_state(folds.fit, values[number], found.named)
+
+    return folds.hold_out_states(build)
+
+
+def is_calibrated(signature: Signature) -> bool:
+    """Tell whether a signature is written into the robot although it is not named."""
+    return signature.name in (REGISTRATION, "gravity_sag", "tool_frame") or in_background(signature)
+
+
+def add_gear_waves(fit: Fit) -> Fit:
+    """Return a fit whose normal equations hold gear waves of every harmonic; its prior has none of them."""
+    at, equations, prior = fit.at, fit.search.equations, fit.search.prior
+    known, fresh = set(equations.names), []
+    for index in np.flatnonzero(~at.robot.prismatic):
+        visited = float(np.ptp(fit.problem.campaign.q[:, index]))
+        cycles = range(1, CALIBRATION.waves + 1)
+        seen = [c for c in cycles if periods_seen(c, visited, slides=False) >= CALIBRATION.seen]
+        fresh += [waves_at(at, int(index), [float(c)]) for c in seen]
+    fresh = [signature for signature in fresh if not known & set(signature.column_names)]
+    equations = extend_normal_equations(equations, fresh)
+    grown = (0, equations.p - len(prior.slab))
+    background = np.pad(prior.background, grown, constant_values=-1)
+    spread, free, slab = np.pad(prior.spread, grown), np.pad(prior.free, grown), np.pad(prior.slab, grown)
+    prior = replace(prior, background=background, spread=spread, free=free, slab=slab)
+    odds = np.pad(fit.search.log_prior, (0, len(fresh)), constant_values=-np.inf)
+    return replace(fit, search=replace(fit.search, equations=equations, prior=prior, log_prior=odds, cache={}))
+
+
+def average_stays(equations: NormalEquations, claims: Sequence[Claim], noise: Array) -> StayMeans:
+    """Average the rows of each stay; `noise`: variance of a row about its stay, one a channel, shape (channels,)."""
+    small = [n for n, s in enumerate(equations.signatures) if is_calibrated(s)]
+    claimed = [claim.signature for claim in claims]
+    columns = equations.join_columns([*small, *claimed])
+    parts: list[tuple[Array, Array, Array, Array]] = []
+    least = []
+    for number, (source, design, observed) in enumerate(
+        zip(equations.source, equations.designs, equations.observed, strict=True)
+    ):
+        design, observed, told = turn_along(source, design[..., columns], observed)
+        first = np.flatnonzero(np.r_[True, np.diff(source.group) > 0])
+        size = np.diff(np.r_[first, len(source.group)]).astype(float)
+        kept = np.logical_or.reduceat(told, first, axis=0)
+        mean = np.add.reduceat(design, first, axis=0)[kept] / np.repeat(size, kept.sum(axis=1))[:, None]
+        value = (np.add.reduceat(observed, first, axis=0) / size[:, None])[kept]
+        parts.append((mean, value, np.full(len(value), number), np.repeat(source.rows[first], kept.sum(axis=1))))
+        least.append(float(noise[number] * np.mean(1.0 / size)))
+    design, observed, channel, row = (np.concatenate(several) for several in zip(*parts, strict=True))
+    positive, group = np.zeros(equations.p, bool), np.full(equations.p, -1)
+    for number in small:
+        name, own = equations.signatures[number].name, equations.columns(number)
+        if name != REGISTRATION:
+            group[own] = CLASSES.index("compliances" if name == "gravity_sag" else BACKGROUND[name][0])
+    for place, number in enumerate(claimed):
+        group[equations.columns(number)] = len(CLASSES) + place
+    for number in (*small, *claimed):
+        positive[equations.columns(number)] |= equations.signatures[number].positive
+    return StayMeans(design, observed, channel, row, columns, group[columns], positive[columns], np.array(least))
+
+
+def solve_means(
+    means: StayMeans, rows: NDArray[np.bool_] | None = None, start: SolvedMeans | None = None
+) -> SolvedMeans:
+    """Fit variances, noise and values to all or some of the means (N,), from a start with its columns alone."""
+    used = np.ones(len(means.observed), bool) if rows is None else rows
+    means = means if start is None else start.means
+    y, channel = means.observed[used], means.channel[used]
+    size2 = np.maximum(np.mean(means.design[used] ** 2, axis=0), 1e-12)
+    alive = (size2 > CALIBRATION.gone**2) | (means.group < 0)
+    means, size2 = means.take(alive), size2[alive]
+    design, group = means.design[used], means.group
+    unit2 = np.minimum(1.0 / size2, CALIBRATION.largest**2)
+    most = np.where(group < len(CLASSES), CALIBRATION.largest**2, max(SIZES) ** 2)
+    width2 = np.ones(len(CLASSES))
+    if start is None:
+        variance = np.where(group < 0, EVIDENCE.free_variance, unit2)
+        noise = np.array([CALIBRATION.first_noise * np.mean(y[channel == k] ** 2) for k in range(len(means.least))])
+        noise = np.maximum(noise, means.least)
+    else:
+        variance, noise = start.variance[alive], start.noise.copy()
+    weight, explained = np.ones(len(y)), np.zeros(len(y))
+    for _ in range(CALIBRATION.reweighted):
+        root = np.sqrt(weight / noise[channel])
+        scaled, target = design * root[:, None], y * root
+        gram = scaled.T @ scaled if len(y) >= design.shape[1] else None
+        for _ in range(CALIBRATION.steps):
+            mean, known = _solve(scaled, target, gram, variance)
+            variance = _fit_variance(mean, np.clip(known, 1e-9, 1.0), unit2, group, variance, width2)
+            variance = np.clip(variance, 1e-300, np.where(group < 0, EVIDENCE.free_variance, most))
+        before, explained = explained, design @ mean
+        left = y - explained
+        for k in range(len(noise)):
+            own = channel == k
+            freedom = max(own.sum() * (1.0 - known.sum() / len(y)), 1.0)
+            noise[k] = max(float(np.sum(weight[own] * left[own] ** 2)) / freedom, means.least[k])
+        weight = (CALIBRATION.student + 1.0) / (CALIBRATION.student + left**2 / noise[channel])
+        if np.mean((explained - before) ** 2 / noise[channel]) < CALIBRATION.settled**2:
+            break
+    root = np.sqrt(weight / noise[channel])
+    while True:
+        scaled, deviation = means.design[used] * root[:, None], np.sqrt(variance)
+        information = scaled.T @ scaled
+        lower = factorize(information * np.outer(deviation, deviation) + np.eye(len(deviation)))
+        mean = deviation * solve_factor(lower, deviation * (scaled.T @ (y * root)))
+        wrong = means.positive & (mean < 0.0)
+        if not wrong.any():
+            return SolvedMeans(means, variance, mean, information, noise)
+        means, variance = means.take(~wrong), variance[~wrong]
+
+
+def _fit_variance(
+    mean: Array, known: Array, unit2: Array, group: NDArray[np.int_], variance: Array, width2: Array
+) -> Array:  # fmt: skip
+    """Return the prior variances (k,) after a step towards those of largest evidence; `width2` (classes,) goes along.
+
+    First all of a class grow alike, then each by itself and the width t^2 with them.
+    """
+    nu, fitted = CALIBRATION.sizes, variance.copy()
+    for number in np.unique(group[group >= 0]):
+        own = group == number
+        if number >= len(CLASSES):
+            fitted[own] = np.sum(mean[own] ** 2) / np.sum(known[own])
+            continue
+        wide = width2[number]
+        grown = float(np.sum(mean[own] ** 2 / variance[own]) / (np.sum(known[own]) + 2.0 * wide / (1.0 + wide)))
+        wide = max(wide * np.clip(grown, 1.0 / CALIBRATION.fastest, CALIBRATION.fastest), 1e-9)
+        fitted[own] = (mean[own] ** 2 + nu * wide * unit2[own]) / (known[own] + nu)
+        # largest of nu / 2 (n log t^2 - t^2 sum u^2 / d) - log(1 + t^2)
+        share, count = 0.5 * nu * float(np.sum(unit2[own] / fitted[own])), 0.5 * nu * own.sum()
+        middle = count - share - 1.0
+        width2[number] = 2.0 * count / (np.sqrt(middle**2 + 4.0 * share * count) - middle)
+    return fitted
+
+
+def _solve(design: Array, target: Array, gram: Array | None, variance: Array) -> tuple[Array, Array]:
+    """Return values and 1 - S_jj / d_j of each column; solved among the values where there is no gram. Shapes (k,)."""
+    deviation = np.sqrt(variance)
+    scaled = design * deviation
+    if gram is not None:
+        lower = factorize(gram * np.outer(deviation, deviation) + np.eye(len(variance)))
+        inverse = invert_factor(lower)
+        return deviation * solve_factor(lower, scaled.T @ target), 1.0 - np.diag(inverse)
+    white = invert_triangle(factorize(scaled @ scaled.T + np.eye(len(target))))
+    across = white @ scaled
+    return deviation * (across.T @ (white @ target)), np.asarray(np.sum(across**2, axis=0))
