@@ -34,31 +34,18 @@ from compplan.uncertainty.assumed import free_base
 
 @dataclass(frozen=True)
 class Identification:
-    """What came out of a campaign.
+    """What came out of a campaign."""
 
-    Attributes:
-        robot: The updated robot.
-        nominal: The robot before.
-        estimate: Fit of every parameter that was considered, candidates included, and what cannot be told.
-        kept: Fit that the updated robot holds: candidates that earned their place, none below zero.
-        refinement: How the structure grew.
-        geometry: "none", "offsets" or "all": what was fitted along.
-        gap: How far the model lies from the measurements, before and after.
-        rows: Rows that were used, without outliers, and their reference.
-        outliers: Rows of the log that count as gross outliers, counted from 0.
-        notes: Sentences for the reader.
-    """
-
-    robot: Robot
-    nominal: Robot
-    estimate: Estimate
-    kept: Estimate
-    refinement: Refinement
-    geometry: str
-    gap: IdentifiedGap
-    rows: Rows
-    outliers: tuple[int, ...]
-    notes: tuple[str, ...]
+    robot: Robot  #: The updated robot.
+    nominal: Robot  #: The robot before.
+    estimate: Estimate  #: Fit of every parameter that was considered, candidates included, and what cannot be told.
+    kept: Estimate  #: Fit that the updated robot holds: candidates that earned their place, none below zero.
+    refinement: Refinement  #: How the structure grew.
+    geometry: str  #: "none", "offsets" or "all": what was fitted along.
+    gap: IdentifiedGap  #: How far the model lies from the measurements, before and after.
+    rows: Rows  #: Rows that were used, without outliers, and their reference.
+    outliers: tuple[int, ...]  #: Rows of the log that count as gross outliers, counted from 0.
+    notes: tuple[str, ...]  #: Sentences for the reader.
 
     @property
     def registration(self) -> Registration:

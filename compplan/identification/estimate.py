@@ -41,38 +41,23 @@ REFERENCES = ("absolute", "difference")
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Identified parameters and how sure they are.
+    """Identified parameters and how sure they are."""
 
-    Attributes:
-        parameters: The structure's parameters, then those of the frames. Length p.
-        values: Estimates; changes of the frames against the registration are zero by construction. Shape (p,).
-        covariance: Zero for parameters that are held. Shape (p, p).
-        free: Which parameters were estimated; the others are held at their nominal value. Shape (p,).
-        held: Names of what cannot be told (apart), and why.
-        condition: Condition number of the column-scaled system of the free parameters.
-        freedom: Degrees of freedom behind each standard error [Satterthwaite1946]. Shape (p,).
-        state: What the fitted model says about the rows.
-        system: The linearised problem there.
-        weights: Robust weight of each row. Shape (n,).
-        noise: Standard deviation that the residuals show over the stated one: position, orientation, encoders. Shape
-            (3,).
-        clustered: Whether neighbouring residuals agree more than noise does; intervals then come from groups of poses.
-        iterations: Steps that were taken.
-    """
-
-    parameters: tuple[Parameter, ...]
-    values: Array
-    covariance: Array
-    free: NDArray[np.bool_]
-    held: tuple[Inseparable, ...]
-    condition: float
-    freedom: Array
-    state: RowState
-    system: System
-    weights: Array
+    parameters: tuple[Parameter, ...]  #: The structure's parameters, then those of the frames. Length p.
+    values: Array  #: Estimates; changes of the frames against the registration are zero by construction. Shape (p,).
+    covariance: Array  #: Zero for parameters that are held. Shape (p, p).
+    free: NDArray[np.bool_]  #: Which parameters were estimated; the others are held at their nominal value. Shape (p,).
+    held: tuple[Inseparable, ...]  #: Names of what cannot be told (apart), and why.
+    condition: float  #: Condition number of the column-scaled system of the free parameters.
+    freedom: Array  #: Degrees of freedom behind each standard error [Satterthwaite1946]. Shape (p,).
+    state: RowState  #: What the fitted model says about the rows.
+    system: System  #: The linearised problem there.
+    weights: Array  #: Robust weight of each row. Shape (n,).
+    #: Standard deviation that the residuals show over the stated one: position, orientation, encoders. Shape (3,).
     noise: Array
+    #: Whether neighbouring residuals agree more than noise does; intervals then come from groups of poses.
     clustered: bool
-    iterations: int
+    iterations: int  #: Steps that were taken.
 
     @property
     def structure(self) -> FreeRobot:

@@ -25,23 +25,15 @@ SETTLED = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class RowState:
-    """A structure with some values at the n rows of a fit.
+    """A structure with some values at the n rows of a fit."""
 
-    Attributes:
-        structure: Robot and parameters.
-        values: Their values. Shape (p,).
-        frames: Frames of the campaign.
-        scene: The robot with all effects, at the rows; at the whole log where an effect remembers other rows.
-        attained: What the scene comes to.
-        index: The rows of the fit in the scene. Shape (n,).
-    """
-
-    structure: FreeRobot
-    values: Array
-    frames: Registration
+    structure: FreeRobot  #: Robot and parameters.
+    values: Array  #: Their values. Shape (p,).
+    frames: Registration  #: Frames of the campaign.
+    #: The robot with all effects, at the rows; at the whole log where an effect remembers other rows.
     scene: ForwardModel
-    attained: Attained
-    index: NDArray[np.int_]
+    attained: Attained  #: What the scene comes to.
+    index: NDArray[np.int_]  #: The rows of the fit in the scene. Shape (n,).
 
     @property
     def position(self) -> Array:

@@ -31,32 +31,20 @@ TYPICAL_SIZE = {"rad/(N m)": 1e-6, "m/N": 1e-8, "rad/N": 1e-7, "1": 1.0, "m": 1e
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number to identify.
+    """One number to identify."""
 
-    Attributes:
-        name: "joint_3" (own axis), "joint_3.rx", "link_2.tx*ry" (off-diagonal), "joint_3.offset", "base.tx", ...
-        kind: "joint" (a spring about or along a joint's own axis), "spring" (any other), "link", "geometry", "effect",
-            "base" or "tool".
-        unit: rad/(N m), m/N, rad/N, m, rad, 1 for a factor, or that of an effect's key.
-        nominal: Value in the model before. [unit]
-        size: Typical size, by which near-singular directions are judged. [unit]
-        spring: Number of its spring in the structure's robot, or -1.
-        link: Number of its link elasticity in the structure's robot, or -1.
-        terms: Entries (i, j, coefficient) of that link's 6x6, i <= j.
-        form: Signature of its effect, without motions, or None.
-        item: Which of the signature's parameters it is.
-    """
-
-    name: str
+    name: str  #: "joint_3" (own axis), "joint_3.rx", "link_2.tx*ry" (off-diagonal), "joint_3.offset", "base.tx", ...
+    #: "joint" (a spring about or along a joint's own axis), "spring" (any other), "link", "geometry", "effect", "base"
+    #: or "tool".
     kind: str
-    unit: str
-    nominal: float
-    size: float
-    spring: int = -1
-    link: int = -1
-    terms: tuple[Entry, ...] = ()
-    form: Signature | None = None
-    item: int = 0
+    unit: str  #: rad/(N m), m/N, rad/N, m, rad, 1 for a factor, or that of an effect's key.
+    nominal: float  #: Value in the model before. [unit]
+    size: float  #: Typical size, by which near-singular directions are judged. [unit]
+    spring: int = -1  #: Number of its spring in the structure's robot, or -1.
+    link: int = -1  #: Number of its link elasticity in the structure's robot, or -1.
+    terms: tuple[Entry, ...] = ()  #: Entries (i, j, coefficient) of that link's 6x6, i <= j.
+    form: Signature | None = None  #: Signature of its effect, without motions, or None.
+    item: int = 0  #: Which of the signature's parameters it is.
 
     def entries(self, robot: Robot) -> list[Entry]:
         """List the entries (i, j, coefficient) of the elastic coordinates' compliance that it moves, i <= j."""
@@ -69,17 +57,11 @@ class Parameter:
 
 @dataclass(frozen=True)
 class FreeRobot:
-    """A robot and the parameters that are free in it.
+    """A robot and the parameters that are free in it."""
 
-    Attributes:
-        robot: The robot, with a spring of compliance zero where one is to be identified.
-        parameters: The parameters. Length p.
-        spring_labels: Name of each spring of `robot`.
-    """
-
-    robot: Robot
-    parameters: tuple[Parameter, ...]
-    spring_labels: tuple[str, ...]
+    robot: Robot  #: The robot, with a spring of compliance zero where one is to be identified.
+    parameters: tuple[Parameter, ...]  #: The parameters. Length p.
+    spring_labels: tuple[str, ...]  #: Name of each spring of `robot`.
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -50,32 +50,24 @@ IDENTIFY = IdentifySettings()
 
 @dataclass(frozen=True)
 class IdentifyOptions:
-    """What `identify_campaign` fits, and how.
+    """What `identify_campaign` fits, and how."""
 
-    Attributes:
-        register: Frames to fit first: "base", "tool".
-        springs: Springs to identify: None for those of the robot and, as candidates, an own spring for each joint that
-            has none; otherwise their names.
-        add: Springs ("joint_3.rx") that the model is given besides.
-        link_side: Whether own-axis springs beyond the link-side encoders are candidates too (double encoders).
-        stepwise: Whether springs about every other axis are candidates too.
-        links: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
-        effects: Effects whose parameters are fitted too, by name or "name@joint" or "name@joint:form".
-        geometry: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
-        reference: "absolute", "difference", or "auto": differences where geometry errs and poses have several loads.
-        loss: "tukey" finds gross outliers with the richest model, leaves them out and fits by least squares; "huber"
-            weighs rows far from the model less; "least_squares" takes all rows as they are.
-    """
-
-    register: tuple[str, ...] = ()
+    register: tuple[str, ...] = ()  #: Frames to fit first: "base", "tool".
+    #: Springs to identify: None for those of the robot and, as candidates, an own spring for each joint that has none;
+    #: otherwise their names.
     springs: tuple[str, ...] | None = None
-    add: tuple[str, ...] = ()
+    add: tuple[str, ...] = ()  #: Springs ("joint_3.rx") that the model is given besides.
+    #: Whether own-axis springs beyond the link-side encoders are candidates too (double encoders).
     link_side: bool = False
-    stepwise: bool = False
-    links: str | None = None
+    stepwise: bool = False  #: Whether springs about every other axis are candidates too.
+    links: str | None = None  #: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
+    #: Effects whose parameters are fitted too, by name or "name@joint" or "name@joint:form".
     effects: tuple[str, ...] = ()
-    geometry: str = "auto"
+    geometry: str = "auto"  #: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
+    #: "absolute", "difference", or "auto": differences where geometry errs and poses have several loads.
     reference: str = "auto"
+    #: "tukey" finds gross outliers with the richest model, leaves them out and fits by least squares; "huber" weighs
+    #: rows far from the model less; "least_squares" takes all rows as they are.
     loss: str = "tukey"
 
 

@@ -19,21 +19,14 @@ from compplan.statics.elastic import solve_equilibrium
 
 @dataclass(frozen=True)
 class ReducedModel:
-    """A reduced robot, and how well it stands for the full one.
+    """A reduced robot, and how well it stands for the full one."""
 
-    Attributes:
-        robot: The reduced robot: one own-axis spring a commanded joint.
-        compliance: Compliance of each commanded joint; zero where it cannot be told. Shape (nq,). [rad/(N m) or m/N]
-        estimate: The fit, with what could not be told and why.
-        residual: Full minus reduced pose. Shape (n, 6). [m, rad]
-        deflection: Deflection of the full model at the same rows. Shape (n, 6). [m, rad]
-    """
-
-    robot: Robot
+    robot: Robot  #: The reduced robot: one own-axis spring a commanded joint.
+    #: Compliance of each commanded joint; zero where it cannot be told. Shape (nq,). [rad/(N m) or m/N]
     compliance: Array
-    estimate: Estimate
-    residual: Array
-    deflection: Array
+    estimate: Estimate  #: The fit, with what could not be told and why.
+    residual: Array  #: Full minus reduced pose. Shape (n, 6). [m, rad]
+    deflection: Array  #: Deflection of the full model at the same rows. Shape (n, 6). [m, rad]
 
 
 def reduce_model(

@@ -109,23 +109,15 @@ def _name_unknowns(structure: FreeRobot, kept: Estimate) -> tuple[list[Unknown],
 
 @dataclass(frozen=True)
 class IdentifiedGap:
-    """Rms of the 3D distance over the rows that are no outliers. [m]
+    """Rms of the 3D distance over the rows that are no outliers. [m]"""
 
-    Attributes:
-        before: Nominal robot, frames fitted.
-        after: Identified robot.
-        held_out_before: As before; frames from the other blocks.
-        held_out_after: As after, from models that never saw the rows.
-        under_load_before: Deflection of a pose under its loads, nominal; None where no pose has several loads.
-        under_load_after: The same, identified, held out.
-    """
-
-    before: float
-    after: float
-    held_out_before: float
-    held_out_after: float
+    before: float  #: Nominal robot, frames fitted.
+    after: float  #: Identified robot.
+    held_out_before: float  #: As before; frames from the other blocks.
+    held_out_after: float  #: As after, from models that never saw the rows.
+    #: Deflection of a pose under its loads, nominal; None where no pose has several loads.
     under_load_before: float | None
-    under_load_after: float | None
+    under_load_after: float | None  #: The same, identified, held out.
 
 
 def measure_gap(rows: Rows, structure: FreeRobot, kept: Estimate) -> IdentifiedGap:

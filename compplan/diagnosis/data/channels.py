@@ -32,22 +32,14 @@ SHORTEST_BLOCK = 8
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One kind of observation; r rows of it, c components.
+    """One kind of observation; r rows of it, c components."""
 
-    Attributes:
-        name: "position", "orientation", "encoder" or "distance" (known distances between contacts).
-        rows: Rows of the campaign. Shape (r,).
-        residual: Measured minus expected, base axes. Shape (r, c). [m or rad]
-        group: Stay or path block of each row, ascending. Shape (r,).
-        noise: Its noise.
-        direction: Direction (r, 3) in which a row tells one number, NaN where it tells all; None: all rows tell all.
-    """
-
-    name: str
-    rows: NDArray[np.int_]
-    residual: Array
-    group: NDArray[np.int_]
-    noise: Noise
+    name: str  #: "position", "orientation", "encoder" or "distance" (known distances between contacts).
+    rows: NDArray[np.int_]  #: Rows of the campaign. Shape (r,).
+    residual: Array  #: Measured minus expected, base axes. Shape (r, c). [m or rad]
+    group: NDArray[np.int_]  #: Stay or path block of each row, ascending. Shape (r,).
+    noise: Noise  #: Its noise.
+    #: Direction (r, 3) in which a row tells one number, NaN where it tells all; None: all rows tell all.
     direction: Array | None = None
 
     def take(self, keep: NDArray[np.bool_]) -> Channel:

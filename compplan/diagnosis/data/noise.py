@@ -60,21 +60,15 @@ NOISE = NoiseSettings()
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Standard deviation of a channel per axis, and how well it is known.
+    """Standard deviation of a channel per axis, and how well it is known."""
 
-    Attributes:
-        sigma: Standard deviation of a row about what its stay has in common, mean square over the rows. [m or rad]
-        witnesses: Degrees of freedom that it rests on.
-        source: What told it.
-        stay: Standard deviation of what a stay has in common, the repeatability; 0 where `sigma` of single rows holds
-            it.
-        spread: Standard deviation of each row over `sigma`; empty where all rows are alike. Shape (n,) or (0,).
-    """
-
+    #: Standard deviation of a row about what its stay has in common, mean square over the rows. [m or rad]
     sigma: float
-    witnesses: float
-    source: str
+    witnesses: float  #: Degrees of freedom that it rests on.
+    source: str  #: What told it.
+    #: Standard deviation of what a stay has in common, the repeatability; 0 where `sigma` of single rows holds it.
     stay: float = 0.0
+    #: Standard deviation of each row over `sigma`; empty where all rows are alike. Shape (n,) or (0,).
     spread: Array = field(default_factory=lambda: np.zeros(0))
 
     @property

@@ -57,21 +57,14 @@ EVIDENCE = EvidenceSettings()
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Which columns are active, and how large they may be.
+    """Which columns are active, and how large they may be."""
 
-    Attributes:
-        background: Class of each column's background, -1 for none. Shape (p,).
-        spread: Background standard deviation of each column at tau = 1, in units of its scale. Shape (p,).
-        free: Columns that every model fits freely (registration). Shape (p,).
-        slab: Variance of claimed columns, 0 where nothing is claimed. Shape (p,).
-        loose: Classes that no other resembles and that may be of any size, tau in noise floors, half-Cauchy: what an
-            unknown cause follows. Shape (classes,), or (0,) for none.
-    """
-
-    background: NDArray[np.int_]
-    spread: Array
-    free: NDArray[np.bool_]
-    slab: Array
+    background: NDArray[np.int_]  #: Class of each column's background, -1 for none. Shape (p,).
+    spread: Array  #: Background standard deviation of each column at tau = 1, in units of its scale. Shape (p,).
+    free: NDArray[np.bool_]  #: Columns that every model fits freely (registration). Shape (p,).
+    slab: Array  #: Variance of claimed columns, 0 where nothing is claimed. Shape (p,).
+    #: Classes that no other resembles and that may be of any size, tau in noise floors, half-Cauchy: what an unknown
+    #: cause follows. Shape (classes,), or (0,) for none.
     loose: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
     def variance(self, log_tau: Array) -> Array:
@@ -92,21 +85,13 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What the campaign says under a prior.
+    """What the campaign says under a prior."""
 
-    Attributes:
-        log_evidence: Logarithm of the evidence, hyperpriors included.
-        columns: Active columns.
-        mean: Their values, in units of their scale. Shape (active,).
-        hyper: Noise and background.
-        covary: Works out their covariance, which many a model is never asked for.
-    """
-
-    log_evidence: float
-    columns: NDArray[np.int_]
-    mean: Array
-    hyper: Hyper
-    covary: Callable[[], Array]
+    log_evidence: float  #: Logarithm of the evidence, hyperpriors included.
+    columns: NDArray[np.int_]  #: Active columns.
+    mean: Array  #: Their values, in units of their scale. Shape (active,).
+    hyper: Hyper  #: Noise and background.
+    covary: Callable[[], Array]  #: Works out their covariance, which many a model is never asked for.
 
     @cached_property
     def covariance(self) -> Array:

@@ -28,17 +28,11 @@ from compplan.robot import Array
 
 @dataclass(frozen=True, eq=False)
 class Hyper:
-    """Noise and background.
+    """Noise and background."""
 
-    Attributes:
-        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
-        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
-        log_tau: Logarithm of the size of each background class over its scale. Shape (classes,).
-    """
-
-    log_noise: Array
-    log_shared: Array
-    log_tau: Array
+    log_noise: Array  #: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
+    log_shared: Array  #: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
+    log_tau: Array  #: Logarithm of the size of each background class over its scale. Shape (classes,).
 
     @property
     def vector(self) -> Array:

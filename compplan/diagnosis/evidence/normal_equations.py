@@ -25,19 +25,12 @@ TYPICAL = np.array([1, 2, 3, 4, 6, 9, 14, 22, 34, 52, 80, 120])
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """Inner products of columns and observations over some rows.
+    """Inner products of columns and observations over some rows."""
 
-    Attributes:
-        count: Number of values.
-        gram: Columns with columns. Shape (p, p).
-        against: Columns with observations. Shape (p,).
-        square: Observations with themselves.
-    """
-
-    count: int
-    gram: Array
-    against: Array
-    square: float
+    count: int  #: Number of values.
+    gram: Array  #: Columns with columns. Shape (p, p).
+    against: Array  #: Columns with observations. Shape (p,).
+    square: float  #: Observations with themselves.
 
     def take(self, columns: NDArray[np.int_]) -> Products:
         """Take some columns."""
@@ -46,20 +39,14 @@ class Products:
 
 @dataclass(frozen=True, eq=False)
 class ChannelProducts:
-    """Products of one channel, in units of the noise.
+    """Products of one channel, in units of the noise."""
 
-    Attributes:
-        name: Name of the channel.
-        total: Products of all values.
-        means: Products of the group means (times the root of its size) by group size; `total` itself where every group
-            is a single row.
-        witnesses: Degrees of freedom that the noise rests on.
-    """
-
-    name: str
-    total: Products
+    name: str  #: Name of the channel.
+    total: Products  #: Products of all values.
+    #: Products of the group means (times the root of its size) by group size; `total` itself where every group is a
+    #: single row.
     means: dict[int, Products]
-    witnesses: float
+    witnesses: float  #: Degrees of freedom that the noise rests on.
 
     def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
         """Take some columns."""
@@ -70,27 +57,17 @@ class ChannelProducts:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """All products of a campaign with a list of signatures; p columns.
+    """All products of a campaign with a list of signatures; p columns."""
 
-    Attributes:
-        signatures: The signatures, without their motions: these are in the designs.
-        index: Columns of each signature; signatures may share columns.
-        names: Name of each column.
-        scale: Scale of each column's parameter. Shape (p,).
-        channels: Products channel by channel.
-        designs: Columns of each channel, in units of the noise. Shape (r, c, p) each.
-        observed: Observations of each channel referred to zero parameters, in units of the noise. Shape (r, c) each.
-        source: The channels of observations.
-    """
-
-    signatures: tuple[Signature, ...]
-    index: tuple[NDArray[np.int_], ...]
-    names: tuple[str, ...]
-    scale: Array
-    channels: tuple[ChannelProducts, ...]
-    designs: tuple[Array, ...]
+    signatures: tuple[Signature, ...]  #: The signatures, without their motions: these are in the designs.
+    index: tuple[NDArray[np.int_], ...]  #: Columns of each signature; signatures may share columns.
+    names: tuple[str, ...]  #: Name of each column.
+    scale: Array  #: Scale of each column's parameter. Shape (p,).
+    channels: tuple[ChannelProducts, ...]  #: Products channel by channel.
+    designs: tuple[Array, ...]  #: Columns of each channel, in units of the noise. Shape (r, c, p) each.
+    #: Observations of each channel referred to zero parameters, in units of the noise. Shape (r, c) each.
     observed: tuple[Array, ...]
-    source: tuple[Channel, ...]
+    source: tuple[Channel, ...]  #: The channels of observations.
 
     @property
     def p(self) -> int:

@@ -64,22 +64,16 @@ class Correction:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A frame as controllers take it, with 95 % half widths where the campaign tells them.
+    """A frame as controllers take it, with 95 % half widths where the campaign tells them."""
 
-    Attributes:
-        name: "tool" (TCP in the controller's flange frame), "base" (robot base in the measurement frame),
-            "target LABEL" (in the TCP frame).
-        position: Shape (3,). [mm]
-        angles: A, B, C: turns about z, the new y and the new x; None where positions do not tell them. [deg]
-        half_position: Half widths along the frame's own axes, or None. Shape (3,). [mm]
-        half_angles: Half widths about the frame's own axes, or None. Shape (3,). [deg]
-    """
-
+    #: "tool" (TCP in the controller's flange frame), "base" (robot base in the measurement frame), "target LABEL" (in
+    #: the TCP frame).
     name: str
-    position: Array
+    position: Array  #: Shape (3,). [mm]
+    #: A, B, C: turns about z, the new y and the new x; None where positions do not tell them. [deg]
     angles: Array | None
-    half_position: Array | None
-    half_angles: Array | None
+    half_position: Array | None  #: Half widths along the frame's own axes, or None. Shape (3,). [mm]
+    half_angles: Array | None  #: Half widths about the frame's own axes, or None. Shape (3,). [deg]
 
     def to_json(self) -> dict[str, Any]:
         """Return the frame as diagnosis.json holds it."""
@@ -107,19 +101,12 @@ class Accuracy:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What a diagnosis is worth to a calibration engineer.
+    """What a diagnosis is worth to a calibration engineer."""
 
-    Attributes:
-        corrections: Zeros, lengths, tool and base to enter, with intervals.
-        frames: Tool and registered frames as controllers take them.
-        accuracy: Pose accuracy "before" and, held out, "after".
-        worst: Poses that the delivered model predicts worst: row, joints_deg_or_mm, held_out_mm.
-    """
-
-    corrections: tuple[Correction, ...]
-    frames: tuple[Pose, ...]
-    accuracy: dict[str, Accuracy]
-    worst: list[dict[str, Any]]
+    corrections: tuple[Correction, ...]  #: Zeros, lengths, tool and base to enter, with intervals.
+    frames: tuple[Pose, ...]  #: Tool and registered frames as controllers take them.
+    accuracy: dict[str, Accuracy]  #: Pose accuracy "before" and, held out, "after".
+    worst: list[dict[str, Any]]  #: Poses that the delivered model predicts worst: row, joints_deg_or_mm, held_out_mm.
 
     def to_json(self) -> dict[str, Any]:
         """Return what diagnosis.json holds under `for_controllers` and `accuracy`."""

@@ -31,23 +31,14 @@ NOMINAL, CALIBRATED = "nominal", "calibrated"
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """The robot folder and what it is worth.
+    """The robot folder and what it is worth."""
 
-    Attributes:
-        kind: "nominal" or "calibrated".
-        state: Effects, frames and rows of its exact model.
-        held: What its model predicts of rows that it never saw.
-        residual: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
-        uncertainty: How surely it is known.
-        posterior: The posterior that it holds; None for the nominal robot.
-    """
-
-    kind: str
-    state: FitState
-    held: HeldOut
-    residual: Array
-    uncertainty: Uncertainty
-    posterior: Posterior | None = None
+    kind: str  #: "nominal" or "calibrated".
+    state: FitState  #: Effects, frames and rows of its exact model.
+    held: HeldOut  #: What its model predicts of rows that it never saw.
+    residual: Array  #: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
+    uncertainty: Uncertainty  #: How surely it is known.
+    posterior: Posterior | None = None  #: The posterior that it holds; None for the nominal robot.
 
     def robot(self, nominal: Robot, known: int) -> Robot:
         """Return the robot folder: the nominal robot with the effects behind the `known` first ones."""

@@ -48,17 +48,11 @@ class Pair:
 
 
 class DifferenceShown(NamedTuple):
-    """What k moves show of the difference of two models.
+    """What k moves show of the difference of two models."""
 
-    Attributes:
-        mean: Parameters of the first, less those of the second, each in its own place. Shape (P,).
-        covariance: Mean covariance of the two. Shape (P, P).
-        rows: Derivatives of what each move shows, in units of its noise. Shape (k, c, P).
-    """
-
-    mean: Array
-    covariance: Array
-    rows: Array
+    mean: Array  #: Parameters of the first, less those of the second, each in its own place. Shape (P,).
+    covariance: Array  #: Mean covariance of the two. Shape (P, P).
+    rows: Array  #: Derivatives of what each move shows, in units of its noise. Shape (k, c, P).
 
 
 @dataclass(frozen=True)

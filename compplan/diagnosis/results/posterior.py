@@ -244,21 +244,13 @@ def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Another explanation of a claim.
+    """Another explanation of a claim."""
 
-    Attributes:
-        instead: The claim.
-        signature: The other effect.
-        weight: Its probability, claim and rivals together one.
-        columns: Columns that it moves, those of the claim and its own.
-        change: What it moves them by from what the claim says. [SI]
-    """
-
-    instead: Signature
-    signature: Signature
-    weight: float
-    columns: NDArray[np.int_]
-    change: Array
+    instead: Signature  #: The claim.
+    signature: Signature  #: The other effect.
+    weight: float  #: Its probability, claim and rivals together one.
+    columns: NDArray[np.int_]  #: Columns that it moves, those of the claim and its own.
+    change: Array  #: What it moves them by from what the claim says. [SI]
 
 
 def name_alternatives(verdict: Verdict) -> dict[int, tuple[AlternativeEffect, ...]]:

@@ -35,21 +35,13 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square 3D distances, outliers left out. [m]
+    """Root mean square 3D distances, outliers left out. [m]"""
 
-    Attributes:
-        before: Nominal robot, registered where asked.
-        after: Updated robot.
-        held_out_before: Nominal robot over the rows that are held out in turn.
-        held_out_after: Updated robot, on rows that its fit never saw.
-        noise_floor: What is left of a perfect model.
-    """
-
-    before: float
-    after: float
-    held_out_before: float
-    held_out_after: float
-    noise_floor: float
+    before: float  #: Nominal robot, registered where asked.
+    after: float  #: Updated robot.
+    held_out_before: float  #: Nominal robot over the rows that are held out in turn.
+    held_out_after: float  #: Updated robot, on rows that its fit never saw.
+    noise_floor: float  #: What is left of a perfect model.
 
 
 @dataclass(frozen=True, eq=False, repr=False)

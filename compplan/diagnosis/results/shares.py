@@ -55,25 +55,15 @@ class Share:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One part of the motion; r rows.
+    """One part of the motion; r rows."""
 
-    Attributes:
-        place: Where it sits.
-        effect: Name of the effect.
-        follows: What its error follows.
-        probability: Probability that it is there.
-        elsewhere: Place and driver of rivals that the campaign cannot tell from it.
-        motion: Its motion of the target, frames taken out. Shape (3 r,). [m]
-        columns: Its columns of the posterior's; empty where its size is held.
-    """
-
-    place: str
-    effect: str
-    follows: str
-    probability: float
-    elsewhere: tuple[tuple[str, str], ...]
-    motion: Array
-    columns: NDArray[np.int_]
+    place: str  #: Where it sits.
+    effect: str  #: Name of the effect.
+    follows: str  #: What its error follows.
+    probability: float  #: Probability that it is there.
+    elsewhere: tuple[tuple[str, str], ...]  #: Place and driver of rivals that the campaign cannot tell from it.
+    motion: Array  #: Its motion of the target, frames taken out. Shape (3 r,). [m]
+    columns: NDArray[np.int_]  #: Its columns of the posterior's; empty where its size is held.
 
 
 @dataclass(frozen=True)
@@ -93,19 +83,13 @@ class Carrier:
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """A gap divided.
+    """A gap divided."""
 
-    Attributes:
-        by_place: Share of each place: joints, other parts of the cell, small errors everywhere, not explained.
-        by_factor: Share of what follows each factor, and what is not explained.
-        carriers: Named findings with their shares, largest first.
-        noise: Share that noise explains.
-    """
-
+    #: Share of each place: joints, other parts of the cell, small errors everywhere, not explained.
     by_place: dict[str, Share]
-    by_factor: dict[str, Share]
-    carriers: tuple[Carrier, ...]
-    noise: float
+    by_factor: dict[str, Share]  #: Share of what follows each factor, and what is not explained.
+    carriers: tuple[Carrier, ...]  #: Named findings with their shares, largest first.
+    noise: float  #: Share that noise explains.
 
 
 def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:

@@ -66,54 +66,32 @@ CALIBRATED = "calibrated"
 
 @dataclass(frozen=True)
 class Finding:
-    """An effect that is named.
+    """An effect that is named."""
 
-    Attributes:
-        effect: The effect, with its parameters.
-        probability: Probability that it, or one that the campaign cannot tell from it, is present.
-        explained: Root mean square motion of the target that it explains. [m]
-        margin: Log posterior odds against the best model without it, errors that no effect makes allowed in both.
-        rivals: Effects that explain the same, best first; those with `alike` are ambiguous with it.
-        size: Size of its prior, in units of its scale.
-        signature: Number of its signature in the fit's normal equations.
-        evidence: What its probability rests on.
-        beyond: Why no robot of this kind can have it at this size (`validation.bounds`); empty where one can.
-    """
-
-    effect: Effect
-    probability: float
-    explained: float
-    margin: float
+    effect: Effect  #: The effect, with its parameters.
+    probability: float  #: Probability that it, or one that the campaign cannot tell from it, is present.
+    explained: float  #: Root mean square motion of the target that it explains. [m]
+    margin: float  #: Log posterior odds against the best model without it, errors that no effect makes allowed in both.
+    #: Effects that explain the same, best first; those with `alike` are ambiguous with it.
     rivals: tuple[AlternativeEffect, ...]
-    size: float
-    signature: int
-    evidence: Evidence | None = None
-    beyond: str = ""
+    size: float  #: Size of its prior, in units of its scale.
+    signature: int  #: Number of its signature in the fit's normal equations.
+    evidence: Evidence | None = None  #: What its probability rests on.
+    beyond: str = ""  #: Why no robot of this kind can have it at this size (`validation.bounds`); empty where one can.
 
 
 @dataclass(frozen=True)
 class Structure:
-    """What no effect explains; root mean squares are of 3D distances [m].
+    """What no effect explains; root mean squares are of 3D distances [m]."""
 
-    Attributes:
-        gain: Log evidence that errors without a name gain over noise and small errors alone.
-        rms: What is left beyond the noise floor.
-        gap: Gap of the model without effects.
-        background: Motion that small errors everywhere explain.
-        explained: Motion that all named effects together explain.
-        left: Whether it counts as structure.
-        floor: Noise floor.
-        dependences: What an error that no effect explains depends on, largest first.
-    """
-
-    gain: float
-    rms: float
-    gap: float
-    background: float
-    explained: float
-    left: bool
-    floor: float
-    dependences: tuple[Finding, ...] = ()
+    gain: float  #: Log evidence that errors without a name gain over noise and small errors alone.
+    rms: float  #: What is left beyond the noise floor.
+    gap: float  #: Gap of the model without effects.
+    background: float  #: Motion that small errors everywhere explain.
+    explained: float  #: Motion that all named effects together explain.
+    left: bool  #: Whether it counts as structure.
+    floor: float  #: Noise floor.
+    dependences: tuple[Finding, ...] = ()  #: What an error that no effect explains depends on, largest first.
 
 
 @dataclass(frozen=True)

@@ -51,18 +51,12 @@ class Division:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Where a gap lies.
+    """Where a gap lies."""
 
-    Attributes:
-        shares: Shares of places and factors.
-        spread: How the gap spreads over the rows.
-        traces: Errors that the named joints make, over what they follow; for pictures.
-        small_errors: The gap divided among the errors of the robot that goes out; None where the nominal one does.
-    """
-
-    shares: Shares
-    spread: Division
-    traces: tuple[Trace, ...] = ()
+    shares: Shares  #: Shares of places and factors.
+    spread: Division  #: How the gap spreads over the rows.
+    traces: tuple[Trace, ...] = ()  #: Errors that the named joints make, over what they follow; for pictures.
+    #: The gap divided among the errors of the robot that goes out; None where the nominal one does.
     small_errors: SmallErrors | None = None
 
     @property
@@ -181,25 +175,15 @@ NEAR_AXIS = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """The error of one joint over the k rows that show it.
+    """The error of one joint over the k rows that show it."""
 
-    Attributes:
-        place: The joint.
-        effect: The effect that stays in.
-        driver: What the error is drawn over. Shape (k,). [`driver_unit`]
-        error: Error that the joint makes. Shape (k,). [`error_unit`, "mrad" or "mm"]
-        driver_name: What the driver is.
-        driver_unit: Its unit.
-        error_unit: Unit of the error.
-    """
-
-    place: str
-    effect: str
-    driver: Array
-    error: Array
-    driver_name: str
-    driver_unit: str
-    error_unit: str
+    place: str  #: The joint.
+    effect: str  #: The effect that stays in.
+    driver: Array  #: What the error is drawn over. Shape (k,). [`driver_unit`]
+    error: Array  #: Error that the joint makes. Shape (k,). [`error_unit`, "mrad" or "mm"]
+    driver_name: str  #: What the driver is.
+    driver_unit: str  #: Its unit.
+    error_unit: str  #: Unit of the error.
 
     @property
     def two_sided(self) -> bool:

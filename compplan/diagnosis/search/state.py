@@ -28,22 +28,15 @@ from compplan.robot.pose import apply_twist
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be diagnosed.
+    """What is to be diagnosed."""
 
-    Attributes:
-        robot: The nominal robot.
-        campaign: What was measured.
-        register: Frames that are fitted in every model.
-        without: Effects that are left out of the candidates.
-        fixed: Effects that are taken for granted (a convention of counting that was found beforehand).
-        latest: The state that was solved last: it is asked for again and again, with other frames at most.
-    """
-
-    robot: Robot
-    campaign: Campaign
-    register: tuple[str, ...] = ()
-    without: tuple[str, ...] = ()
+    robot: Robot  #: The nominal robot.
+    campaign: Campaign  #: What was measured.
+    register: tuple[str, ...] = ()  #: Frames that are fitted in every model.
+    without: tuple[str, ...] = ()  #: Effects that are left out of the candidates.
+    #: Effects that are taken for granted (a convention of counting that was found beforehand).
     fixed: tuple[Effect, ...] = ()
+    #: The state that was solved last: it is asked for again and again, with other frames at most.
     latest: list[tuple[tuple[Effect, ...], ForwardModel, Attained]] = field(
         default_factory=list, init=False, repr=False
     )
@@ -57,52 +50,31 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class FitState:
-    """Where a fit stands.
+    """Where a fit stands."""
 
-    Attributes:
-        effects: Effects in the exact model, background included.
-        values: Parameters by column. [SI]
-        registration: Frames of the campaign, or None.
-        use: Rows that are not outliers and whose approach is known. Shape (n,).
-        claims: Place and form of the claims, and their sizes.
-        scatter: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
-        most: Most effects that may be claimed.
-    """
-
-    effects: tuple[Effect, ...]
-    values: dict[str, float]
-    registration: Registration | None
-    use: NDArray[np.bool_]
-    claims: tuple[tuple[Key, float], ...] = ()
+    effects: tuple[Effect, ...]  #: Effects in the exact model, background included.
+    values: dict[str, float]  #: Parameters by column. [SI]
+    registration: Registration | None  #: Frames of the campaign, or None.
+    use: NDArray[np.bool_]  #: Rows that are not outliers and whose approach is known. Shape (n,).
+    claims: tuple[tuple[Key, float], ...] = ()  #: Place and form of the claims, and their sizes.
+    #: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
     scatter: float = 0.0
-    most: int = SEARCH.most_effects
+    most: int = SEARCH.most_effects  #: Most effects that may be claimed.
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A finished fit.
+    """A finished fit."""
 
-    Attributes:
-        problem: What was diagnosed.
-        state: Effects, frames and rows.
-        at: Linearization; `state` may have gone on from there.
-        channels: Observations minus what the fitted model expects.
-        search: The last search, with all the models it looked at.
-        model: The best of them.
-        noises: Noise of each channel.
-        outliers: Rows reported as outliers.
-        score: Log posterior with the squares that the exact model leaves.
-    """
-
-    problem: Problem
-    state: FitState
-    at: Linearization
-    channels: tuple[Channel, ...]
-    search: Search
-    model: Model
-    noises: dict[str, Noise]
-    outliers: NDArray[np.int_]
-    score: float = -np.inf
+    problem: Problem  #: What was diagnosed.
+    state: FitState  #: Effects, frames and rows.
+    at: Linearization  #: Linearization; `state` may have gone on from there.
+    channels: tuple[Channel, ...]  #: Observations minus what the fitted model expects.
+    search: Search  #: The last search, with all the models it looked at.
+    model: Model  #: The best of them.
+    noises: dict[str, Noise]  #: Noise of each channel.
+    outliers: NDArray[np.int_]  #: Rows reported as outliers.
+    score: float = -np.inf  #: Log posterior with the squares that the exact model leaves.
 
 
 def known_approach(campaign: Campaign, state: FitState) -> NDArray[np.bool_]:

@@ -71,27 +71,17 @@ CALIBRATION = CalibrationSettings()
 
 @dataclass(frozen=True, eq=False)
 class StayMeans:
-    """Means of stays; N values, k columns.
+    """Means of stays; N values, k columns."""
 
-    Attributes:
-        design: Columns. Shape (N, k).
-        observed: Values, in units of the noise of one row. Shape (N,).
-        channel: Channel of each. Shape (N,).
-        row: A row of the campaign that belongs to each. Shape (N,).
-        columns: Columns of the normal equations. Shape (k,).
-        group: Class of small errors, then one number for each named effect; -1 for frames, without a prior. Shape (k,).
-        positive: Columns that cannot be negative. Shape (k,).
-        least: Smallest variance of each channel. Shape (channels,).
-    """
-
-    design: Array
-    observed: Array
-    channel: NDArray[np.int_]
-    row: NDArray[np.int_]
-    columns: NDArray[np.int_]
+    design: Array  #: Columns. Shape (N, k).
+    observed: Array  #: Values, in units of the noise of one row. Shape (N,).
+    channel: NDArray[np.int_]  #: Channel of each. Shape (N,).
+    row: NDArray[np.int_]  #: A row of the campaign that belongs to each. Shape (N,).
+    columns: NDArray[np.int_]  #: Columns of the normal equations. Shape (k,).
+    #: Class of small errors, then one number for each named effect; -1 for frames, without a prior. Shape (k,).
     group: NDArray[np.int_]
-    positive: NDArray[np.bool_]
-    least: Array
+    positive: NDArray[np.bool_]  #: Columns that cannot be negative. Shape (k,).
+    least: Array  #: Smallest variance of each channel. Shape (channels,).
 
     def take(self, kept: NDArray[np.bool_]) -> StayMeans:
         """Take some columns. Shape of `kept`: (k,)."""

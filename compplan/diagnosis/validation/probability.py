@@ -69,19 +69,12 @@ CONSTANT, WEIGHTS = -3.49, np.array([0.57, 0.69, 0.83])
 
 @dataclass(frozen=True)
 class Evidence:
-    """Evidence for a claim.
+    """Evidence for a claim."""
 
-    Attributes:
-        margin: Log posterior odds against the best model without it, unmodelled errors in both.
-        plain: The same without unmodelled errors.
-        spurious: Spurious-fit probability (`rate_spurious_fits`).
-        similarity: Residual along the claim's own motion beyond chance, over that motion (`rate_similarities`).
-    """
-
-    margin: float
-    plain: float
-    spurious: float
-    similarity: float
+    margin: float  #: Log posterior odds against the best model without it, unmodelled errors in both.
+    plain: float  #: The same without unmodelled errors.
+    spurious: float  #: Spurious-fit probability (`rate_spurious_fits`).
+    similarity: float  #: Residual along the claim's own motion beyond chance, over that motion (`rate_similarities`).
 
     def to_table(self) -> dict[str, float]:
         """Return what diagnosis.json holds."""

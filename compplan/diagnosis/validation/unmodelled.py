@@ -231,19 +231,12 @@ Indices = NDArray[np.int_]
 
 @dataclass(frozen=True, eq=False)
 class RevisedProbabilities:
-    """Claims of a fit, re-estimated with unmodelled errors.
+    """Claims of a fit, re-estimated with unmodelled errors."""
 
-    Attributes:
-        search: The search whose prior holds unmodelled errors.
-        model: The remaining claims, with the posterior of all columns.
-        classes: What each loose class follows, in the order of the posterior's last `log_tau`.
-        members: Columns of each loose class.
-    """
-
-    search: Search
-    model: Model
-    classes: tuple[str, ...]
-    members: tuple[Indices, ...]
+    search: Search  #: The search whose prior holds unmodelled errors.
+    model: Model  #: The remaining claims, with the posterior of all columns.
+    classes: tuple[str, ...]  #: What each loose class follows, in the order of the posterior's last `log_tau`.
+    members: tuple[Indices, ...]  #: Columns of each loose class.
 
 
 def class_of(signature: Signature) -> tuple[str, str]:
