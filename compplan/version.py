@@ -1,3 +1,8 @@
-"""The version of the package."""
+"""The version of the package: of the git tag that it was built from."""
 
-VERSION = "0.1.0"
+from importlib import metadata
+
+try:
+    VERSION = metadata.version("compplan")
+except metadata.PackageNotFoundError:  # a checkout that is not installed
+    VERSION = "0.1.0"

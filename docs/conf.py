@@ -36,8 +36,7 @@ myst_heading_anchors = 3
 #: Pages are also read in the repository, where they link to files that are no pages: those links stay as they are.
 suppress_warnings = ["myst.xref_missing", "myst.header"]
 
-# Notebooks are kept without outputs; the build runs each, keeps the outputs, and fails where one does.
-# COMPPLAN_DOCS_EXECUTE=0 builds without them.
+# The build runs each notebook anew and fails where one does; COMPPLAN_DOCS_EXECUTE=0 shows the outputs that are kept.
 nb_execution_mode = "off" if os.environ.get("COMPPLAN_DOCS_EXECUTE") == "0" else "cache"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True

@@ -48,7 +48,9 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
     unknown = next((name for name in tables or {} if name not in TABLES), None)
     if unknown is not None:
         raise InputError(f"no table named {unknown!r} in a job, choose from {list(TABLES)}")
-    more = {name: _spell(name, table) for name, table in (tables or {}).items() if table is not None}
+    more = {name: read_table(name, table) for name, table in (tables or {}).items() if table is not None}
+    if "part" in more and not isinstance((tables or {})["part"], Mapping | str | Path):
+        more["part"] = {"rotation_deg": [0.0, 0.0, 0.0], **more["part"]}
     toolpath, data, file = _read_source(source)
     held = source if isinstance(source, Job) else None
     toolpath = toolpath if held is None else held.given
@@ -105,14 +107,28 @@ def _path_job(name: str, toolpath: str, process: Mapping[str, Any]) -> dict[str,
     return {"schema": 1, "name": name, "toolpath": toolpath, "process": dict(process)}
 
 
-def _spell(name: str, table: Any) -> Any:
-    """Return a table of a job; of the part three or six numbers stand for it."""
+def read_table(name: str, table: Any) -> Any:
+    """Return a table of a job: as it is given, from a TOML file, or from what stands for it in a call.
+
+    Numbers stand for a part, a language for [output], a list of tables for [[tool]].
+
+    Raises:
+        InputError: If it is none of them, or the file is not what it has to be.
+    """
     if isinstance(table, Mapping):
         return dict(table)
-    if name == "part" and isinstance(table, Sequence) and len(table) in (3, 6) and not isinstance(table, str):
-        return {"rotation_deg": [0.0, 0.0, 0.0], **read_part(table)}
-    if name == "output" and isinstance(table, str):
+    if name == "output" and isinstance(table, str) and not table.endswith(".toml"):
         return {"programs": [table]}
+    if isinstance(table, str | Path):
+        found = read_named_table(table, name)[0]
+        file = found.get("file")
+        return found if file is None else {**found, "file": str((Path(table).parent / str(file)).absolute())}
+    if name == "part" and isinstance(table, Sequence):
+        if len(table) not in (3, 6):
+            expected = "expected X Y Z in mm, or six with a rotation vector in deg"
+            raise InputError(f"part has {len(table)} numbers, {expected}")
+        numbers = [float(value) for value in table]
+        return {"position_mm": numbers[:3], **({"rotation_deg": numbers[3:]} if numbers[3:] else {})}
     if isinstance(table, Sequence) and table and all(isinstance(row, Mapping) for row in table):
         return [dict(row) for row in table]
     raise InputError(f"{name} is {table!r}, expected a table such as [{name}] of a job")
@@ -166,28 +182,14 @@ def make_post_job(
         find_robot_folder(robot)
         data["robot"] = str(Path(robot).absolute()) if Path(robot).is_dir() else str(robot)
     if part is not None:
-        data["part"] = read_part(part)
-    data |= {name: read_table_of_job(name, table) for name, table in tables.items() if table is not None}
+        data["part"] = read_table("part", part)
+    data |= {name: read_table(name, table) for name, table in tables.items() if table is not None}
     if languages:
         data["output"] = {**data.get("output", {}), "programs": [language.lower() for language in languages]}
     if tools is not None:
         key, value = read_tools(tools)
         data[key] = value
     return check_job(data, stands_in)
-
-
-def read_part(part: Table | Sequence[float]) -> dict[str, Any]:
-    """Return [part] from three or six numbers, a table, or a file.
-
-    Raises:
-        InputError: If it is none of them.
-    """
-    if isinstance(part, Mapping | str | Path):
-        return read_table_of_job("part", part)
-    numbers = [float(value) for value in part]
-    if len(numbers) not in (3, 6):
-        raise InputError(f"part has {len(numbers)} numbers, expected X Y Z in mm, or six with a rotation vector in deg")
-    return {"position_mm": numbers[:3], **({"rotation_deg": numbers[3:]} if numbers[3:] else {})}
 
 
 def read_tools(tools: Table | Sequence[Mapping[str, Any]]) -> tuple[str, Any]:
@@ -209,17 +211,3 @@ def read_tools(tools: Table | Sequence[Mapping[str, Any]]) -> tuple[str, Any]:
         table = data["tools"]
         return "tools", {**table, "file": str((Path(tools).parent / str(table.get("file", ""))).absolute())}
     raise InputError("has neither [[tool]] nor [tools]", file=tools)
-
-
-def read_table_of_job(name: str, table: Table) -> dict[str, Any]:
-    """Return a table of a job: as it is given, or from a TOML file, alone or in the job that it stands in.
-
-    Raises:
-        InputError: If the file is not what it has to be.
-    """
-    if isinstance(table, Mapping):
-        return dict(table)
-    found = read_named_table(table, name)[0]
-    if "file" in found:
-        found = {**found, "file": str((Path(table).parent / str(found["file"])).absolute())}
-    return found

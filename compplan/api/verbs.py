@@ -29,17 +29,11 @@ def _say_nothing(text: str) -> None:
 
 @dataclass(frozen=True)
 class Posted:
-    """What came of a CAM file.
+    """What came of a CAM file."""
 
-    Attributes:
-        plans: One plan an operation (a tool); one in all where the file calls one tool.
-        folder: Where everything was written.
-        files: The files written.
-    """
-
-    plans: tuple[Plan, ...]
-    folder: Path
-    files: tuple[Path, ...]
+    plans: tuple[Plan, ...]  #: One plan an operation (a tool); one in all where the file calls one tool.
+    folder: Path  #: Where everything was written.
+    files: tuple[Path, ...]  #: The files written.
 
     @property
     def status(self) -> str:

@@ -41,11 +41,7 @@ class ResultPath(click.Path):
         self.suffix = suffix
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path.
-
-        Raises:
-            InputError: If nothing can be written there.
-        """
+        """Return the path."""
         path = Path(str(super().convert(value, param, ctx)))  # type: ignore[arg-type]
         if self.suffix is None:
             check_results(path, RESULTS.get("" if ctx is None else str(ctx.info_name), ()))
@@ -151,11 +147,7 @@ robot_instead = robot_option(
 
 
 def split_numbers(text: str, count: int) -> list[float]:
-    """Read `count` numbers with commas between them.
-
-    Raises:
-        ValueError: If they are not.
-    """
+    """Read `count` numbers with commas between them."""
     numbers = [float(word) for word in text.split(",")]
     if len(numbers) != count:
         raise ValueError(f"{len(numbers)} numbers")

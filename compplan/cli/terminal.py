@@ -60,20 +60,18 @@ def format_table(
 
 
 class Work:
-    """Say what is being done: in a line with bars on a terminal, else in the log."""
+    """Say what is being done: beside a spinner on a terminal, else in the log."""
 
-    def __init__(self, bars: Any = None, stages: Sequence[str] = ()) -> None:
-        self._bars, self._stages, self._done = bars, stages, 0
-        self._head = None if bars is None else bars.add_task("", total=len(stages) or None)
-        self._tasks: dict[str, Any] = {}
+    def __init__(self, bars: Any = None) -> None:
+        self._bars, self._tasks = bars, dict[str, Any]()
+        self._head = None if bars is None else bars.add_task("", total=None)
 
     def __call__(self, text: str) -> None:
         """Say what is done now."""
-        self._done = max(self._done, find_stage(text, self._stages))
         if self._bars is None:
             LOG.info(text)
         else:
-            self._bars.update(self._head, description=text, completed=self._done)
+            self._bars.update(self._head, description=text)
 
     def count(self, task: str, done: int, total: int) -> None:
         """Say how much of a task is done."""
@@ -84,11 +82,8 @@ class Work:
 
 
 @contextmanager
-def show_progress(stages: Sequence[str] = ()) -> Iterator[Work]:
-    """Give what says how far the work is; silent where stderr is no terminal.
-
-    stages: beginnings of what will be said, in order; a bar then shows how many are behind.
-    """
+def show_progress() -> Iterator[Work]:
+    """Give what says how far the work is; silent where stderr is no terminal."""
     if not sys.stderr.isatty() or LOG.isEnabledFor(logging.INFO):
         yield Work()
         return
@@ -98,12 +93,7 @@ def show_progress(stages: Sequence[str] = ()) -> Iterator[Work]:
     columns = (BarColumn(bar_width=24), MofNCompleteColumn(), TimeElapsedColumn())
     text = TextColumn("{task.description}", markup=False)
     with Progress(*columns, text, console=Console(stderr=True), transient=True) as bars:
-        yield Work(bars, stages)
-
-
-def find_stage(text: str, stages: Sequence[str]) -> int:
-    """Return how many stages are behind when a text is said; 0 for a text that begins as none of them."""
-    return next((number for number, stage in enumerate(stages) if text.startswith(stage)), 0)
+        yield Work(bars)
 
 
 def add_verbosity(command: click.Command) -> click.Command:

@@ -78,13 +78,7 @@ def _in_order(effects: Iterable[Effect]) -> list[Effect]:
 
 
 def apply_effects(model: ForwardModel, effects: Iterable[Effect]) -> ForwardModel:
-    """Put effects into a model, exactly, in the order of the vocabulary.
-
-    Args:
-        model: The model.
-        effects: The effects; several of one name and place add up.
-
-    """
+    """Put effects into a model, exactly, in the order of the vocabulary; several of one name and place add up."""
     for effect in _in_order(effects):
         apply = getattr(EFFECTS[effect.name], "apply", None)
         if apply is not None:
@@ -105,7 +99,6 @@ def robot_effects(robot: Robot) -> tuple[Effect, ...]:
 
     Raises:
         InputError: If a table names no effect of the vocabulary or no joint of the robot.
-
     """
     file = None if robot.folder is None else robot.folder / "effects.toml"
     effects = []
@@ -127,13 +120,7 @@ def robot_effects(robot: Robot) -> tuple[Effect, ...]:
 
 
 def fold_effects(robot: Robot, effects: Iterable[Effect]) -> Robot:
-    """Write effects into a robot: into URDF and springs if possible, else into its effects.
-
-    Args:
-        robot: The nominal robot; its own effects are kept.
-        effects: The effects to add.
-
-    """
+    """Add effects to a robot: to URDF and springs if possible, else to its own effects."""
     tables: list[dict[str, Any]] = [dict(table) for table in robot.effects]
     for effect in _in_order(effects):
         folded = fold_effect(robot, effect)
@@ -150,13 +137,9 @@ def command_campaign(
 ) -> Campaign:  # fmt: skip
     """Build a campaign of commanded rows.
 
-    Args:
-        q: Joint positions. Shape (n, nq). [rad or m]
-        wrench: Wrench of the environment on the tool, base axes; none if left out. Shape (n, 6). [N, N m]
-        time: Seconds since the beginning; effects of motion need it. Shape (n,). [s]
-        on_path: Whether the rows are passed in motion.
-        temperature: Temperature of the structure. Shape (n,). [C]
-
+    q: joint positions, (n, nq) [rad or m]; wrench: on the tool, base axes, none if left out, (n, 6) [N, N m]; time:
+    since the beginning, effects of motion need it, (n,) [s]; on_path: whether the rows are passed in motion;
+    temperature: of the structure, (n,) [C].
     """
     q = np.atleast_2d(np.asarray(q, float))
     load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(np.asarray(wrench, float), (len(q), 6))

@@ -46,10 +46,7 @@ def rest_robot(robot: Robot) -> Robot:
 def attain_positions(models: Sequence[ForwardModel], *, tolerance: float, theta: Array) -> list[Array]:
     """Return the observed positions of the targets of models; see `solve_model_poses`. Shapes (n, 3). [m]
 
-    Args:
-        models: The models; n rows each.
-        tolerance: Tolerance of the elastic coordinates. [rad or m]
-        theta: Initial elastic coordinates of models with as many springs. Shape (n, s). [rad or m]
+    tolerance: of the elastic coordinates [rad or m]; theta: initial ones of models with as many springs, (n, s).
 
     Raises:
         ConvergenceError: If a robot buckles under the load.

@@ -54,10 +54,8 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
     The link rests until the reading has crossed the play; the state is kept between runs. A negative width mirrors a
     positive one.
 
-    Args:
-        reading: Readings in time order. Shape (n,). [rad or m]
-        width: Full width of the play. [rad or m]
-        start: Link minus reading before the first row, in widths: -0.5 if the joint came from below.
+    reading: in time order, (n,); width: of the whole play; start: link minus reading before the first row, in widths,
+    -0.5 if the joint came from below.
     """
     half = 0.5 * abs(width)
     readings = reading.tolist()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,25 +22,24 @@ TURNS, SHIFTS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
 #: Greatest compliance [rad/(N m), m/N], step [m, rad], angle [rad] and load [N, N m].
 SOFT, STEP, ANGLE, LOAD = 1e-2, 10.0, 2.0 * math.pi, 1e6
 TWIST = {**{f"{axis}_m": STEP for axis in SHIFTS}, **{f"{axis}_rad": ANGLE for axis in TURNS}}
+WAVES = (
+    ("cycles_per_turn", "sine_rad", "cosine_rad"), ("cycles_per_m", "sine_m", "cosine_m"),
+    ("height_rad", "centre_rad", "width_rad"), ("height_m", "centre_m", "width_m"), ("spline_rad", "knots_rad"),
+    ("spline_m", "knots_m"),
+)  # fmt: skip
 WRENCH = {**{f"f{axis}_N": LOAD for axis in "xyz"}, **{f"m{axis}_Nm": LOAD for axis in "xyz"}}
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Rule of one effect.
+    """Rule of one effect."""
 
-    Args:
-        keys: Its parameters: greatest absolute value, or one of the kinds above.
-        joint: Whether it has a joint: "needed", "free" or "none".
-        axes: Allowed axes.
-        groups: Sets of keys of which one has to be complete.
-
-    """
-
+    #: Its parameters: greatest absolute value, or one of the kinds above.
     keys: Mapping[str, float | str | tuple[str, ...]]
-    joint: str = "none"
-    axes: tuple[str, ...] = ()
-    groups: tuple[tuple[str, ...], ...] = field(default=())
+    joint: str = "none"  #: Whether it has a joint: "needed", "free" or "none".
+    axes: tuple[str, ...] = ()  #: Allowed axes.
+    groups: tuple[tuple[str, ...], ...] = ()  #: Sets of keys of which one has to be complete.
+    lists: tuple[tuple[str, ...], ...] = ()  #: Sets of keys that are lists of one length.
 
 
 RULES: dict[str, Rule] = {
@@ -60,9 +59,10 @@ RULES: dict[str, Rule] = {
     ),
     "gravity_sag": Rule(
         {"gravity_m_s2": 20.0, "joints": JOINTS, "compliance_rad_per_Nm": SOFT},
-        groups=(("gravity_m_s2",), ("joints", "compliance_rad_per_Nm")),
+        groups=(("gravity_m_s2",), ("joints", "compliance_rad_per_Nm")), lists=(("joints", "compliance_rad_per_Nm"),),
     ),
-    "payload": Rule({"mass_kg": 1e5, "first_moment_kg_m": 1e6}, groups=(("mass_kg", "first_moment_kg_m"),)),
+    "payload": Rule({"mass_kg": 1e5, "first_moment_kg_m": 1e6}, groups=(("mass_kg", "first_moment_kg_m"),),
+                    lists=(("first_moment_kg_m",),)),
     "gravity_compensator": Rule(
         dict.fromkeys(("sine_Nm", "cosine_Nm", "constant_Nm", "sine_2_Nm", "cosine_2_Nm"), LOAD), "needed",
         groups=(("sine_Nm",), ("cosine_Nm",), ("constant_Nm",)),
@@ -79,14 +79,13 @@ RULES: dict[str, Rule] = {
         {**{f"{part}_{unit}": STEP for part in ("sine", "cosine", "height", "spline") for unit in ("rad", "m")},
          **{f"{part}_{unit}": 1e3 for part in ("centre", "width", "knots") for unit in ("rad", "m")},
          "cycles_per_turn": 1e5, "cycles_per_m": 1e6}, "needed",
-        groups=(("cycles_per_turn", "sine_rad", "cosine_rad"), ("cycles_per_m", "sine_m", "cosine_m"),
-                ("height_rad", "centre_rad", "width_rad"), ("height_m", "centre_m", "width_m"),
-                ("spline_rad", "knots_rad"), ("spline_m", "knots_m")),
+        groups=WAVES, lists=WAVES,
     ),
     "thermal_drift": Rule(
         {"time_constant_s": 1e7, "reference_temperature_C": 200.0, "growth_ratio": 0.1, "growth_per_K": 1e-2,
          "segment_growth_ratio": 0.1, "segment_growth_per_K": 1e-2},
         groups=(("time_constant_s",), ("reference_temperature_C",)),
+        lists=(("segment_growth_ratio",), ("segment_growth_per_K",)),
     ),
     "wrench_bias": Rule({"axes": AXES, **WRENCH}, groups=(("axes",),)),
     "wrench_scale": Rule({"gain_error_ratio": 10.0}, groups=(("gain_error_ratio",),)),
@@ -102,26 +101,15 @@ RULES: dict[str, Rule] = {
 }  # fmt: skip
 #: Parameters that have to be positive.
 POSITIVE = ("time_constant_s", "reference_load", "cycles_per_turn", "cycles_per_m")
-#: Prefixes of the parameters that are lists, by effect.
-LISTED = {
-    "transmission_error": "", "payload": "first_moment", "gravity_sag": "compliance", "thermal_drift": "segment",
-}  # fmt: skip
 
 
 def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, where: str) -> None:
-    """Refuse a table of effects.toml with a wrong place or parameters.
+    """Refuse a table of effects.toml with a wrong place or parameters; its effect and joint are known to exist.
 
     An effect without a rule in `RULES` or its module is checked for finite numbers alone.
 
-    Args:
-        table: The table; its effect and joint are known to exist.
-        robot: The robot.
-        file: The file, for messages.
-        where: Key of the table.
-
     Raises:
         InputError: With file and key.
-
     """
     parameters = table["parameters"]
     for key, value in parameters.items():
@@ -138,7 +126,7 @@ def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, wher
         at = f"{where}.parameters.{key}"
         if key not in rule.keys:
             raise InputError(f"unknown key, choose from {list(rule.keys)}", file=file, where=at)
-        _check_value(value, rule.keys[key], key, str(table["effect"]), robot, file, at)
+        _check_value(value, rule, key, robot, file, at)
     if rule.groups and not any(set(group) <= set(parameters) for group in rule.groups):
         wanted = " or ".join(" and ".join(group) for group in rule.groups)
         raise InputError(f"missing key, expected {wanted}", file=file, where=f"{where}.parameters")
@@ -146,17 +134,11 @@ def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, wher
         if isinstance(value := parameters.get(key), float) and value < 0.0:
             message = f"is {value:g}, expected 0 or more"
             raise InputError(message, file=file, where=f"{where}.parameters.{key}")
-    _check_lengths(table, robot, file, where)
+    _check_lengths(parameters, rule, robot, file, f"{where}.parameters")
 
 
 def limit_sizes(robot: Robot, signature: Signature, sizes: Array) -> Array:
-    """Limit parameters of an effect to the bounds of a robot folder.
-
-    Args:
-        robot: The robot that the effect is added to.
-        signature: Place and form of the effect.
-        sizes: The parameters. Shape (k,). [SI]
-    """
+    """Limit parameters, (k,) [SI], of an effect that is added to a robot to the bounds of its folder."""
     rule: Rule | None = RULES.get(signature.name) or getattr(EFFECTS.get(signature.name), "rule", None)
     most = np.full(len(sizes), np.inf)
     for number, key in enumerate(signature.keys):
@@ -193,10 +175,9 @@ def _places(name: str, robot: Robot) -> list[str]:
     return [joint.name for joint in robot.joints] if fixed_too else list(robot.joint_names)
 
 
-def _check_value(
-    value: Any, kind: float | str | tuple[str, ...], key: str, effect: str, robot: Robot, file: Path | None, at: str
-) -> None:
+def _check_value(value: Any, rule: Rule, key: str, robot: Robot, file: Path | None, at: str) -> None:
     """Refuse a parameter of the wrong type or size."""
+    kind = rule.keys[key]
     if kind == ROW:
         if isinstance(value, bool) or not isinstance(value, int) or value < 0:
             raise InputError(f"is {value!r}, expected a row counted from 0", file=file, where=at)
@@ -204,57 +185,40 @@ def _check_value(
         if not isinstance(value, bool):
             raise InputError(f"is {value!r}, expected true or false", file=file, where=at)
     elif kind in (JOINT, JOINTS):
-        for name in [value] if kind == JOINT else value if isinstance(value, list) else [value]:
+        for name in value if kind == JOINTS and isinstance(value, list) else [value]:
             if name not in robot.joint_names:
                 raise UnknownNameError("joint", str(name), list(robot.joint_names), file=file, where=at)
     elif isinstance(kind, tuple):
         if value not in kind:
             raise InputError(f"is {value!r}, choose from {list(kind)}", file=file, where=at)
     else:
-        _check_size(value, float(kind), key, effect, file, at)
+        bound, listed = float(kind), any(key in keys for keys in rule.lists)
+        for number in value if listed and isinstance(value, list) else [value]:
+            if isinstance(number, bool) or not isinstance(number, int | float):
+                raise InputError(f"is {value!r}, expected a number", file=file, where=at)
+            if abs(number) > bound or (key in POSITIVE and number <= 0.0):
+                least = "more than 0 and " if key in POSITIVE else ""
+                raise InputError(f"is {number:g}, expected {least}at most {bound:g} in size", file=file, where=at)
 
 
-def _check_size(value: Any, bound: float, key: str, effect: str, file: Path | None, at: str) -> None:
-    listed = effect in LISTED and key.startswith(LISTED[effect])
-    numbers = value if isinstance(value, list) and listed else [value]
-    for number in numbers:
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            raise InputError(f"is {value!r}, expected a number", file=file, where=at)
-        if abs(number) > bound or (key in POSITIVE and number <= 0.0):
-            least = "more than 0 and " if key in POSITIVE else ""
-            raise InputError(f"is {number:g}, expected {least}at most {bound:g} in size", file=file, where=at)
-
-
-def _check_lengths(table: Mapping[str, Any], robot: Robot, file: Path | None, where: str) -> None:
-    """Refuse lists of different lengths, and numbers in place of lists."""
-    parameters = table["parameters"]
-    together = {
-        "payload": (("first_moment_kg_m",),), "gravity_sag": (("joints", "compliance_rad_per_Nm"),),
-        "transmission_error": tuple(
-            keys for unit in ("rad", "m")
-            for keys in ((f"cycles_per_{'turn' if unit == 'rad' else 'm'}", f"sine_{unit}", f"cosine_{unit}"),
-                         (f"height_{unit}", f"centre_{unit}", f"width_{unit}"))
-        ),
-    }.get(table["effect"], ())  # fmt: skip
-    for keys in together:
+def _check_lengths(parameters: Mapping[str, Any], rule: Rule, robot: Robot, file: Path | None, where: str) -> None:
+    """Refuse lists of different lengths, and numbers in place of lists; a spline has 4 knots more than numbers."""
+    due = {"first_moment_kg_m": (3, "three numbers")}
+    growth = robot.nq + 1, f"{robot.nq + 1} numbers, one before each joint and the flange"
+    due |= dict.fromkeys(("segment_growth_ratio", "segment_growth_per_K"), growth)
+    for keys in rule.lists:
         values = [parameters.get(key) for key in keys]
-        if all(value is None for value in values) or (table["effect"] == "gravity_sag" and "joints" not in parameters):
+        if all(value is None for value in values) or (keys[0] == JOINTS and JOINTS not in parameters):
             continue
-        lengths = {len(value) if isinstance(value, list) else -1 for value in values}
-        if len(lengths) > 1 or -1 in lengths or (table["effect"] == "payload" and lengths != {3}):
-            wanted = "three numbers" if table["effect"] == "payload" else "lists of one length"
-            raise InputError(f"{', '.join(keys)}: expected {wanted}", file=file, where=f"{where}.parameters")
-    if "spline_rad" in parameters or "spline_m" in parameters:
-        unit = "rad" if "spline_rad" in parameters else "m"
-        spline, knots = parameters[f"spline_{unit}"], parameters.get(f"knots_{unit}")
-        if not (isinstance(spline, list) and isinstance(knots, list) and len(knots) == len(spline) + 4):
-            message = "a spline of n numbers needs n + 4 knots"
-            raise InputError(message, file=file, where=f"{where}.parameters.knots_{unit}")
-    segments = [key for key in ("segment_growth_ratio", "segment_growth_per_K") if key in parameters]
-    for key in segments:
-        if not isinstance(parameters[key], list) or len(parameters[key]) != robot.nq + 1:
-            message = f"expected {robot.nq + 1} numbers, one before each joint and the flange"
-            raise InputError(message, file=file, where=f"{where}.parameters.{key}")
+        count, wanted = due.get(keys[0], (None, "lists of one length"))
+        if keys[-1].startswith("knots"):
+            wanted = "a spline of n numbers, which needs n + 4 knots"
+        lengths = {
+            len(value) - 4 * key.startswith("knots") if isinstance(value, list) else -1
+            for key, value in zip(keys, values, strict=True)
+        }
+        if len(lengths) > 1 or -1 in lengths or count not in (None, *lengths):
+            raise InputError(f"{', '.join(keys)}: expected {wanted}", file=file, where=where)
 
 
 def _numbers_of(value: Any) -> Sequence[float]:

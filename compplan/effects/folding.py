@@ -40,13 +40,7 @@ def _shift_own(robot: Robot, joint: str, offset: float) -> Robot:
 
 
 def shift_origin(robot: Robot, joint: str, step: Array) -> Robot:
-    """Shift and turn a joint's origin in the axes of its parent link.
-
-    Args:
-        robot: The robot.
-        joint: Name of the joint.
-        step: Shift, then turn, about the parent link's axes. Shape (6,). [m, rad]
-    """
+    """Shift, then turn a joint's origin in the axes of its parent link by a step. Shape (6,). [m, rad]"""
     old = find_joint(robot, joint)
     placement = old.placement.copy()
     placement[:3, 3] = placement[:3, 3] + step[:3]
@@ -81,10 +75,7 @@ def add_compliance(robot: Robot, joint: str, axis: str, change: float) -> Robot:
 def add_payload(robot: Robot, payload: Array) -> Robot | None:
     """Add a mass to the flange link; None where the URDF cannot express it.
 
-    Args:
-        robot: The robot; it has to model gravity.
-        payload: Mass and first moments about the flange, flange axes. Shape (4,). [kg, kg m]
-
+    payload: mass and first moments about the flange, flange axes, (4,). [kg, kg m]
     """
     present = [body for body in robot.bodies if body.link == robot.flange]
     if robot.gravity is None or len(present) > 1:

@@ -78,12 +78,8 @@ def build_model(
 ) -> ForwardModel:
     """Build the model of a robot at the rows of a campaign, without effects.
 
-    Args:
-        robot: The robot.
-        campaign: The rows.
-        registration: Frames fitted to the campaign; none if the instrument uses the robot's base frame.
-        later: Whether the effects are from an earlier campaign, so that shifts precede every row.
-
+    registration: frames fitted to the campaign, none if the instrument uses the robot's base frame; later: whether the
+    effects are from an earlier campaign, so that shifts precede every row.
     """
     n, nq = len(campaign), robot.nq
 
@@ -112,14 +108,11 @@ def build_model(
 def solve_model_poses(model: ForwardModel, *, tolerance: float = TOLERANCE, theta: Array | None = None) -> Attained:
     """Solve the loaded equilibrium of a model and return what instrument and encoders should read.
 
-    Args:
-        model: The model.
-        tolerance: Tolerance of the elastic coordinates. [rad or m]
-        theta: Initial elastic coordinates; zero if left out or of another number of springs. Shape (n, s). [rad or m]
+    tolerance: of the elastic coordinates [rad or m]; theta: initial ones, zero if left out or of another number of
+    springs, (n, s) [rad or m].
 
     Raises:
         ConvergenceError: If the robot buckles under the load.
-
     """
     robot = model.robot
     springs = own_springs(robot)
@@ -136,12 +129,10 @@ def solve_model_poses(model: ForwardModel, *, tolerance: float = TOLERANCE, thet
         if model.payload.any():
             wrench = model.wrench + payload_wrench(robot, loaded.frames, model.payload)
         bent = _bend(model, springs, loaded.torque - bent)
-    # the load on a spring contains the nonlinear part of its law
-    lift = np.where(
-        motor_side,
-        drive + own_deflection(springs, loaded.theta, robot.nq),
-        model.drive + own_yield(springs, loaded.torque, robot.nq),
-    )
+    # the load on a spring contains the nonlinear part of its law; where link-side readings control it is locked
+    compliance = np.array([springs[k].compliance if k in springs else 0.0 for k in range(robot.nq)])
+    gear, loads = (own_deflection(springs, part, robot.nq) for part in (loaded.theta, loaded.torque))
+    lift = np.where(motor_side, drive + gear, model.drive + compliance * loads)
     return _observe(model, chain, loaded.frames, q, loaded.theta, wrench, lift)
 
 
@@ -280,7 +271,7 @@ def link_coordinates(robot: Robot) -> list[int]:
 
 
 def own_deflection(springs: dict[int, OwnSpring], theta: Array, nq: int) -> Array:
-    """Return the deflection of every joint between its encoders. Shape (n, nq). [rad or m]."""
+    """Return deflection, or load, between the encoders of every joint: that of its spring, of (n, s). Shape (n, nq)."""
     result = np.zeros((len(theta), nq))
     for index, spring in springs.items():
         if spring.actuator:
@@ -288,23 +279,10 @@ def own_deflection(springs: dict[int, OwnSpring], theta: Array, nq: int) -> Arra
     return result
 
 
-def own_yield(springs: dict[int, OwnSpring], torque: Array, nq: int) -> Array:
-    """Return the deflection of the same springs where link-side readings control them. Shape (n, nq). [rad or m]."""
-    result = np.zeros((len(torque), nq))
-    for index, spring in springs.items():
-        if spring.actuator:
-            result[:, index] = spring.sign * spring.compliance * torque[:, spring.coordinate]
-    return result
-
-
 def payload_wrench(robot: Robot, frames: Frames, payload: Array) -> Array:
     """Return the weight of a mass on the flange, as a wrench at the TCP, base axes. Shape (n, 6). [N, N m].
 
-    Args:
-        robot: The robot; its flange and gravity.
-        frames: Loaded frames.
-        payload: Mass and first moments about the flange, flange axes. Shape (4,). [kg, kg m]
-
+    payload: mass and first moments about the flange, flange axes, (4,). [kg, kg m]
     """
     gravity = frames.ground @ robot.real_gravity
     T_flange_tcp = mounted_tool(robot)

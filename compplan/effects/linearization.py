@@ -62,18 +62,14 @@ class Linearization:
         return self.scene.campaign
 
     def twist(self, joint: str, axis: str) -> Array:
-        """Return the motion of the target per unit motion about or along an axis of a joint's child frame.
-
-        Shape (n, 6).
-        """
+        """Return the motion of the target per unit motion about or along an axis of a joint's child frame. (n, 6)"""
         k = self.elements[joint, axis]
         return unit_twist(self.axis[:, k], self.origin[:, k], self.point, axis[0] == "t")
 
     def parent_twist(self, joint: str, axis: str) -> Array:
         """Return the motion of the target per unit motion of a joint's origin, axes of its parent link.
 
-        The origin is that of the joint at zero.
-        Shape (n, 6).
+        The origin is that of the joint at zero. Shape (n, 6).
         """
         k, number = self.elements[self.before[joint], axis], self.robot.joint_names.index(joint)
         origin = self.origin[:, self.elements[joint, "rx"]]
@@ -152,15 +148,8 @@ class Linearization:
         return motion[:, :, index, None] * moved[:, None], encoder
 
     def load_response(self, loads: Array) -> tuple[Array, Array]:
-        """Return motion of the target and change of the link-side readings under loads on the elastic coordinates.
-
-        Args:
-            loads: Loads on the coordinates, k sets. Shape (n, s, k).
-
-        """
-        twist = self.yielding @ loads
-        theta = self.attained.chain.compliance @ loads
-        return twist, self.encoder_of_coordinate @ theta
+        """Return motion of the target and change of the link-side readings under k loads, (n, s, k), on the springs."""
+        return self.yielding @ loads, self.encoder_of_coordinate @ (self.attained.chain.compliance @ loads)
 
     def wrench_response(self, wrench: Array) -> tuple[Array, Array]:
         """Return motion of the target and change of link-side readings under k wrenches at the TCP, shape (n, 6, k)."""
@@ -170,13 +159,7 @@ class Linearization:
 def linearize_model(
     model: ForwardModel, attained: Attained, current: Mapping[Place, Mapping[str, Any]] | None = None
 ) -> Linearization:
-    """Compute Jacobians and loads of a model.
-
-    Args:
-        model: The model.
-        attained: Its solution.
-        current: Parameters of its effects, by name, joint and axis.
-    """
+    """Compute Jacobians and loads of a solved model; current: parameters of its effects by name, joint and axis."""
     robot = model.robot
     probed = replace(robot, springs=(*robot.springs, *_probes(robot)))
     chain = build_chain(probed)

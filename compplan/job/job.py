@@ -333,16 +333,20 @@ def _refuse_removed(data: dict[str, Any], file: str | Path) -> None:
     for advice, keys in tomllib.loads(REMOVED.read_text(encoding="utf-8")).items():
         for key in keys:
             if _holds_key(data, key.split(".")):
-                name = key if "." in key else f"[{key}]"
-                raise InputError(f"{name} is no longer supported; {advice}", file=file, where=key)
+                name = re.sub(":[a-z_]+", "", key) if "." in key else f"[{key}]"
+                raise InputError(f"{name} is no longer supported; {advice}", file=file, where=name.strip("[]"))
 
 
 def _holds_key(table: Any, key: list[str]) -> bool:
-    """Return whether a table, or one of several, holds a dotted key."""
+    """Return whether a table, or one of several, holds a dotted key; "process:drill" holds for this model alone."""
     if isinstance(table, list):
         return any(_holds_key(entry, key) for entry in table)
-    found = isinstance(table, dict) and key[0] in table
-    return found and (len(key) == 1 or _holds_key(table[key[0]], key[1:]))
+    name, _, model = key[0].partition(":")
+    if not isinstance(table, dict) or name not in table:
+        return False
+    inner = table[name]
+    wanted = not model or (isinstance(inner, dict) and inner.get("model") == model)
+    return wanted and (len(key) == 1 or _holds_key(inner, key[1:]))
 
 
 def load_job(path: str | Path, robot: str | None = None, keep: str | None = None, changes: Sequence[str] = ()) -> Job:

@@ -23,7 +23,7 @@ from compplan.learning.candidates import (
     list_candidates,
     list_fixtures,
 )
-from compplan.learning.design import Choice, Design, choose_measurements, find_idle, order_poses
+from compplan.learning.design import Choice, Design, choose_measurements, order_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.observations import DISTANCE, Observations
 from compplan.measurement.pose_selection import learn_rows
@@ -110,8 +110,10 @@ def design_campaign(
     if sights is not None:
         candidates = replace(candidates, sights=sights.repeat(len(candidates) // len(sights.kind)))
     announce("choice")
-    design, start, candidates, choice, more = _choose(design, start, candidates, count)
-    notes += more + _ask_for_load(design, equipment, choice.covariance, task.wrench[task.cut, :3])
+    if candidates.sights is not None:
+        design, start = add_places(design, start, candidates.sights, candidates.tip, count)
+    choice = choose_measurements(design, candidates, count, start)
+    notes += _ask_for_load(design, equipment, choice.covariance, task.wrench[task.cut, :3])
     chosen = candidates.take(choice.rows)
     order, touching = order_poses(robot, chosen.q, chosen.start, chosen.wrench, plan.q[0], solids)
     again, after = np.r_[order, order[0]], known.with_covariance(choice.covariance)
@@ -143,32 +145,6 @@ def _stage_purpose(
     # loads as they come on the path: the fit has to hold under them, too
     wrench = task.wrench[np.linspace(0, len(task.wrench) - 1, len(reach)).astype(int)]
     return known, build_path_model(robot, reach, equipment.loaded * wrench), np.ones(len(reach), bool), [known.source]
-
-
-def _choose(
-    bare: Design, learned: Array, candidates: Candidates, count: int
-) -> tuple[Design, Array, Candidates, Choice, list[str]]:
-    """Choose measurements; places that are met no more often than they take are not put up.
-
-    bare: what is known, without unknown places; learned: its covariance. Returns design and covariance with the places,
-    the candidates at them, the choice, and what there is to say.
-    """
-    asked = 0 if candidates.sights is None else len(candidates.sights.names)
-    while True:
-        design, start = bare, learned
-        if candidates.sights is not None:
-            design, start = add_places(bare, learned, candidates.sights, candidates.tip, count)
-        choice = choose_measurements(design, candidates, count, start)
-        if candidates.sights is None or not candidates.sights.names:
-            return design, start, candidates, choice, []
-        idle = find_idle(candidates, choice.rows)
-        if not idle.any() or idle.all():
-            break
-        sights = candidates.sights.drop_contacts(idle)
-        candidates = replace(candidates, sights=sights).take(np.flatnonzero(sights.contact >= 0))
-    left = len(candidates.sights.names)
-    said = f"{left} of {asked} unknown places are worth adding: more poses at these determine more than any other place"
-    return design, start, candidates, choice, [said] if left < asked else []
 
 
 def add_places(design: Design, start: Array, sights: Observations, tip: Array, count: int) -> tuple[Design, Array]:

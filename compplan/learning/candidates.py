@@ -155,57 +155,37 @@ def list_candidates(
     return Candidates(log, attained.position, attained.rotation, measure_slopes(scene, unknowns, rows))
 
 
-@dataclass(frozen=True, eq=False)
-class _Meeting:
-    """What decides how the arm meets a place: postures and their tips, the instrument and its length, what is near."""
-
-    robot: Robot
-    postures: Array
-    tip: Array
-    lowest: float
-    instrument: str
-    length: float
-    scene: CollisionScene | None
-
-    def meet(self, centre: Array, number: int) -> list[Array]:
-        """Return postures in which the arm meets a place [m], the `number`-th, or each socket of its plate."""
-        nearest = np.argsort(np.linalg.norm(self.tip - centre, axis=1))[: max(len(self.postures) // 3, 12)]
-        wanted = np.tile(centre, (len(nearest), 1))
-        if self.instrument in LENGTHS:
-            away = self.tip[nearest] - centre
-            away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand is below
-            wanted = centre + self.length * away / np.linalg.norm(away, axis=1)[:, None]
-        half, met = 0.5 * self.length * NORMALS[(number + 1) % 3], []
-        for shift in (-half, half) if self.instrument == SOCKETS and self.length > 0.0 else (np.zeros(3),):
-            found = bring_tips(self.robot, self.postures[nearest], wanted + shift)
-            high = locate_frames(build_chain(self.robot), found).tcp_position[:, 2] >= min(FLOOR, self.lowest)
-            clear = high if self.scene is None else high & (measure_margin(self.scene, found, 0.0) >= 0.0)
-            met.append(found[clear])
-        return met
-
-
 def find_touching(
     robot: Robot, postures: Array, middle: Array, lowest: float, instrument: str, places: int, length: float,
     scene: CollisionScene | None,
 ) -> tuple[Array, Observations]:  # fmt: skip
     """Find postures in which the tip is where an instrument sees it. Shape (k, nq) [rad or m], and what it sees.
 
-    Args:
-        robot: The robot with its tool.
-        postures: Postures that the arm can take. Shape (m, nq). [rad or m]
-        middle: Middle of the path. Shape (3,). [m]
-        lowest: Lowest place of the path over the base plane. [m]
-        instrument: "sockets", "gauge" or "ball_bar".
-        places: How many.
-        length: Length of the ball bar, or distance of two sockets of a plate, 0 for single ones. [m]
-        scene: What may touch what, or None.
+    postures: that the arm can take, (m, nq); middle: of the path, (3,) [m]; lowest: its lowest place over the base
+    plane [m]; instrument: "sockets", "gauge" or "ball_bar"; places: how many; length: of the ball bar, or distance of
+    two sockets of a plate, 0 for single ones [m]; scene: what may touch what, or None.
 
     Raises:
         InputError: If the arm meets some place fewer than three times.
     """
     tip = locate_frames(build_chain(robot), postures).tcp_position
     q, label, names = [], [], list[str]()
-    meeting = _Meeting(robot, postures, tip, lowest, instrument, length, scene)
+
+    def meet(centre: Array, number: int) -> list[Array]:
+        """Return postures in which the arm meets a place, the `number`-th, or each socket of its plate."""
+        nearest = np.argsort(np.linalg.norm(tip - centre, axis=1))[: max(len(postures) // 3, 12)]
+        wanted = np.tile(centre, (len(nearest), 1))
+        if instrument in LENGTHS:
+            away = tip[nearest] - centre
+            away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand is below
+            wanted = centre + length * away / np.linalg.norm(away, axis=1)[:, None]
+        half, met = 0.5 * length * NORMALS[(number + 1) % 3], []
+        for shift in (-half, half) if instrument == SOCKETS and length > 0.0 else (np.zeros(3),):
+            found = bring_tips(robot, postures[nearest], wanted + shift)
+            high = locate_frames(build_chain(robot), found).tcp_position[:, 2] >= min(FLOOR, lowest)
+            met.append(found[high if scene is None else high & (measure_margin(scene, found, 0.0) >= 0.0)])
+        return met
+
     offered, chosen = _near(tip, middle), np.empty((0, 3))
     for number in range(places):
         most = 0
@@ -217,7 +197,7 @@ def find_touching(
                 )
             at = _choose_place(offered, chosen, middle)
             centre, offered = offered[at], np.delete(offered, at, axis=0)
-            met = meeting.meet(centre, number)
+            met = meet(centre, number)
             most = max(most, fewest := min(map(len, met)))
             if fewest >= 3:
                 break

@@ -86,10 +86,6 @@ class Design:
         rows = np.concatenate(parts, axis=2)
         return rows if sights is None else observe_rows(rows, sights, tip)
 
-    def look(self, candidates: Candidates) -> Array:
-        """Return what candidates see of parameters, frames and places. Shape (m, 3, p + f)."""
-        return self.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.sights)
-
     @cached_property
     def beside(self) -> Array:
         """Covariance of the tip that no measurement of parameters takes away. Shape (k, 3, 3). [m^2]."""
@@ -139,7 +135,8 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
     start: covariance before the first of them; from `design` where left out.
     """
     before = design.start if start is None else start
-    rows, first = design.look(candidates), first_visits(candidates)
+    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.sights)
+    first = first_visits(candidates)
     weight = design.target.T @ design.target
     worth = weight_rows(
         lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise),
@@ -167,15 +164,6 @@ def first_visits(candidates: Candidates) -> list[int]:
             found.append(int(rows[taken]))
             left = left - np.outer(left @ left[taken], left[taken]) / max(size[taken] ** 2, 1e-12)
     return found
-
-
-def find_idle(candidates: Candidates, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Tell which contacts are at places that chosen rows meet no more often than the places take. Shape (contacts,)."""
-    assert candidates.sights is not None
-    contact, names = candidates.sights.contact, candidates.sights.names
-    plate = np.unique([name.split("/")[0] for name in names], return_inverse=True)[1].reshape(-1)
-    met, taken = (np.bincount(plate[contact[seen]], minlength=len(names)) for seen in (rows, first_visits(candidates)))
-    return np.asarray((met <= taken)[plate])
 
 
 def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:

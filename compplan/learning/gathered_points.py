@@ -92,11 +92,8 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected:
 
     Only combinations of shift and turn that the points tell and that stand out of the noise count.
 
-    Args:
-        gathered: The points.
-        tip: Tip at the rows of the path. Shape (k, 3). [m]
-        R_base_part: Part axes seen from the base. Shape (3, 3).
-        expected: Covariance of the deviations by what is uncertain (`expect_deviations`). Shape (3 b, 3 b). [m^2]
+    tip: at the rows of the path, (k, 3) [m]; R_base_part: part axes seen from the base, (3, 3); expected: covariance of
+    the deviations by what is uncertain (`expect_deviations`), (3 b, 3 b) [m^2].
     """
     size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
     sigma = np.repeat(np.sqrt(gathered.variance), 3)

@@ -150,17 +150,10 @@ def match_points(
     table: Table, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str = "datum",
     sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
 ) -> MeasuredPath:  # fmt: skip
-    """Bring measured points to the path that was wanted.
+    """Bring measured points (`read_measured_points`) to the path that was wanted, nominal, base frame.
 
-    Args:
-        table: The points, see `read_measured_points`.
-        nominal: The path, base frame.
-        T_base_part: Pose of the part frame. Shape (4, 4). [m]
-        in_base: Whether the points are in the base frame; otherwise in the part frame.
-        align: "datum" or "best_fit" (`compplan.learning.part.learn_from_part`).
-        sigma: Standard deviation of points whose file states none; assumed if left out. [m]
-        sure: Whether points most of which are of no cut are meant as they are.
-        surface: The nominal surface in the frame of the points, or None.
+    Options as of `compplan.learning.part.learn_from_part`; T_base_part: pose of the part frame, (4, 4) [m]; surface: in
+    the frame of the points.
 
     Raises:
         InputError: If too few of the points are of the cut.

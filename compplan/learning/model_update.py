@@ -17,10 +17,11 @@ the covariance of its tip, and the next part on it starts from that (`path`), no
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 from scipy.special import chdtri
@@ -193,21 +194,15 @@ def choose_model(model: UpdateModel, gathered: Gathered) -> tuple[float, UpdateM
 
 def _observe(model: UpdateModel, gathered: Gathered) -> tuple[Array, Array, Array]:
     """Return observations, the rows of the state that they see (o, 3 k), and their own covariance."""
-    k, rank = len(model.slopes.rows), np.round(np.trace(gathered.counts, axis1=1, axis2=2)).astype(int)
-    _, vector = np.linalg.eigh(gathered.counts)
-    seen, values, noise, offset = [], [], [], []
-    for number, row in enumerate(gathered.row):
-        for axis in range(3 - rank[number], 3):
-            line = np.zeros(3 * k)
-            line[3 * row : 3 * row + 3] = vector[number, :, axis]
-            seen.append(line)
-            values.append(float(vector[number, :, axis] @ gathered.deviation[number]))
-            noise.append(gathered.variance[number])
-            offset.append(vector[number, :, axis])
-    scatter = (model.known.repeatability or 0.0) ** 2
-    H, loose = np.array(seen), model.own.part.reshape(3 * k, -1)
-    own = np.diag(noise) + scatter * np.array(offset) @ np.array(offset).T + H @ loose @ (H @ loose).T
-    return np.array(values), H, own
+    value, vector = np.linalg.eigh(gathered.counts)
+    number, axis = np.nonzero(value > 0.5)
+    direction = vector[number, :, axis]
+    H = np.zeros((len(number), 3 * len(model.slopes.rows)))
+    H[np.arange(len(number))[:, None], 3 * gathered.row[number, None] + np.arange(3)] = direction
+    run = (model.known.repeatability or 0.0) * direction
+    loose = H @ model.own.part.reshape(H.shape[1], -1)
+    own = np.diag(gathered.variance[number]) + run @ run.T + loose @ loose.T
+    return np.einsum("oi,oi->o", direction, gathered.deviation[number]), H, own
 
 
 def prior_of(model: UpdateModel) -> Array:
@@ -267,15 +262,19 @@ def _log_evidence(model: UpdateModel, gathered: Gathered) -> float:
     return float(-0.5 * y @ cho_solve(factor, y) - np.log(np.diag(factor[0])).sum())
 
 
+def learn_without(
+    model: UpdateModel, gathered: Gathered, part: NDArray[np.int_]
+) -> Iterator[tuple[NDArray[np.bool_], UpdateState]]:
+    """Leave each part of the points out in turn: yield which they are and what the others tell; nothing of one part."""
+    numbers = np.unique(part)
+    for test in (part == number for number in numbers[: len(numbers) if len(numbers) > 1 else 0]):
+        yield test, condition(model, gathered.take(~test))
+
+
 def _hold_out(model: UpdateModel, gathered: Gathered) -> float:
     """Return the rms that correction leaves on stretches of the path that were not used. [m]"""
-    stretch = np.arange(len(gathered.row)) // STRETCH % PARTS
-    left = np.zeros_like(gathered.deviation)
-    for number in np.unique(stretch):
-        test = stretch == number
-        if test.all():
-            return float("inf")
-        state = condition(model, gathered.take(~test))
+    left = np.full_like(gathered.deviation, np.inf)
+    for test, state in learn_without(model, gathered, np.arange(len(gathered.row)) // STRETCH % PARTS):
         moved = (state.physics + state.pushed + state.residual)[gathered.row[test]]
         left[test] = gathered.deviation[test] - np.einsum("bij,bj->bi", gathered.counts[test], moved)
     return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))

@@ -109,11 +109,8 @@ class LearnedPart(Shown):
     def curves(self) -> Curves:
         """Return the measured deviation along the path and what stays by the model. [mm]."""
         order = np.argsort(self.measured.length)
-        measured = np.linalg.norm(self.measured.seen, axis=1)[order] * 1e3
-        explained = (
-            np.linalg.norm(self.model_update.physics + self.model_update.pushed + self.model_update.residual, axis=1)
-            * 1e3
-        )
+        measured, update = np.linalg.norm(self.measured.seen, axis=1)[order] * 1e3, self.model_update
+        explained = 1e3 * np.linalg.norm(update.physics + update.pushed + update.residual, axis=1)
         repeats = Curve("what repeats", self.length * 1e3, explained, "after")
         lines = (Curve("measured", self.measured.length[order] * 1e3, measured, "before"), repeats)
         return Curves(self.job.name or self.job.file.stem, "along the path [mm]", "deviation of the part [mm]", lines)
@@ -230,19 +227,14 @@ def _list_notes(
     model_update: ModelUpdate, travel: Transfer, matched: MeasuredPath, wanted: Toolpath, stood: str
 ) -> tuple[str, ...]:
     """Return why the update is taken or left, and what to know of the points and of long moves."""
+    if not model_update.taken:
+        return (model_update.reason, *matched.notes)
+    whole = [f"{stood}: learned as an error of the robot"] if stood else []
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
-    told = (
-        (travel.reason, *([f"{stood}: learned as an error of the robot"] if stood else []))
-        if model_update.taken
-        else ()
-    )
     return (
-        model_update.reason,
-        *told,
-        *matched.notes,
-        *([coarse] if model_update.taken and longest > LONG_MOVE else []),
-    )
+        model_update.reason, travel.reason, *whole, *matched.notes, *([coarse] if longest > LONG_MOVE else []),
+    )  # fmt: skip
 
 
 def ask_possible(points: Table, gathered: Gathered, band: Array) -> None:

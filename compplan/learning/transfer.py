@@ -20,7 +20,7 @@ from compplan.job.job import Job
 from compplan.job.loading import find_learned_force
 from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.learning.gathered_points import Gathered
-from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, condition
+from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, learn_without
 from compplan.learning.representable import apply_update
 from compplan.measurement.distance import band_radius
 from compplan.planning.task import PlanTask
@@ -32,7 +32,6 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.uncertainty.band import Slopes, linearise_path, split_covariance
 from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model, pick_rows, tip_of
-from compplan.uncertainty.shrinkage import shrink_alike
 
 #: How far a part that was fitted may have stood off, per axis: as good as not known. [m]
 FITTED = 0.01
@@ -66,15 +65,14 @@ class Transfer:
 def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
     """Ask stretches of a part that were left out what may be told to other paths."""
     part = np.minimum(STRETCHES * np.arange(len(gathered.row)) // max(len(gathered.row), 1), STRETCHES - 1)
+    if not part.any():
+        return Transfer(False, False, "the part was measured at one place alone", (np.inf,) * 3)
     left = np.zeros((3, *gathered.deviation.shape))
-    for number in np.unique(part):
-        test = part == number
-        if test.all():
-            return Transfer(False, False, "the part was measured at one place alone", (np.inf,) * 3)
-        state, rows = condition(model, gathered.take(~test)), gathered.row[test]
+    for test, state in learn_without(model, gathered, part):
+        rows = gathered.row[test]
         own = model.own.part[rows] @ state.own
-        force, robot = state.pushed[rows], state.physics[rows]
-        for k, moved in enumerate((0.0 * own, own + force, own + force + robot)):
+        pushed = own + state.pushed[rows]
+        for k, moved in enumerate((0.0 * own, pushed, pushed + state.physics[rows])):
             seen = np.einsum("bij,bj->bi", gathered.counts[test], moved)
             left[k, test] = gathered.deviation[test] - seen
     rms = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
@@ -178,20 +176,19 @@ def transfer_to_paths(
     The robot is tried on paths that the part did not see; where it fails there it is not told.
     """
     travel = choose_transfer(model_update.model, model_update.gathered)
-    told = _tell(job, robot, task, model_update, known, spread, travel)
+    told = _tell(job, robot, model_update, known, spread, travel)
     if not travel.robot:
         return told
     taught = told.robot if job.tool is None else job.tool.mount(told.robot)
     fits, said = check_generalisation(task, taught, known, told.shares, spread.of_all())
     if fits:
         return told._replace(travel=replace(travel, reason="; ".join(filter(None, (travel.reason, said)))))
-    return _tell(job, robot, task, model_update, known, spread, travel.without_robot(said))
+    return _tell(job, robot, model_update, known, spread, travel.without_robot(said))
 
 
 def _tell(
     job: Job,
     robot: Robot,
-    task: PlanTask,
     model_update: ModelUpdate,
     known: Uncertainty,
     spread: ForceSpread,
@@ -206,22 +203,9 @@ def _tell(
         force, shares = learn_force(model_update, spread, told.force, job.process, turn, name, np.array(keep, bool))
         told = told._replace(force=force, shares=shares)
     if told.travel.robot:
-        taught, held = plan_updated(
-            robot, task.robot, known, model_update.values, model_update.covariance, own_tool=own_tool
-        )
+        taught, held = apply_update(robot, known, model_update.values, model_update.covariance, own_tool=own_tool)
         told = told._replace(robot=taught, held=held)
     return told
-
-
-def plan_updated(
-    robot: Robot, planned: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
-) -> tuple[Robot, Array]:
-    """Put into a robot folder what a part says about the robot that was planned with; see `apply_update`.
-
-    What of its uncertain parts had faded there stays out, and the rest no longer fades: the update counts on it.
-    """
-    alike = replace(shrink_alike(robot, planned), visited=None)
-    return apply_update(alike, known, values, covariance, own_tool=own_tool)
 
 
 def check_generalisation(

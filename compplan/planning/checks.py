@@ -46,7 +46,6 @@ from compplan.simulation.simulated_robot import (
 )
 from compplan.simulation.vibration import build_dynamics
 from compplan.toolpath.toolpath import pick_even
-from compplan.uncertainty.shrinkage import has_faded
 
 #: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
 ROUNDING, ROUNDED = 1.001, 1.002
@@ -114,19 +113,16 @@ class Bench:
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
-    """Read robot and tool a second time; a robot or a path in memory is taken as it is, and a faded robot."""
+    """Read robot and tool a second time; a robot or a path in memory is taken as it is."""
     if job is None or task.robot.folder is None or job.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
     tool = job.model_dump(by_alias=True, exclude_unset=True).get("tool")
-    if has_faded(task.robot):  # no file holds it
-        cell, moving = find_part(task, build_simulated_robot(task.robot)), build_dynamics(task.robot).standing
-    else:
-        cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(Path(task.robot.folder), tool))
-        moving = read_exact_robot(Path(task.robot.folder), tool, moving=True)
-        if task.touched is not None:
-            believed = read_exact_robot(Path(task.robot.folder), tool, geometry="controller.urdf")
-            cell = touch_cell(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
+    cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(Path(task.robot.folder), tool))
+    moving = read_exact_robot(Path(task.robot.folder), tool, moving=True)
+    if task.touched is not None:
+        believed = read_exact_robot(Path(task.robot.folder), tool, geometry="controller.urdf")
+        cell = touch_cell(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
     bias = _load_springs(task, moving, timing.time) if task.inertia else None
     return Bench(cell, bias, Path(task.robot.folder), moving)
 

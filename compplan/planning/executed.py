@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from compplan.controllers.motion.align import find_nearest
@@ -70,8 +69,6 @@ class ExecutedPath:
     zone: BlendZone | None = None
     duration: float = 0.0  #: Time that it takes for the moves of the path, as far as its speed law is known. [s]
     smaller: int = 0  #: Corners at which programs ask for a smaller zone than their language's.
-    #: Ends and kinds of the written moves, with arcs, or None.
-    pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
 
     @property
     def known(self) -> bool:
@@ -127,7 +124,6 @@ class ReachedPath(NamedTuple):
     place: Array  #: The place of each in the waypoints. Shape (k,).
     duration: float
     smaller: int = 0
-    pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
 
 
 def bound_executed(task: PlanTask) -> Array:
@@ -252,7 +248,7 @@ def _write_follower(
         along = np.interp(s[some], path.ends, length[rows])
         smaller = int((np.isfinite(stated) & mark_moves(fitted.program)).sum())
         place = np.interp(along, length, np.arange(len(q)))
-        return ReachedPath(reached[some], place, float(schedule.time[-1]), smaller, (fitted.rows, fitted.kinds))
+        return ReachedPath(reached[some], place, float(schedule.time[-1]), smaller)
 
     return follow
 

@@ -1,7 +1,7 @@
-"""The nonlinear program of a path: one CasADi program over joint positions, and speed and band where they count.
+"""The nonlinear program of a path: one CasADi program over joint positions, and the speed where it counts.
 
     minimise    sum of the costs                       `compplan.planning.costs`
-    over        q_i, and x_i (square of the speed), B (widest band), s_i (slack of released stations)
+    over        q_i, and x_i (square of the speed), s_i (slack of released stations)
     subject to  rows of every limit within its bounds   `compplan.planning.limits`
 
 The loaded pose enters as an equality: steps of the fixed point theta <- C (J(q, theta)^T w + tau) from the equilibrium
@@ -66,7 +66,6 @@ class Solution(NamedTuple):
     problem: PlanningProblem  #: What was solved.
     q: Array  #: Joint positions. Shape (k, nq). [rad or m]
     square: Array  #: Square of the speed as a share of the programmed feed, ones where it was none. Shape (k,).
-    band: float  #: Widest 95 % band as a share of that at the start, 1 where it was none.
     slack: Array  #: Missed pose of released stations. Shape (k, rows). [m, rad]
     success: bool  #: Whether the solver says that all limits hold.
     status: str  #: The solver's own word.
@@ -91,8 +90,8 @@ class PathProgram:
     problem: PlanningProblem  #: What it was built from.
     solver: ca.Function  #: CasADi's solver; `solver.stats()` tells about its last run.
     sizes: tuple[int, ...]  #: Number of rows of each limit at a station.
-    #: First variable of q, square, slack and band in the vector of variables, and their number.
-    offsets: tuple[int, int, int, int, int]
+    #: First variable of q, square and slack in the vector of variables, and their number.
+    offsets: tuple[int, int, int, int]
 
 
 _KEPT: dict[tuple[Any, ...], PathProgram] = {}
@@ -125,23 +124,19 @@ def _build(problem: PlanningProblem) -> PathProgram:
     # objective
     term = sum((each.term(station) for each in problem.costs), ca.SX(0))
     objective = ca.sum2(ca.Function("cost", inputs, [term]).map(k)(local, data))
-    # constraints: rows of every station, then sums over all of them that are bounded
+    # constraints
     parts = [limit.rows(station) for limit in problem.limits]
-    sums = [each.term(station) for each in problem.costs if np.isfinite(each.most)]
-    rows, own = ca.vertcat(*parts, *sums), sum(part.numel() for part in parts)
-    every = ca.Function("limits", inputs, [rows]).map(k)(local, data)
-    g = ca.vertcat(ca.vec(every[:own, :]), ca.sum2(every[own:, :]))
+    rows = ca.vertcat(*parts)
+    g = ca.vec(ca.Function("limits", inputs, [rows]).map(k)(local, data))
     # exact derivatives, station by station: J = diag(J_i) L, H = L^T diag(H_i) L
     p, scale, pull = ca.vec(data), ca.MX.sym("scale"), ca.MX.sym("multipliers", g.numel())
     weight, pulls = ca.SX.sym("weight"), ca.SX.sym("pulls", rows.numel())
     slope = ca.Function("slope", inputs, [ca.jacobian(rows, inputs[0])]).map(k)(local, data)
     bend = ca.hessian(weight * term + ca.dot(pulls, rows), inputs[0])[0]
-    pulled = ca.vertcat(ca.reshape(pull[: own * k], own, k), ca.repmat(pull[own * k :], 1, k))
     bends = ca.Function("bend", [*inputs, weight, pulls], [bend]).map(k)(
-        local, data, ca.repmat(scale, 1, k), pulled)  # fmt: skip
+        local, data, ca.repmat(scale, 1, k), ca.reshape(pull, rows.numel(), k))  # fmt: skip
     sight = ca.MX(ca.DM(seen))
-    blocks = ca.diagcat(*ca.horzsplit(slope[:own, :], inputs[0].numel()))
-    jacobian = ca.mtimes(ca.vertcat(blocks, slope[own:, :]), sight)
+    jacobian = ca.mtimes(ca.diagcat(*ca.horzsplit(slope, inputs[0].numel())), sight)
     hessian = ca.triu(ca.mtimes(sight.T, ca.mtimes(ca.diagcat(*ca.horzsplit(bends, inputs[0].numel())), sight)))
     options: dict[str, Any] = {
         "ipopt": OPTIONS | (TIMED if problem.timed else {}),
@@ -155,11 +150,10 @@ def _build(problem: PlanningProblem) -> PathProgram:
     return PathProgram(problem, solver, tuple(part.numel() for part in parts), (*np.cumsum([0, *sizes]).tolist(),))
 
 
-def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int, int, int, int]]:
-    """Return what the stations see of the variables as a matrix, and the numbers of q, square, slack and band."""
+def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int, int, int]]:
+    """Return what the stations see of the variables as a matrix, and the numbers of q, square and slack."""
     k, nq, rows = len(problem), problem.chain.nq, problem.pose_rows + 1
-    sizes = (nq * k, k if problem.timed else 0, rows * k if problem.released is not None else 0,
-             1 if problem.counts_band else 0)  # fmt: skip
+    sizes = nq * k, k if problem.timed else 0, rows * k if problem.released is not None else 0
     offsets = np.cumsum([0, *sizes])
 
     def see(matrix: Any, kind: int, height: int) -> sparse.csr_matrix:
@@ -179,9 +173,6 @@ def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int
         parts += [(see(matrix, 1, 1), 1) for matrix in (own, ahead, push, before @ push)]
     none = sparse.csr_matrix((k * rows, offsets[-1]))
     parts.append((see(own, 2, rows) if problem.released is not None else none, rows))
-    if problem.counts_band:
-        everywhere = sparse.csr_matrix((np.ones(k), (np.arange(k), np.full(k, offsets[3]))), shape=(k, offsets[-1]))
-        parts.append((everywhere, 1))
     heights = [height for _, height in parts]
     starts, total = np.cumsum([0, *heights]), sum(heights)
     order = np.concatenate([np.add.outer(np.arange(k) * total + start, np.arange(height)).ravel()
@@ -195,34 +186,28 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
     k, nq = problem.q_start.shape
     clock, offsets = time.process_time(), program.offsets
     begin, lower, upper = np.zeros(offsets[-1]), np.full(offsets[-1], -np.inf), np.full(offsets[-1], np.inf)
-    joints, squares, slacks = (slice(a, b) for a, b in pairwise(offsets[:4]))
+    joints, squares, slacks = (slice(a, b) for a, b in pairwise(offsets))
     lower[joints], upper[joints] = problem.lower.ravel(), problem.upper.ravel()
     begin[joints] = problem.guess.ravel()
     if problem.timed:
         lower[squares], upper[squares] = 1e-8, 1.0
-        begin[squares] = SLOW_START
+        begin[squares] = SLOW_START if problem.square is None else problem.square
         for start, end in problem.runs:
             lower[squares][[start, end]] = upper[squares][[start, end]] = 0.0
     if problem.released is not None:
         lower[slacks].reshape(k, -1)[:, -1] = 0.0
         held = np.repeat(~problem.released, problem.pose_rows + 1)
         lower[slacks][held] = upper[slacks][held] = 0.0
-    if problem.counts_band:
-        begin[-1] = 1.0
-        lower[-1], upper[-1] = 0.0, problem.most_band
     bounds = [np.broadcast_arrays(*limit.bounds(problem), np.zeros((k, size)))
               for limit, size in zip(problem.limits, program.sizes, strict=True)]  # fmt: skip
     low, high = (np.hstack([each[side] for each in bounds]) for side in (0, 1))
-    most = [each.most for each in problem.costs if np.isfinite(each.most)]
     found = program.solver(x0=np.clip(begin, lower, upper), p=_pack(problem).ravel(), lbx=lower, ubx=upper,
-                           lbg=np.r_[low.ravel(), np.full(len(most), -np.inf)],
-                           ubg=np.r_[high.ravel(), most])  # fmt: skip
+                           lbg=low.ravel(), ubg=high.ravel())  # fmt: skip
     stats = program.solver.stats()
     x, g, pulls = (np.array(found[name])[:, 0] for name in ("x", "g", "lam_g"))
-    beyond = np.maximum(g[low.size :] - most, 0.0)
-    g, pulls = (each[: low.size].reshape(k, -1) for each in (g, pulls))
+    g, pulls = g.reshape(k, -1), pulls.reshape(k, -1)
     bound_pulls = np.array(found["lam_x"])[:, 0][joints]
-    violation = float(max(np.maximum(low - g, g - high).max(initial=0.0), beyond.max(initial=0.0)))
+    violation = float(np.maximum(low - g, g - high).max(initial=0.0))
     multipliers, active, at = {}, {}, 0
     for limit, size in zip(problem.limits, program.sizes, strict=True):
         if not size:
@@ -244,8 +229,7 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
     slack = x[slacks].reshape(k, -1)[:, :-1] if problem.released is not None else np.zeros((k, problem.pose_rows))
     return Solution(
         problem, x[joints].reshape(k, nq), x[squares] if problem.timed else np.ones(k),
-        float(x[-1]) if problem.counts_band else 1.0, slack, success, status, iterations, spent, violation,
-        multipliers, active,
+        slack, success, status, iterations, spent, violation, multipliers, active,
     )  # fmt: skip
 
 
@@ -294,7 +278,6 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     )
     speed = {name: ca.SX.sym(name, size) for name, size in names}
     slack, excess = ca.SX.sym("slack", rows), ca.SX.sym("excess")
-    band = ca.SX.sym("band", 1 if problem.counts_band else 0)
     data = {name: ca.SX.sym(name, values.shape[1]) for name, values in _list_numbers(problem).items()}
     loaded = build_loaded_function(chain, TIMED_STEPS if problem.timed else STEPS)
     position, rotation, deflection = loaded(q, data["wrench"], data["bias"], data["theta"], data["loaded"])
@@ -309,13 +292,13 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
         missed.append(ca.dot(wanted[:, 1], rotation[:, 0]))
     none = ca.SX(0, 1)
     station = Station(
-        q=q, q_next=ahead, departure=q - data["q_start"], step=data["step"], pace=data["pace"], band=band, slack=slack,
+        q=q, q_next=ahead, departure=q - data["q_start"], step=data["step"], pace=data["pace"], slack=slack,
         **{name: speed.get(name, none) for name in ("rate", "change", "square", "square_next", "push", "push_before")},
         excess=excess, missed=ca.vertcat(*missed), position=position, rotation=rotation, wrench=data["wrench"],
         programmed=data["programmed"], deflection=deflection, frames=locate_symbolic(chain, q),
-        numbers={limit.name: data[limit.name] for limit in problem.limits if limit.numbers is not None},
+        numbers={name: data[name] for name in problem.own_numbers},
     )  # fmt: skip
-    return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess, band), ca.vertcat(*data.values())]
+    return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess), ca.vertcat(*data.values())]
 
 
 def _list_numbers(problem: PlanningProblem) -> dict[str, Array]:
@@ -323,13 +306,12 @@ def _list_numbers(problem: PlanningProblem) -> dict[str, Array]:
     k, steps = len(problem), problem.steps
     pace = np.divide(1.0, steps, where=steps > 0.0, out=np.zeros(k))
     turn = {} if problem.turn is None else {"turn": _flat(problem.turn)}
-    own = {limit.name: limit.numbers for limit in problem.limits if limit.numbers is not None}
     return {
         "position": problem.position, "rotation": _flat(problem.rotation), "wrench": problem.wrench,
         "programmed": problem.position if problem.programmed is None else problem.programmed,
         "bias": problem.bias, "theta": problem.theta, "loaded": problem.loaded[:, None], "q_start": problem.q_start,
         "step": steps[:, None], "pace": pace[:, None],
-        "shift": np.zeros((k, 3)) if problem.shift is None else problem.shift, **turn, **own,
+        "shift": np.zeros((k, 3)) if problem.shift is None else problem.shift, **turn, **problem.own_numbers,
     }  # fmt: skip
 
 

@@ -28,17 +28,6 @@ TURNING = ("milling", "end_mill", "drill")
 SWING = 0.5
 
 
-def describe_shrinkage(robot: Robot, share: float) -> str:
-    """Say that parts of the robot folder may not hold along the path, and what the plan makes of that."""
-    parts = [] if robot.visited is None else robot.visited.parts
-    names = ", ".join(dict.fromkeys(part.effect.replace("_", " ") for part in parts))
-    return (
-        f"The campaign of the robot folder does not validate its uncertain errors ({names}) at the poses and "
-        f"loads of this path: {100.0 * share:.0f} % of them are compensated, the rest widens the 95 % band. Measure "
-        "poses near the path under its load: compplan campaign."
-    )
-
-
 def list_notes(
     task: PlanTask, command: Command, timing: Timing, bending: Bending, job: Job | None
 ) -> tuple[Check, ...]:

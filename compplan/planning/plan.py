@@ -27,7 +27,7 @@ from compplan.planning.evaluate import (
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
-from compplan.planning.notes import describe_shrinkage, list_notes
+from compplan.planning.notes import list_notes
 from compplan.planning.posture.configuration import check_start
 from compplan.planning.posture.kept_posture import Kept, find_kept_start, read_lock
 from compplan.planning.posture.settings import PostureSettings, read_settings
@@ -45,7 +45,6 @@ from compplan.toolpath.contact import check_tool_x
 from compplan.toolpath.toolpath import Toolpath, check_toolpath, pick_even
 from compplan.uncertainty.posture_errors import posture_errors
 from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
-from compplan.uncertainty.shrinkage import shrink_robot
 from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
 
@@ -196,12 +195,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
             partial(_state_task, robot, chain, options), options.tube,
         )  # fmt: skip
         start = better_start(start, request, shape=options.strategy == "nlp")
-    task = _state_task(robot, chain, options, start)
-    faded, share = shrink_robot(robot, start.q, task.wrench)
-    if faded is robot:
-        return task
-    start = replace(start, notes=(*start.notes, describe_shrinkage(robot, share)))
-    return _state_task(faded, build_chain(faded), options, start)
+    return _state_task(robot, chain, options, start)
 
 
 def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:

@@ -42,6 +42,8 @@ class PlanningProblem:
     costs: tuple[Cost, ...]  #: What is minimised, the sum of all.
     along: Array  #: Programmed time from the first station. Shape (k,). [s]
     runs: tuple[tuple[int, int], ...] = ()  #: First and last station of every run from rest to rest.
+    #: Square of the speed where the solver begins, as a share of the programmed feed's; None: `SLOW_START`. Shape (k,).
+    square: Array | None = None
     #: What the model leaves out of the loaded tip at `guess`, None for nothing. Shape (k, 3). [m]
     shift: Array | None = None
     turn: Array | None = None  #: The same of its orientation, to be multiplied from the right. Shape (k, 3, 3).
@@ -57,7 +59,7 @@ class PlanningProblem:
         """Print the problem as it is minimised."""
         costs = " + ".join(str(cost) for cost in self.costs) or "0"
         rows = "\n            ".join(str(limit) for limit in self.limits)
-        over = ["joint positions", *(["squared speed"] if self.timed else []), *(["band"] if self.counts_band else [])]
+        over = ["joint positions", *(["squared speed"] if self.timed else [])]
         return f"minimise    {costs}\nover        {', '.join(over)} at {len(self)} stations\nsubject to  {rows}"
 
     @property
@@ -71,14 +73,11 @@ class PlanningProblem:
         return any(limit.timed for limit in self.limits) or any(cost.timed for cost in self.costs)
 
     @property
-    def counts_band(self) -> bool:
-        """Tell whether the widest 95 % band is a variable."""
-        return any(cost.name == "band" for cost in self.costs)
-
-    @property
-    def most_band(self) -> float:
-        """Greatest band that is allowed, as a share of that at the start."""
-        return min((float(vars(limit)["most"]) for limit in self.limits if limit.name == "band"), default=float("inf"))
+    def own_numbers(self) -> dict[str, Array]:
+        """Numbers of limits and costs at every station, by their names. Shapes (k, c)."""
+        limits = {each.name: each.numbers for each in self.limits}
+        every = limits | {each.name: each.numbers for each in self.costs}
+        return {name: numbers for name, numbers in every.items() if numbers is not None}
 
     @cached_property
     def rates(self) -> tuple[Array, Array]:
@@ -119,7 +118,6 @@ class Station:
     push_before: ca.SX  #: The same of the way from the station before, 0 at the start of a run. [1/s]
     step: ca.SX  #: Programmed time to the next station, 0 at the end of a run. [s]
     pace: ca.SX  #: Its inverse, 0 at the end of a run. [1/s]
-    band: ca.SX  #: Widest 95 % band as a share of that at the start.
     slack: ca.SX  #: Missed pose rows of a released station. Shape (rows).
     excess: ca.SX  #: Excess of the correction of a released station. [m]
     missed: ca.SX  #: Missed pose in the wanted frame: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
@@ -129,7 +127,7 @@ class Station:
     deflection: ca.SX  #: Elastic coordinates. Shape (s). [rad or m]
     wrench: ca.SX  #: Wrench on the tool. Shape (6). [N, N m]
     frames: SymbolicFrames  #: Frames of the unloaded arm.
-    numbers: Mapping[str, ca.SX]  #: Numbers of the limits at this station, by the limit's name.
+    numbers: Mapping[str, ca.SX]  #: Numbers of the limits at this station, and costs at this station, by their names.
 
 
 #: Lower and upper bounds of rows: one number, or an array that broadcasts to (k, r).
@@ -167,10 +165,14 @@ class Cost:
     name: ClassVar[str]
     formula: ClassVar[str]
     timed: ClassVar[bool] = False
-    most: float = np.inf  #: Bound of its sum over the stations.
 
     def __str__(self) -> str:
         return self.formula
+
+    @property
+    def numbers(self) -> Array | None:
+        """Its own numbers at every station, as of a limit. Shape (k, c)."""
+        return None
 
     def term(self, station: Station) -> ca.SX:
         """Return what one station costs."""

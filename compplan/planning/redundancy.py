@@ -18,11 +18,11 @@ from scipy.interpolate import CubicSpline
 
 from compplan.errors import ConvergenceError
 from compplan.planning.costs import Band, JointTravel, Smoothness, Time
+from compplan.planning.costs.band import measure_bend
 from compplan.planning.dense import place_pose
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.fixed_point import resolve_starts
-from compplan.planning.limits import AccelerationLimit, BandLimit, JointRange, PoseEquation, VelocityLimit
-from compplan.planning.limits.band import read_band
+from compplan.planning.limits import AccelerationLimit, JointRange, PoseEquation, VelocityLimit
 from compplan.planning.limits.clearance import linearise_clearance
 from compplan.planning.limits.torque import read_torques
 from compplan.planning.nlp import Solution, solve_problem
@@ -49,20 +49,28 @@ LOG = logging.getLogger(__name__)
 STATIONS, FEW, FEW_IN_TUBE = 150, 300, 600
 #: Motion that travel is counted in: an axis that turns or slides. [rad, m]
 UNIT_TURN, UNIT_SLIDE = 0.3, 0.2
-#: Weight of q'' / a_max, which keeps the solution smooth where nothing else does.
-SMOOTH = 0.3
+#: Share of the square of a measured run's speed that the program begins with, inside of its limits.
+BEGIN = 0.8
 #: Solves of the program at most where something is in the way, clearance that is added between stations, and least
 #: share of a step after which distances are linearised anew. [1, m, 1]
 CLEARANCE_SOLVES, RESERVE, LEAST_SHARE = 6, 1e-3, 0.05
 
 
 class Prices(NamedTuple):
-    """What the program weighs, each in shares of what the start has."""
+    """What the program weighs, against the time as a share of the measured run's."""
 
-    time: float = 1.0  #: Of the time of the run.
-    band: float = 0.0  #: Of the widest 95 % band.
-    motion: float = 2e-3  #: Of one unit of travel of a joint.
-    most_band: float = 1.005  #: Greatest band as a share of the start's, an interior left; infinite where it may grow.
+    band: float = 0.3  #: Mean square of the bend by inertia, as a share of the square of the measured run's greatest.
+    motion: float = 2e-3  #: One unit of travel of a joint.
+    smooth: float = 0.3  #: Mean square of q'' / a_max.
+
+
+class Measured(NamedTuple):
+    """What a run was measured to have, in whose shares the program counts."""
+
+    time: float  #: Time along its runs, without smoothing. [s]
+    bend: float  #: Greatest displacement of the tip by inertia if the springs gave at once. [m]
+    #: Time at each waypoint of a run of the start, from which the speed begins. Shape (n,). [s]
+    passing: Array
 
 
 class Shaped(NamedTuple):
@@ -70,7 +78,6 @@ class Shaped(NamedTuple):
 
     iterations: int  #: Its iterations.
     names: tuple[str, ...]  #: What was free.
-    time: float  #: Time along its runs, without smoothing. [s]
 
 
 class Free(NamedTuple):
@@ -118,18 +125,15 @@ def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathReque
 
 
 def state_problem(
-    task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float, most_time: float = np.inf, *,
-    torque: bool = False,
-) -> PlanningProblem:  # fmt: skip
+    task: PlanTask, free: Free, prices: Prices, beside: Measured, *, torque: bool = False
+) -> PlanningProblem:
     """State the program of posture and speed.
 
     Args:
         task: The task at the start that the posture search chose.
         free: What is free.
         prices: What is weighed.
-        band: The band as a function of the posture, None where it does not count.
-        time: Time of the start's run. [s]
-        most_time: Greatest time along the runs, without smoothing. [s]
+        beside: The run that time and bend are shares of.
         torque: Whether joint torques have to stay within the robot's efforts.
     """
     rows, robot = free.rows, task.robot
@@ -150,15 +154,15 @@ def state_problem(
                            AccelerationLimit(most)]  # fmt: skip
     unit = np.where(robot.prismatic, UNIT_SLIDE, UNIT_TURN)
     costs: list[Cost] = [
-        Time(prices.time, time, prices.time * most_time / time),
+        Time(1.0, beside.time),
         JointTravel(prices.motion, unit),
-        Smoothness(SMOOTH / max(float(along[-1] - along[0]), 1e-9), most),
+        Smoothness(prices.smooth / max(float(along[-1] - along[0]), 1e-9), most),
     ]
     if torque and (efforts := read_torques(task)) is not None:
         limits.append(efforts)
-    if band is not None:
-        limits.append(replace(band, most=prices.most_band))
-        costs.append(Band(max(prices.band, 1e-3), k))
+    if prices.band and beside.bend > 0.0:
+        bend = measure_bend(task, task.q_start[rows]) / beside.bend
+        costs.append(Band(prices.band / max(float(along[-1] - along[0]), 1e-9), bend))
     position, frame = place_pose(task, rows, task.position[rows], free.frame)
     return PlanningProblem(
         chain=task.chain, joints=robot.joint_names, waypoint=rows, position=position, rotation=frame,
@@ -166,23 +170,20 @@ def state_problem(
         loaded=np.ones(k, bool), q_start=task.q_start[rows], guess=task.q_start[rows],
         lower=np.tile(robot.lower + room, (k, 1)), upper=np.tile(robot.upper - room, (k, 1)), spin_free=True,
         axis_free=False, limits=tuple(limits), costs=tuple(costs), along=along, runs=runs,
+        square=BEGIN * np.minimum(np.gradient(along, beside.passing[rows]), 1.0) ** 2,
     )  # fmt: skip
 
 
 def shape_start(
-    task: PlanTask, start: Start, request: PathRequest, prices: Prices, most_time: float = np.inf
+    task: PlanTask, start: Start, request: PathRequest, prices: Prices, beside: Measured
 ) -> tuple[Start, Shaped] | None:
-    """Solve the program of posture and speed around the start of a task; None where nothing is free or follows.
-
-    most_time: greatest time along its runs, without smoothing. [s]
-    """
+    """Solve the program of posture and speed around the start of a task; None where nothing is free or follows."""
     posture_choice, settings = start.posture_choice, start.settings
     if posture_choice is None or task.missed.any():
         return None
     if (free := find_free(task, posture_choice, request)) is None:
         return None
-    band = read_band(task, request.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
-    problem = state_problem(task, free, prices, band, request.time(task), most_time, torque=request.feed_request.torque)
+    problem = state_problem(task, free, prices, beside, torque=request.feed_request.torque)
     scene, clear = settings.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):
@@ -192,8 +193,8 @@ def shape_start(
             problem = replace(problem, limits=(*kept, rows), guess=clear)
         solution = solve_problem(problem)
         iterations += solution.iterations
-        LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, time %.4f s of %.4f, band %.3f", solution.status,
-                  solution.iterations, solution.cpu, solution.time, most_time, solution.band)  # fmt: skip
+        LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, time %.4f s beside %.4f", solution.status,
+                  solution.iterations, solution.cpu, solution.time, beside.time)  # fmt: skip
         if solution.violation > REACHED:
             return None
         found = _follow(task, posture_choice, request, free, solution, settings)
@@ -203,7 +204,7 @@ def shape_start(
         while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), settings.clearance):
             share *= 0.5
         clear = clear + share * (solution.q - clear)
-    return None if found is None else (found, Shaped(iterations, free.names, solution.time))
+    return None if found is None else (found, Shaped(iterations, free.names))
 
 
 def _follow(

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from compplan.io.tables import Array
 from compplan.process.engagement import Cutter
-from compplan.process.stock import expand_boxes
 
 #: Cells of the map at most, and cells across a cutter's radius.
 MOST_CELLS, CELLS_A_RADIUS = 12_000_000, 8.0
@@ -161,19 +160,11 @@ class CutSurface:
 
     def uncut(self, point: Array, before: NDArray[np.int_]) -> NDArray[np.bool_]:
         """Tell which points no move took away so far, of those before a number. Shapes (s, 3) and (s,), to (s,)."""
-        left = np.ones(len(point), dtype=bool)
-        near = np.rint((point[:, :2] - self.origin) / self.cell).astype(int)
-        near = np.clip(near, 0, np.array(self.floor.owner.shape) - 1)
-        first = self.floor.owner[near[:, 0], near[:, 1]]  # what cut the nearest column lowest settles most points
-        asked = np.flatnonzero((first >= 0) & (first < before))
-        left[asked] = self.gap(point[asked], first[asked].astype(int)) >= NOTHING
-        others = np.flatnonzero(left)
-        owner = self._owners(point[others, :2])
-        fresh = (owner >= 0) & (owner < before[others]) & (owner != first[others])
+        left, owner = np.ones(len(point), dtype=bool), self._owners(point[:, :2])
+        fresh = (owner >= 0) & (owner < before)
         fresh[1:] &= owner[1:] != owner[:-1]
         k, sample = np.nonzero(fresh)
-        cut = self.gap(point[others[sample]], owner[k, sample].astype(int)) < NOTHING
-        left[others[sample[cut]]] = False
+        left[sample[self.gap(point[sample], owner[k, sample].astype(int)) < NOTHING]] = False
         return left
 
     def gap(self, point: Array, moves: NDArray[np.int_]) -> Array:
@@ -271,3 +262,17 @@ def build_cut_surface(
         for lean in (LEVEL_LEAN, WALL_LEAN)
     )
     return CutSurface(cutter, start, end, bounds[0] - 0.5 * cell, cell, floor, wall, tilt)
+
+
+def expand_boxes(first: NDArray[np.int_], after: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """List the cells of boxes of a grid that go from a first cell to the one after the last, shape (m, 2).
+
+    Which box each cell belongs to, shape (c,), and the cell, shape (c, 2), are returned.
+    """
+    size = np.maximum(after - first, 0)
+    count = size[:, 0] * size[:, 1]
+    item = np.repeat(np.arange(len(first)), count)
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    number = np.arange(count.sum()) - start[item]
+    width = np.maximum(size[item, 1], 1)
+    return item, np.column_stack([first[item, 0] + number // width, first[item, 1] + number % width])

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +29,7 @@ from compplan.io.tables import Array
 from compplan.process.engagement import ROWS, Cutter, Engagement, Slices
 from compplan.process.engagement_search import find_engagement
 from compplan.process.materials import MATERIALS, Coefficients, CoefficientTable
-from compplan.process.stock import StockColumns
-from compplan.process.stock_table import Cut, StockTable, read_stock, take_away, triangulate_stock, view_along
+from compplan.process.stock import Cut, StockColumns, StockTable, read_stock, take_away, view_along
 from compplan.toolpath.contact import ForceTable
 from compplan.toolpath.toolpath import Toolpath, interpolate
 
@@ -187,7 +185,6 @@ class CuttingForce:
     """The engagement of a job's path and the force that follows from it at any feed; r waypoints of the path."""
 
     process: CuttingTable  #: What the job says.
-    cut: Cut  #: Cutter and path, seen along the mean tool axis.
     stock: StockColumns  #: The stock, seen so.
     R_view: Array  #: Axes of that view as columns, part frame. Shape (3, 3).
     arc: Array  #: Length along the path. Shape (r,). [m]
@@ -204,12 +201,6 @@ class CuttingForce:
         per_tooth = self.process.feed_per_tooth(nominal.feed)
         wrench = MillingShape(shape[:, :6], shape[:, 6:]).wrench(self.process.resistance, per_tooth)
         return np.asarray(wrench * ~nominal.rapid[:, None])
-
-    def leave(self) -> Any:
-        """Return what is left of the stock as a closed mesh, part frame [m], see `triangulate_stock`."""
-        mesh = triangulate_stock(take_away(self.stock, [self.cut]))
-        mesh.vertices = mesh.vertices @ self.R_view.T
-        return mesh
 
 
 def prepare_cutting(
@@ -252,8 +243,7 @@ def prepare_cutting(
         raise InputError(message, file=job, where="process.stock")
     notes += _describe_lean(axes[cutting]) + _describe_cut(process, toolpath, found, job)
     shape = process.shape(found)
-    cut = Cut(cutter, position, axes, cutting)
-    return CuttingForce(process, cut, stock, R_view, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
+    return CuttingForce(process, stock, R_view, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
 
 
 def _describe_lean(axes: Array) -> list[str]:

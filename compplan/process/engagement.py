@@ -163,9 +163,19 @@ class Engagement:
         return Engagement(self.cutter, self.depth[rows], self.travel[rows], turning)
 
     def speed(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
-        """Return how fast the edge moves outwards at angles, below 0 inwards; a share of the feed. Shape (n, k, m)."""
-        turning = None if self.turning is None else self.turning[rows]
-        return outward_speed(self.cutter.slices, self.travel[rows], angle, turning)
+        """Return how fast middles of slices move outwards, below 0 inwards; a share of the feed. Shape (n, k, m)."""
+        edge, turning = self.cutter.slices, None if self.turning is None else self.turning[rows]
+        middle = np.column_stack([edge.radius, edge.low + 0.5 * edge.rise])
+        return surface_speed(edge.normal, middle, self.travel[rows], angle, turning)
+
+    def lower_speeds(self, angle: Array, rows: NDArray[np.int_] | slice) -> tuple[Array, Array]:
+        """Return how fast both ends of each slice of the lower surface move outwards. Shapes (n, c, m)."""
+        cutter, turning = self.cutter, None if self.turning is None else self.turning[rows]
+        knots = cutter.slices.knots[np.append(cutter.lower, False) | np.append(False, cutter.lower)]
+        turn = np.arccos(np.clip(1.0 - knots[:, 1] / max(cutter.corner, 1e-12), 0.0, 1.0))
+        normal = np.column_stack([np.sin(turn), -np.cos(turn)])
+        speed = surface_speed(normal, knots, self.travel[rows], angle, turning)
+        return speed[:, :-1], speed[:, 1:]
 
     def engaged_speed(self, angle: Array, rows: NDArray[np.int_] | slice) -> tuple[Array, Array]:
         """Return how fast the engaged part of each slice moves outwards, and how that changes across a bin.
@@ -179,8 +189,7 @@ class Engagement:
         lower = self.cutter.lower
         if not lower.any():
             return speed, step
-        turning = None if self.turning is None else self.turning[rows]
-        low, high = lower_speed(self.cutter, self.travel[rows], angle, turning)
+        low, high = self.lower_speeds(angle, rows)
         begin, end = outward_span(low, high)
         depth = self.depth[rows]
         around = np.pad(depth, ((0, 0), (1, 1), (0, 0)))
@@ -295,12 +304,6 @@ def middle_angles(count: int) -> Array:
     return np.asarray((np.arange(count) + 0.5) * (2.0 * np.pi / count), dtype=np.float64)
 
 
-def outward_speed(edge: Slices, travel: Array, angle: Array, turning: Array | None = None) -> Array:
-    """Return how fast the middles of slices move outwards, as a share of the feed, see `surface_speed`. (n, k, m)"""
-    middle = np.column_stack([edge.radius, edge.low + 0.5 * edge.rise])
-    return surface_speed(edge.normal, middle, travel, angle, turning)
-
-
 def surface_speed(normal: Array, place: Array, travel: Array, angle: Array, turning: Array | None) -> Array:
     """Return how fast points of the surface move outwards, as a share of the feed. Shape (n, k, m).
 
@@ -320,15 +323,6 @@ def surface_speed(normal: Array, place: Array, travel: Array, angle: Array, turn
         for way, side in zip(turning.T, (np.cos(angle), np.sin(angle)), strict=True):
             speed = speed + way[:, None, None] * (lever * side)
     return np.asarray(speed)
-
-
-def lower_speed(cutter: Cutter, travel: Array, angle: Array, turning: Array | None) -> tuple[Array, Array]:
-    """Return how fast both ends of each slice of the lower surface move outwards. Shapes (n, c, m)."""
-    knots = cutter.slices.knots[np.append(cutter.lower, False) | np.append(False, cutter.lower)]
-    turn = np.arccos(np.clip(1.0 - knots[:, 1] / max(cutter.corner, 1e-12), 0.0, 1.0))
-    normal = np.column_stack([np.sin(turn), -np.cos(turn)])
-    speed = surface_speed(normal, knots, travel, angle, turning)
-    return speed[:, :-1], speed[:, 1:]
 
 
 def outward_span(low: Array, high: Array) -> tuple[Array, Array]:

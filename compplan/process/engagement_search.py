@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from compplan.io.tables import Array
 from compplan.process.cut_surface import NOTHING, CutSurface, build_cut_surface, lowest_reach
-from compplan.process.engagement import Cutter, Engagement, lower_speed, middle_angles, outward_span, outward_speed
-from compplan.process.stock import StockColumns
-from compplan.process.stock_table import UPRIGHT
+from compplan.process.engagement import Cutter, Engagement, middle_angles, outward_span
+from compplan.process.stock import UPRIGHT, StockColumns
 from compplan.toolpath.contact import last_set
 
 #: Angles round the axis, a multiple of 4. The force of a bin acts at its middle, so that one at the end of an arc, half
@@ -69,29 +68,26 @@ def find_engagement(
     axis = None if axis is None or np.abs(axis[:, :2]).max() < UPRIGHT else axis
     start = np.vstack([position[:1], position[:-1]])
     step, moving = _list_steps(position)
-    way = _list_steps(position)[0]
-    frame, travel = _frame_path(way, axis)
-    turning = None if axis is None else _turn_axis(way, axis, frame, cutter)
+    frame, travel = _frame_path(step, axis)
+    turning = None if axis is None else _turn_axis(step, axis, frame, cutter)
     by_points = axis is not None or not cutter.even
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
-    depth = np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32)
+    found = Engagement(cutter, np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32), travel, turning)
     surface = build_cut_surface(cutter, start, position, stock.bounds()[:, :2], axis)
     if surface is None:
-        return Engagement(cutter, depth, travel, turning)
+        return found
     run_from = _find_runs(step, axis) if by_points else _straight_from(step, np.linalg.norm(step, axis=1))
     kind = _PointEdge if by_points else _FlatEdge
-    solver = kind(cutter, surface, stock, position, start, frame, travel, turning, run_from)
+    solver = kind(found, surface, stock, position, start, frame, run_from)
     removing = cutting & moving
     removing[0] = False
     chunk = EDGE_CHUNK if by_points else CHUNK
     for first in range(0, n, chunk):
         rows = np.arange(first, min(first + chunk, n))
         moves = rows[removing[rows]]
-        near = rows[solver.may_touch(rows)]
-        if len(near):
-            solver.fill(near[cutting[near]], moves, depth)
+        solver.fill(rows[cutting[rows]], moves)
         surface.cut(moves)
-    return Engagement(cutter, depth, travel, turning)
+    return found
 
 
 def _list_steps(position: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -143,40 +139,28 @@ def _cut_side(
 class _EdgeSolver:
     """Compares the edge of a cutter with what earlier moves left of the stock."""
 
-    cutter: Cutter
+    found: Engagement
     surface: CutSurface
     stock: StockColumns
     position: Array
     start: Array
     frame: Array
-    travel: Array
-    turning: Array | None
     run_from: NDArray[np.int_]
 
-    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
+    @property
+    def cutter(self) -> Cutter:
+        return self.found.cutter
+
+    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_]) -> None:
         """Write the engaged shares of some waypoints, the moves of the same chunk taken in their order."""
         raise NotImplementedError
 
     def _in_stock(self, point: Array) -> NDArray[np.bool_]:
         """Tell which points stand in the stock as it was before the first move. Shape (s,)."""
-        solid = point[:, 2] < self.stock.crest(point[:, :2])
+        solid = point[:, 2] < self.stock.bounds()[1, 2]
         bottom, top = self.stock.interval(point[solid, :2])
         solid[solid] = (point[solid, 2] < top - NOTHING) & (point[solid, 2] >= bottom)
         return np.asarray(solid)
-
-    def may_touch(self, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
-        """Tell where the cutter is near enough to the stock. Shape (r,)."""
-        box, tip, reach = self.stock.bounds(), self.position[rows], self.cutter.radius
-        low = tip[:, 2]
-        if self.surface.tilt is not None:
-            low = low - reach
-            reach = reach + self.cutter.flute
-        beside = (tip[:, :2] > box[0, :2] - reach) & (tip[:, :2] < box[1, :2] + reach)
-        return np.asarray(beside.all(axis=1) & (low < box[1, 2]))
-
-    def _outward(self, rows: NDArray[np.int_], angles: Array) -> NDArray[np.bool_]:
-        turning = None if self.turning is None else self.turning[rows]
-        return outward_speed(self.cutter.slices, self.travel[rows], angles, turning) > SLIDES
 
     def _list_before(
         self, row: NDArray[np.int_], moves: NDArray[np.int_], live: NDArray[np.bool_]
@@ -192,10 +176,10 @@ class _EdgeSolver:
 class _FlatEdge(_EdgeSolver):
     """By how high the material reaches at each angle, for a flat cutter whose axis stands."""
 
-    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
-        """Write the engaged shares of some waypoints, the moves of the same chunk taken in their order."""
+    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_]) -> None:
+        """Write the engaged shares of some waypoints, see `_EdgeSolver`."""
         angles = middle_angles(ANGLES)
-        out = self._outward(rows, angles)
+        out = self.found.speed(angles, rows) > SLIDES
         n, k, m = np.nonzero(out)
         share = self._share(rows[n], k, angles[m], moves)
         found = np.zeros(out.shape, dtype=np.float32)
@@ -207,7 +191,7 @@ class _FlatEdge(_EdgeSolver):
             return np.asarray(self._share(rows[n], k, angle, moves) > middle_share)
 
         _end_arcs(found, out, reaches, BISECTIONS)
-        depth[rows] = np.clip(found, 0.0, 1.0)
+        self.found.depth[rows] = np.clip(found, 0.0, 1.0)
 
     def _share(self, row: NDArray[np.int_], k: NDArray[np.int_], angle: Array, moves: NDArray[np.int_]) -> Array:
         """Return the engaged share of slices at angles. Shape (s,)."""
@@ -251,19 +235,19 @@ class _PointEdge(_EdgeSolver):
         longest = float(self.cutter.slices.length[k].max(initial=0.0)) / self.cutter.radius
         return int(np.ceil(np.log2(max(longest / END_ERROR, 4.0)))) - 1
 
-    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
+    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_]) -> None:
         """Write the engaged shares of some waypoints, see `_EdgeSolver`."""
         angles = middle_angles(ANGLES)
-        out = self._outward(rows, angles)
+        out = self.found.speed(angles, rows) > SLIDES
         lower = self.cutter.lower
         if lower.any():  # a slice moves outwards where one of its ends does
-            speeds = self._lower_speeds(rows, angles)
+            speeds = self.found.lower_speeds(angles, rows)
             out[:, lower] = np.maximum(*speeds) > SLIDES
         asked = np.zeros((len(rows), out.shape[1] + 1, len(angles)), dtype=bool)
         asked[:, :-1] |= out
         asked[:, 1:] |= out
         place = self._place_knots(rows, angles)
-        asked &= place[..., 2] < self.stock.crest(place[..., :2])  # what stands above the stock is not asked for
+        asked &= place[..., 2] < self.stock.bounds()[1, 2]  # what stands above the stock is not asked for
         n, j, m = np.nonzero(asked)
         asked[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
         low, high = asked[:, :-1] & out, asked[:, 1:] & out
@@ -289,11 +273,7 @@ class _PointEdge(_EdgeSolver):
             whole = low & high
             whole[:, lower] &= np.minimum(*speeds) > 0.0
             self._fill_lower(found, (rows, moves, angles), whole, low | high)
-        depth[rows] = np.clip(found, 0.0, 1.0)
-
-    def _lower_speeds(self, rows: NDArray[np.int_], angles: Array) -> tuple[Array, Array]:
-        turning = None if self.turning is None else self.turning[rows]
-        return lower_speed(self.cutter, self.travel[rows], angles, turning)
+        self.found.depth[rows] = np.clip(found, 0.0, 1.0)
 
     def _fill_lower(
         self,
@@ -315,7 +295,7 @@ class _PointEdge(_EdgeSolver):
         total = np.zeros(len(n))
         for strip in range(STRIPS):
             off = ((strip + 0.5) / STRIPS - 0.5) * 2.0 * np.pi / len(angles)
-            low, high = (speed[n, k - first, m] for speed in self._lower_speeds(rows, angles + off))
+            low, high = (speed[n, k - first, m] for speed in self.found.lower_speeds(angles + off, rows))
             begin, end = outward_span(low, high)
             live = np.flatnonzero(end > begin)
             at, slices, angle = rows[n[live]], k[live], angles[m[live]] + off

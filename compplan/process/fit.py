@@ -187,18 +187,18 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     return ForceFit(
         numbers, _rms(before), _rms(after), _rms(measured[cut, :3]), len(cut), tuple(notes),
         _as_job_holds(law, known, matrix, measured / scale, covariance, file),
-        _compare_levels(design[:, :3, : known.sum()], model.in_job[known], value, covariance),
+        _compare_levels(design[:, :3], model.in_job[known], value, covariance),
     )  # fmt: skip
 
 
-def _compare_levels(columns: Array, in_job: Array, value: Array, covariance: Array) -> tuple[float, float]:
-    """Return fitted over predicted force, in the direction of the predicted one, and its standard deviation.
+def _compare_levels(columns: Array, wanted: Array, value: Array, covariance: Array) -> tuple[float, float]:
+    """Return the force of values over that of wanted ones, in its direction, and its standard deviation.
 
-    `columns` is what each number contributes to the force at the rows, shape (m, 3, c); `value` begins with them.
+    `columns` is what each number contributes to the force at the rows, shape (m, 3, c); they begin with the c wanted.
     """
-    force = np.einsum("mkc,c->mk", columns, in_job)
-    slope = np.einsum("mkc,mk->c", columns, force) / max(float((force**2).sum()), 1e-300)
-    own = len(in_job)
+    own = len(wanted)
+    force = columns[:, :, :own] @ wanted
+    slope = np.einsum("mkc,mk->c", columns[:, :, :own], force) / max(float((force**2).sum()), 1e-300)
     return float(slope @ value[:own]), float(np.sqrt(max(slope @ covariance[:own, :own] @ slope, 0.0)))
 
 
@@ -207,14 +207,25 @@ def _rms(force: Array) -> float:
 
 
 def _predict(law: ForceLaw, nominal: Toolpath) -> _Prediction:
-    """Return what each number contributes, path axes, and the path axes in the part frame."""
-    axes = path_axes(nominal)
-    columns, names, unit, in_job = _columns(law, nominal, axes)
-    power = np.zeros((*columns.shape[:2], 1))
+    """Return what each number of the force contributes along the path."""
+    axes, power = path_axes(nominal), np.zeros((1, len(nominal), 1))
     if law.cutting is not None:
-        power[..., 0] = 2.0 * np.pi * (law.cutting.process.spindle_rpm / 60.0) * columns[:, :, 5]
+        process = law.cutting.process
+        resistance, per_tooth = process.resistance, process.feed_per_tooth(nominal.feed)
+        columns = law.cutting.shape.columns(resistance.exponent, per_tooth) * ~nominal.rapid[:, None, None]
+        columns = np.swapaxes(columns, 0, 1)
+        names = [f"{part} {kind} coefficient" for kind in ("cutting", "edge") for part in NAMES]
+        units, in_job = ["N/mm2"] * 3 + ["N/mm"] * 3, np.array([*resistance.cutting, *resistance.edge])
+        power = 2.0 * np.pi * (process.spindle_rpm / 60.0) * columns[:, :, 5:]
+    else:
+        wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
+        local = np.concatenate([np.einsum("nji,nj->ni", axes, wrench[:, k : k + 3]) for k in (0, 3)], axis=1)
+        columns = np.stack([local * np.tile(np.eye(3)[k], 2) for k in range(3)])
+        names = [f"factor {where}" for where in ("along the travel", "to the left", "along the tool axis")]
+        units, in_job = ["1"] * 3, np.ones(3)
+    power = np.broadcast_to(power, (*columns.shape[:2], 1))
     R = np.einsum("ji,njk->nik", law.T_base_part[:3, :3], axes)
-    return _Prediction(cutting_progress(nominal), np.concatenate([columns, power], axis=2), R, names, unit, in_job)
+    return _Prediction(cutting_progress(nominal), np.concatenate([columns, power], axis=2), R, names, units, in_job)
 
 
 def _choose_channels(log: ForceLog, law: ForceLaw) -> tuple[list[int], Array]:
@@ -382,10 +393,7 @@ def _as_job_holds(
     held = lsq_linear(upper[:, :-1], upper[:, -1], bounds=(low, np.inf)).x[:own]
     every = np.zeros(6)
     every[known] = held
-    force = matrix[:, :3, :own].reshape(-1, own)
-    size = float(np.linalg.norm(force @ held))
-    slope = force.T @ (force @ held) / max(size, 1e-300)
-    spread = float(np.sqrt(max(slope @ covariance[:own, :own] @ slope, 0.0))) / max(size, 1e-300)
+    spread = _compare_levels(matrix[:, :3], held, held, covariance)[1]
     resistance = law.cutting.process.resistance
     return Coefficients(
         (every[0], every[1], every[2]), (every[3], every[4], every[5]), resistance.exponent,
@@ -399,19 +407,3 @@ def _check_level(measured: Array, predicted: Array, file: Path) -> None:
     if not wanted / MOST_RATIO <= level <= wanted * MOST_RATIO:
         message = f"force in the cut is {level:.3g} N (rms), {wanted:.3g} N is predicted: check units and s_mm"
         raise InputError(message, file=file)
-
-
-def _columns(law: ForceLaw, nominal: Toolpath, axes: Array) -> tuple[Array, list[str], list[str], Array]:
-    """Return what each number contributes at its unit, path axes; names, units, and values now. Shape (c, n, 6)."""
-    if law.cutting is not None:
-        resistance = law.cutting.process.resistance
-        per_tooth = law.cutting.process.feed_per_tooth(nominal.feed)
-        every = law.cutting.shape.columns(resistance.exponent, per_tooth) * ~nominal.rapid[:, None, None]
-        names = [f"{part} cutting coefficient" for part in NAMES] + [f"{part} edge coefficient" for part in NAMES]
-        values = np.array([*resistance.cutting, *resistance.edge])
-        return np.swapaxes(every, 0, 1), names, ["N/mm2"] * 3 + ["N/mm"] * 3, values
-    wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
-    local = np.concatenate([np.einsum("nji,nj->ni", axes, wrench[:, k : k + 3]) for k in (0, 3)], axis=1)
-    columns = np.stack([local * np.tile(np.eye(3)[k], 2) for k in range(3)])
-    names = [f"factor {where}" for where in ("along the travel", "to the left", "along the tool axis")]
-    return columns, names, ["1"] * 3, np.ones(3)

@@ -1,21 +1,4 @@
-"""process.toml of a robot folder: what measured parts said of the force of its processes, with dates.
-
-    schema = 1
-
-    [[process]]
-    model = "constant"                 # of [process]; what else it says stands in process.numbers
-    level = 1.17                       # force over the predicted one, as it is planned with
-    level_sigma = 0.05                 # one standard deviation
-    turn_deg = [0.0, 0.0, 1.5]         # rotation vector from the predicted to the true direction, axes of `frame`
-    turn_sigma_deg = 1.2               # per axis
-    scatter = 0.07                     # of the level from part to part, one standard deviation
-    robot = [[1e-9, 0.0, 0.0, 0.0]]    # covariance of level and turns [rad] with parameters of uncertainty.toml [SI]
-    robot_sha256 = "..."               # of that file: with another one `robot` does not count
-    [[process.part]]                   # oldest first
-    date = 2026-11-23
-    job = "circle"
-    level = 1.21                       # of this part alone
-    sigma = 0.02
+"""process.toml of a robot folder: what measured parts said of the force of its processes; docs/outputs.md has the keys.
 
 `plan` and the 95 % band of every job of the same model read it. A job whose [process] has other numbers takes the
 level with a further spread. From three parts on the scatter is theirs, weighed against the assumed one; from four on
@@ -67,7 +50,7 @@ class LearnedPartTable(StrictTable):
 
 
 class EntryTable(StrictTable):
-    """[[process]]: what is known of the force of one process."""
+    """[[process]]: what is known of the force of one process; `numbers` are those of its [process]."""
 
     model: str
     level: float = Field(gt=0.0, le=100.0)
@@ -75,8 +58,8 @@ class EntryTable(StrictTable):
     turn_deg: Vector3 = (0.0, 0.0, 0.0)
     turn_sigma_deg: float | None = Field(default=None, ge=0.0, le=180.0)
     scatter: float = Field(default=SCATTER, ge=0.0, le=10.0)
-    robot: Annotated[tuple[Shares, ...], Field(strict=False)] = ()
-    robot_sha256: str = ""
+    robot: Annotated[tuple[Shares, ...], Field(strict=False)] = ()  #: See `LearnedForce.robot`.
+    robot_sha256: str = ""  #: Of the uncertainty.toml that `robot` belongs to.
     numbers: dict[str, Any] = Field(default_factory=dict)
     part: Annotated[tuple[LearnedPartTable, ...], Field(strict=False, min_length=1)]
 

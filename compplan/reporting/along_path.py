@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,19 +31,12 @@ COLUMNS, HEIGHT = 3, 190
 
 @dataclass(frozen=True)
 class Stations:
-    """Where the waypoints of a path are, for horizontal axes and for hovering.
+    """Where the waypoints of a path are, for horizontal axes and for hovering."""
 
-    Attributes:
-        length: Path length up to each waypoint. Shape (n,). [m]
-        time: Time of each waypoint. Shape (n,). [s]
-        marked: Waypoints to mark, such as infeasible ones.
-        shaded: Intervals of path length to shade, such as rapid moves. Shape (k, 2). [m]
-    """
-
-    length: Array
-    time: Array
-    marked: NDArray[np.int_]
-    shaded: Array
+    length: Array  #: Path length up to each waypoint. Shape (n,). [m]
+    time: Array  #: Time of each waypoint. Shape (n,). [s]
+    marked: NDArray[np.int_]  #: Waypoints to mark, such as infeasible ones.
+    shaded: Array  #: Intervals of path length to shade, such as rapid moves. Shape (k, 2). [m]
 
     @property
     def marked_spans(self) -> Array:
@@ -136,11 +129,11 @@ def _add_lines(
         )  # fmt: skip
 
 
-def draw_lines(
-    stations: Stations, series: Mapping[str, Array], unit: str, *, title: str, colours: Sequence[str] = CATEGORIES,
-    log: bool = False, limit: tuple[float, str] | None = None, zero: bool = False,
-) -> Figure:  # fmt: skip
-    """Draw series along the path on one axis, already in the unit shown, shape (n,) each.
+def chart_lines(
+    stations: Stations, series: Mapping[str, Array], unit: str, title: str, caption: str, height: int = 340, *,
+    colours: Sequence[str] = CATEGORIES, log: bool = False, limit: tuple[float, str] | None = None, zero: bool = False,
+) -> Chart:  # fmt: skip
+    """Chart series along the path on one axis, already in the unit shown, shape (n,) each.
 
     `log`: a logarithmic axis, the unit is then mm; `limit`: a level to mark, and what it is called; `zero`: the axis
     starts at zero.
@@ -153,16 +146,9 @@ def draw_lines(
         figure.axis("y", rangemode="tozero")
     if limit is not None:
         figure.level(limit[0], width=1.4)
-        height = float(np.log10(limit[0])) if log else limit[0]
-        figure.note(limit[1], x=1, xref="paper", xanchor="right", y=height)
-    return figure
-
-
-def chart_lines(
-    stations: Stations, series: Mapping[str, Array], unit: str, title: str, caption: str, height: int = 340, **keys: Any
-) -> Chart:
-    """Return the chart of `draw_lines`, with a caption."""
-    return Chart(draw_lines(stations, series, unit, title=title, **keys), caption, height, along=True)
+        level = float(np.log10(limit[0])) if log else limit[0]
+        figure.note(limit[1], x=1, xref="paper", xanchor="right", y=level)
+    return Chart(figure, caption, height, along=True)
 
 
 def _span_positive(values: Iterable[Array]) -> tuple[float, float]:
@@ -171,10 +157,10 @@ def _span_positive(values: Iterable[Array]) -> tuple[float, float]:
     return (float(known.min()), float(known.max())) if len(known) else (1e-6, 1.0)
 
 
-def draw_strategies(
+def chart_strategies(
     stations: Stations, deviations: Mapping[str, Mapping[str, Array]], tolerance: float, *, log: bool = False
-) -> Figure:
-    """Draw deviations along the path, one small chart a strategy, all with the same axes.
+) -> Chart:
+    """Chart deviations along the path, one small chart a strategy, all with the same axes.
 
     deviations: by title of the chart, series by name, shape (n,) each [mm]; tolerance: level that is marked [mm].
     """
@@ -188,17 +174,9 @@ def draw_strategies(
     if log:
         ends = [float(np.log10(0.8 * max(least, 1e-5))), float(np.log10(1.25 * most))]
         use_decades(figure, "y", max(least, 1e-5), most, range=ends)
-    return figure
-
-
-def chart_strategies(
-    stations: Stations, deviations: Mapping[str, Mapping[str, Array]], tolerance: float, *, log: bool = False
-) -> Chart:
-    """Return the chart of `draw_strategies`, with its caption."""
     caption = (
         f"One chart a strategy, all with the same axes{', logarithmic' * log}; dashed: tolerance {tolerance:g} mm."
     )
-    figure = draw_strategies(stations, deviations, tolerance, log=log)
     return Chart(figure, caption, 80 + HEIGHT * -(-len(deviations) // COLUMNS), along=True)
 
 

@@ -33,11 +33,7 @@ TASKS = {
 
 
 def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
-    """Write a designed campaign and return what campaign.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write a designed campaign and return what campaign.json holds."""
     with replace_folder(folder, "campaign") as part:
         _write_log(campaign, part / "campaign.csv")
         if campaign.poses.sights is not None:
@@ -158,21 +154,14 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
 
 
 def describe_campaign(campaign: PoseCampaign) -> str:
-    """Say in a few sentences what the campaign brings and when to stop."""
-    choice = campaign.choice
-    text = (
-        f"{len(choice.rows)} poses narrow the 95 % band {campaign.equipment.place} from "
-        f"{format_length(choice.greatest[0])} to {format_length(choice.greatest[-1])} at its widest point, "
-        "if the robot is as uncertain as stated."
-    )
-    if campaign.log:
-        text += f" {campaign.log} rows of the log count already."
-    enough = choice.enough
-    if enough == 0:
-        return f"{text} No further pose is worth measuring: stop here."
-    if enough is not None:
-        return f"{text} Stop after the {enough} most useful ones: the others narrow it by less than 0.5 % each."
-    return f"{text} The last one is still worth it: more poses would narrow it further."
+    """Say in a sentence or two what the campaign brings and when to stop."""
+    choice, place = campaign.choice, campaign.equipment.place
+    useful = len(choice.rows) if choice.enough is None else choice.enough
+    ends = " to ".join(format_mm(float(choice.greatest[k])) for k in (0, useful))
+    text = f"{useful} poses are enough: they narrow the 95 % band {place} from {ends}."
+    if useful == 0:
+        text = f"No further pose is worth measuring: none narrows the band {place}."
+    return f"{text} {campaign.log} rows of the log count already." if campaign.log else text
 
 
 def _render(campaign: PoseCampaign) -> str:
@@ -214,14 +203,10 @@ def _render(campaign: PoseCampaign) -> str:
 
 def _open(campaign: PoseCampaign) -> Summary:
     """Return the first screen: what the poses bring."""
-    choice, place = campaign.choice, campaign.equipment.place
+    choice = campaign.choice
     now, then = float(choice.greatest[0]), float(choice.greatest[-1])
     useful = len(choice.rows) if choice.enough is None else choice.enough
-    verdict = f"{useful} poses are enough: they narrow the 95 % band {place} from {format_mm(now)} to "
-    verdict += f"{format_mm(float(choice.greatest[useful]))}."
-    tone = "good" if then < 0.8 * now else "unsure"
-    if useful == 0:
-        verdict, tone = f"No further pose is worth measuring: none narrows the band {place}.", "good"
+    tone = "good" if then < 0.8 * now or (campaign.log and useful == 0) else "unsure"
     figures = [
         (format_mm(now), "95 % band at its widest point, now"),
         (format_mm(then), f"expected after all {len(choice.rows)} poses", tone),
@@ -238,7 +223,10 @@ def _open(campaign: PoseCampaign) -> Summary:
     )
     todo = "Measure the poses in the order of the list and fill in campaign.csv. Then: compplan diagnose campaign.csv "
     todo += "--robot ROBOT --out updated."
-    return Summary(verdict, tone, figures, Chart(chart, caption, 340), todo)
+    if useful == 0:
+        todo = "Load the tool at the poses (--weights-kg, --pull-N), or cut and measure a part: compplan learn JOB "
+        todo += "MEASURED.csv --robot ROBOT."
+    return Summary(describe_campaign(campaign), tone, figures, Chart(chart, caption, 340), todo)
 
 
 def _list_poses(campaign: PoseCampaign) -> DataTable:

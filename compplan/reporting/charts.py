@@ -269,9 +269,10 @@ def build_template(theme: str) -> dict[str, Any]:
         "paper": PAPER[theme], "ink": INK[theme], "grid": GRID[theme], "space": SPACE_GRID[theme], "line": LINE[theme],
         "font": FONT.replace('"', '\\"'),
     }  # fmt: skip
-    told = json.loads(Template(TEMPLATE.read_text(encoding="utf-8")).substitute(marks))
-    axes = {"xaxis": told["axis"], "yaxis": told["axis"], "scene": {f"{name}axis": told["space"] for name in "xyz"}}
-    return {"layout": {**told["layout"], "colorway": list(CATEGORIES), **axes}}
+    template = json.loads(Template(TEMPLATE.read_text(encoding="utf-8")).substitute(marks))
+    space = {f"{name}axis": template["space"] for name in "xyz"}
+    axes = {"xaxis": template["axis"], "yaxis": template["axis"], "scene": space}
+    return {"layout": {**template["layout"], "colorway": list(CATEGORIES), **axes}}
 
 
 def thin_rows(signals: Array | Sequence[Array], limit: int) -> NDArray[np.int_]:

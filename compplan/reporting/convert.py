@@ -1,4 +1,4 @@
-"""The page of `compplan convert`: the path that was read, by tool, and what was refused or assumed."""
+"""The page of `compplan convert`: the path that was read, by tool, and what was assumed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.errors import InputError
 from compplan.io.palette import CATEGORIES
 from compplan.io.quantities import format_number
 from compplan.reporting.charts import Figure
@@ -44,19 +43,10 @@ def render_toolpath(toolpath: Toolpath, facts: CamFacts) -> str:
         Section("Tools", [_list_tools(toolpath, tools, number)], open=True),
     ]
     if facts.notes:
-        notes = DataTable(["number", "what"], [[k, note] for k, note in enumerate(facts.notes, start=1)])
-        sections.append(Section("Assumed or read past", [notes], open=True))
+        sections.append(Section("Assumed or read past", facts.notes, open=True))
     todo = "Check box, tools and assumptions against the drawing, then plan: compplan plan JOB."
     origin = Provenance([("language", facts.kind), ("lines", str(facts.lines)), ("unit", facts.unit)])
     return render_page(name, Summary(verdict, tone, figures, scene, todo), sections, kind="CAM file", provenance=origin)
-
-
-def render_refusal(camfile: Path, error: InputError) -> str:
-    """Return the page of a CAM file that is refused: the line, why, and what to do."""
-    place = f"line {error.where}" if error.where else camfile.name
-    opening = Summary(f"{camfile.name} is refused.", "bad", next=f"{place}: {error.message}")
-    section = Section("Refused", [DataTable(["where", "what"], [[place, error.message]])], open=True)
-    return render_page(camfile.name, opening, [section], kind="CAM file")
 
 
 def _number_tools(toolpath: Toolpath) -> tuple[list[str], Array]:

@@ -6,9 +6,8 @@ The page shows where the gap lies, which effects cause it, how far it shrinks, a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from compplan.diagnosis.results.shares import CALIBRATION, Share
 from compplan.diagnosis.results.where import Split, split_diagnosis
 from compplan.errors import InputError
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_mm, format_number, format_percent
+from compplan.io.quantities import format_mm, format_percent
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
 from compplan.measurement.registration import write_registration
@@ -56,9 +55,6 @@ def deliver_diagnosis(
     """Find where the gap lies, what the folders are worth and what to measure next; write all of it.
 
     Returns what diagnosis.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
     """
     progress("where")
     split = split_diagnosis(diagnosis)
@@ -74,11 +70,7 @@ def deliver_diagnosis(
 def write_diagnosis(
     diagnosis: Diagnosis, split: Split, assessment: Assessment, table: Mapping[str, Any], out: Path
 ) -> dict[str, Any]:
-    """Write diagnosis.json, report.html and the updated robot folders; return what diagnosis.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write diagnosis.json, report.html and the updated robot folders; return what diagnosis.json holds."""
     table = {**table, "made_by": describe_origin()}
     with replace_folder(out, "diagnose") as part:
         folder, registration = part / "robot", diagnosis.delivery.state.registration
@@ -92,11 +84,7 @@ def write_diagnosis(
 
 
 def _measure_gap(diagnosis: Diagnosis, robot: Robot, folder: Path) -> float:
-    """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]
-
-    Raises:
-        InputError: If the folder predicts other positions than the model that was judged.
-    """
+    """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]"""
     campaign, delivery = diagnosis.fit.problem.campaign, diagnosis.delivery
     registration = delivery.state.registration
     gap = predict_campaign(robot, campaign, registration=registration, later=False).gap
@@ -115,23 +103,14 @@ def _measure_gap(diagnosis: Diagnosis, robot: Robot, folder: Path) -> float:
     return float(np.sqrt(np.mean(np.sum(gap[good] ** 2, axis=1))))
 
 
-@dataclass(frozen=True, eq=False)
-class _UsedRows:
-    """The measured rows that count, as charts take them; k rows, base axes.
+class _UsedRows(NamedTuple):
+    """The measured rows that count, as charts take them; k of n rows, base axes."""
 
-    Attributes:
-        used: Rows that count; the others are outliers or incomplete. Shape (n,).
-        q: Joint positions. Shape (k, nq). [rad or m]
-        point: Measured points, base frame. Shape (k, 3). [m]
-        before: Measured minus predicted by the nominal robot. Shape (k, 3). [m]
-        after: Measured minus predicted by the updated robot. Shape (k, 3). [m]
-    """
-
-    used: NDArray[np.bool_]
-    q: Array
-    point: Array
-    before: Array
-    after: Array
+    used: NDArray[np.bool_]  #: Rows that count; the others are outliers or incomplete. Shape (n,).
+    q: Array  #: Joint positions. Shape (k, nq). [rad or m]
+    point: Array  #: Measured points. Shape (k, 3). [m]
+    before: Array  #: Measured minus predicted by the nominal robot. Shape (k, 3). [m]
+    after: Array  #: Measured minus predicted by the updated robot. Shape (k, 3). [m]
 
 
 def render_diagnosis(
@@ -241,7 +220,7 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
         kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
         caption = "Small errors in the updated robot, by place and kind."
         blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
-    blocks.append(Fold("By run, direction and region", _list_splits(split)))
+    blocks.append(Fold("By run", [_list_runs(split)]))
     return Section("Where it lies", blocks)
 
 
@@ -249,24 +228,13 @@ def _show_share(share: Share) -> tuple[str, str]:
     return format_percent(share.share), f"{format_percent(share.low)} to {format_percent(share.high)}"
 
 
-def _list_splits(split: Split) -> list[Block]:
-    def tail(entry: Mapping[str, Any]) -> list[Any]:
-        interval = f"{format_percent(entry['low'])} to {format_percent(entry['high'])}"
-        after = float(entry["after_rms_mm"])
-        return [int(entry["rows"]), float(entry["rms_mm"]), after, format_percent(entry["share"]), interval]
-
-    def reach(pair: Sequence[float]) -> str:
-        return f"{format_number(float(pair[0]), 4)} to {format_number(float(pair[1]), 4)}"
-
-    end, spread = ["rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], split.spread
-    regions = [[reach(e["reach_mm"]), reach(e["height_mm"]), *tail(e)] for e in spread.by_region]
-    axes = [[name.replace("_", " "), *_show_share(share)] for name, share in spread.by_axis.items()]
-    return [
-        DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
-        DataTable(["reach [mm]", "height [mm]", *end], regions,
-                   "By region: distance from the axis of the base, and height."),
-        DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
+def _list_runs(split: Split) -> DataTable:
+    rows = [
+        [name, int(run["rows"]), float(run["rms_mm"]), float(run["after_rms_mm"]), format_percent(run["share"]),
+         f"{format_percent(run['low'])} to {format_percent(run['high'])}"]
+        for name, run in split.spread.by_run.items()
     ]  # fmt: skip
+    return DataTable(["run", "rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], rows, scroll=12)
 
 
 def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:

@@ -33,7 +33,7 @@ from compplan.process.learned_force import (
     write_learned_force,
 )
 from compplan.process.materials import CoefficientTable
-from compplan.reporting.along_path import Stations, chart_lines, chart_wrench, find_spans
+from compplan.reporting.along_path import Stations, chart_lines, chart_wrench, place_stations
 from compplan.reporting.charts import Figure, thin_path
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Provenance, Section, Summary, render_page
 from compplan.reporting.scenes import add_path, colour_axis, frame_scenes
@@ -42,8 +42,6 @@ from compplan.toolpath.toolpath import WRENCH_HEADERS, Toolpath
 
 #: Largest ratio of measured and predicted force that is learned.
 MOST_LEVEL = 100.0
-#: What is left of the stock: part frame, millimetres.
-STOCK = "stock.stl"
 #: About how many points of a path are drawn in a scene.
 POINTS = 4000
 
@@ -83,29 +81,17 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
 
 
 def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
-    """Write forces.json, forces.csv, report.html, and what a cutter leaves of its stock; return what forces.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write forces.json, forces.csv, the page and what a cutter leaves of its stock; return what forces.json holds."""
     summary = {**summarise_forces(found), "made_by": describe_origin()}
     with replace_folder(folder, "forces") as part:
         write_table(part / "forces.csv", _tabulate(found))
         write_text(part / "report.html", _render(found, summary))
-        if found.law.cutting is not None:
-            left = found.law.cutting.leave()
-            left.apply_scale(1e3)
-            (part / STOCK).write_bytes(left.export(file_type="stl"))
         write_json(part / "forces.json", summary)
     return summary
 
 
 def write_coefficients(found: ForcePrediction, file: Path) -> None:
-    """Write the fitted coefficients as the table [process.coefficients] of a later job.
-
-    Raises:
-        InputError: If the force model has no coefficients, or the file cannot be written.
-    """
+    """Write the fitted coefficients as the table [process.coefficients] of a later job."""
     fitted = None if found.fit is None else found.fit.coefficients
     if fitted is None:
         message = f"process.model is {found.job.process.model!r}, --write is for models with cutting coefficients"
@@ -131,9 +117,6 @@ def write_level(found: ForcePrediction, file: Path) -> None:
 
     The level of the log is worth its own error and what differs from part to part; it is weighed against what is known:
     earlier parts, or the prediction with its uncertainty.
-
-    Raises:
-        InputError: If the file does not stand in a robot folder, or nothing was fitted.
     """
     if found.fit is None or not (file.parent / "robot.urdf").is_file():
         raise InputError("process.toml belongs into a robot folder, beside robot.urdf", file=file)
@@ -238,10 +221,7 @@ def _locate_stations(nominal: Toolpath) -> Stations:
     """Return where the waypoints are, for the charts."""
     rests = nominal.rapid[1:] | (nominal.feed[1:] <= 0.0)
     step = np.where(rests, 0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9))
-    spans = find_spans(nominal.rapid)
-    spans = np.column_stack([np.maximum(spans[:, 0] - 1, 0), spans[:, 1]]).astype(int)
-    shaded = nominal.arc_length[spans].reshape(-1, 2)
-    return Stations(nominal.arc_length, np.r_[0.0, np.cumsum(step)], np.zeros(0, int), shaded)
+    return place_stations(nominal.position, np.r_[0.0, np.cumsum(step)], ~nominal.rapid)
 
 
 def _colour_path(found: ForcePrediction, value: Array, unit: str) -> Figure:
@@ -271,25 +251,16 @@ def _show_force(found: ForcePrediction, stations: Stations) -> list[Block]:
 
 
 def _show_engagement(found: ForcePrediction, cut: Engagement, stations: Stations) -> list[Block]:
-    """Show depth, width and angle along the path, and all of them at even lengths of the cut."""
+    """Show depth, width and angle along the path."""
     depth = {"axial depth": 1e3 * _leave_out_air(found, cut.axial),
              "radial width": 1e3 * _leave_out_air(found, cut.radial)}  # fmt: skip
-    arc, length = np.degrees(cut.arc), 1e3 * found.nominal.arc_length
-    force, touches = np.linalg.norm(found.wrench[:, :3], axis=1), np.flatnonzero(cut.touches)
-    rows = [
-        [int(i), float(length[i]), float(1e3 * cut.axial[i]), float(1e3 * cut.radial[i]), float(arc[i, 0]),
-         float(arc[i, 1]), Cell(float(force[i]), "strong")]
-        for i in touches[np.unique(np.linspace(0, len(touches) - 1, min(len(touches), 60)).astype(int))]
-    ]  # fmt: skip
-    columns = ["waypoint", "length [mm, 4]", "axial depth [mm]", "radial width [mm]", "first angle [deg]",
-               "last angle [deg]", "force [N]"]  # fmt: skip
+    arc = np.degrees(cut.arc)
     colours, caption = (AFTER, BEFORE), "Axial depth and radial width of what the cutter meets."
     angles = {"first": arc[:, 0], "last": arc[:, 1]}
     turn = "First and last engaged angle, from the travel to the left; none in the air."
     return [
         chart_lines(stations, depth, "mm", "engaged", caption, 300, colours=colours, zero=True),
         chart_lines(stations, angles, "deg", "angle", turn, 280, colours=colours),
-        DataTable(columns, rows, "At even steps of the cut; forces.csv has every waypoint.", 14),
     ]
 
 

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.io.palette import AFTER, BEFORE, CATEGORIES, NEUTRAL
 from compplan.io.quantities import format_length
-from compplan.reporting.charts import Bars, Figure, draw_bars, use_decades
+from compplan.reporting.charts import Bars, Figure, draw_bars, thin_rows, use_decades
 from compplan.reporting.scenes import (
     add_path,
     add_shapes,
@@ -32,15 +31,6 @@ BINS = 45
 MODELS = (("nominal model", BEFORE), ("updated model", AFTER))
 
 
-def thin_dots(size: Array, limit: int) -> NDArray[np.int_]:
-    """Choose rows for a cloud of dots: evenly, and the largest ones. Shape (at most limit,)."""
-    n = len(size)
-    if n <= limit:
-        return np.arange(n)
-    largest = np.argsort(np.nan_to_num(size))[-limit // 10 :]
-    return np.unique(np.concatenate([np.linspace(0, n - 1, limit - len(largest)).astype(int), largest]))
-
-
 def draw_residuals(robot: Robot, q: Array, point: Array, before: Array, after: Array) -> Figure:
     """Draw residual vectors in space, before and after, with the robot in a middle pose.
 
@@ -48,7 +38,7 @@ def draw_residuals(robot: Robot, q: Array, point: Array, before: Array, after: A
     predicted by the nominal and the updated model, shape (n, 3) [m].
     """
     sizes = [np.linalg.norm(side, axis=1) for side in (before, after)]
-    rows = thin_dots(sizes[0], VECTORS)
+    rows = thin_rows([sizes[0]], VECTORS)
     factor = choose_magnification(point, before)
     titles = [
         f"{name}: rms {format_length(float(np.sqrt(np.mean(size**2))))}"
@@ -87,7 +77,7 @@ def draw_traces(traces: Sequence[Trace]) -> Figure:
     titles = [f"<b>{trace.place}</b>, {trace.effect.replace('_', ' ')}" for trace in traces]
     figure = Figure(titles, 3, gaps=(0.08, 0.3 / -(-len(traces) // 3)))
     for panel, trace in enumerate(traces):
-        rows = thin_dots(np.abs(trace.error), DOTS)
+        rows = thin_rows([np.abs(trace.error)], DOTS)
         driver = trace.driver[rows]
         if trace.two_sided:
             driver = driver + 0.25 * np.sin(997.0 * np.arange(len(driver)))

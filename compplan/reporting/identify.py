@@ -159,8 +159,6 @@ def _render(summary: Mapping[str, Any]) -> str:
         Section("What cannot be determined", [DataTable(["parameter", "together with", "reason"], held, "", 24)],
                 "Held at their nominal values, and why."),
         Section("Gap", [gaps], "Root mean square of the distance between measured and predicted positions."),
-        Section("Which parameters were added", [_list_rounds(summary["structure"])],
-                "Candidates and the gap if they were added."),
     ]  # fmt: skip
     if geometry:
         fold = Fold(f"{len(geometry)} changes of geometry", [_list_parameters(geometry)])
@@ -237,16 +235,3 @@ def _list_parameters(entries: Sequence[Mapping[str, Any]]) -> DataTable:
         for entry in entries
     ]  # fmt: skip
     return DataTable(["parameter", "unit", "before", "value", "from", "to", "robot folder"], rows, scroll=24)
-
-
-def _list_rounds(rounds: Sequence[Mapping[str, Any]]) -> DataTable:
-    rows: list[list[Any]] = []
-    for number, entry in enumerate(rounds, 1):
-        rows.append([number, Cell("model as it stands", "muted"), None, None, entry["held_out_rms_mm"], None, None])
-        for candidate in entry["candidates"][:8]:
-            verdict = "" if candidate["told"] else "cannot be determined"
-            verdict = "added" if candidate["name"] == entry["added"] else verdict
-            keys = ("name", "value", "unit", "held_out_rms_mm", "gain_in_standard_errors")
-            rows.append([None, *(candidate[key] for key in keys), verdict])
-    columns = ["round", "candidate", "value", "unit", "gap on poses not in the fit [mm]", "gain [standard errors]", ""]
-    return DataTable(columns, rows, scroll=24)

@@ -35,11 +35,7 @@ SMALL = {
 
 
 def write_learning(update: LearnedPart, folder: Path) -> dict[str, Any]:
-    """Write what was learned from a part and return what learn.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write what was learned from a part and return what learn.json holds."""
     plan = update.after
     with replace_folder(folder, "learn") as part:
         _write_updated(update, part / "robot")
@@ -146,7 +142,6 @@ def _render(update: LearnedPart) -> str:
     ]
     return render_page(
         update.after.name, _open(update), sections, kind=f"Measured part, {update.robot.name}",
-        warning="" if model_update.taken else f"The program stays as it is: {model_update.reason}.",
         notes=update.notes[1:],
         provenance=describe_robot(update.robot, [("corrected plan", "plan.html")]),
     )  # fmt: skip
@@ -168,18 +163,23 @@ def _open(update: LearnedPart) -> Summary:
     caption = "Dots: measured. Lines: what explains it; distances without sign, in the directions that were measured."
     picture = Chart(draw_curves(curves), caption, 340)
     if not model_update.taken:
-        verdict = "The program stays as it is: the measured part does not improve the next one."
+        reason = re.sub(r"[:,] the program stays as it is$", "", model_update.reason)
+        verdict = f"The program stays as it is: {reason}."
         figures = [(format_mm(model_update.rms), "rms deviation of the measured part")]
         todo = "Measure more points, or another part, and learn again."
         return Summary(verdict, "unsure", figures, picture, todo)
-    change = format_mm_change(model_update.rms, model_update.expected)
+    change, better = format_mm_change(model_update.rms, model_update.expected), model_update.expected < model_update.rms
+    verdict = "The new program should make the next part better."
+    if not better:
+        ends = (float(band.max()) for band in (model_update.band_before, model_update.band_after))
+        verdict = f"The part narrows the 95 % band of the next one: {format_mm_change(*ends)}."
     taken = [
-        (change, "rms deviation, measured on this part and expected of the next", "good"),
+        (change, "rms deviation, measured on this part and expected of the next", "good" if better else ""),
         (format_mm(model_update.held_out), "checked: left on stretches not used for the correction"),
         (format_mm(float(model_update.band_after.max())), "95 % band of the next part at its widest"),
     ]
     todo = "Cut the next part with the new program, measure it, and learn again with --robot OUT/robot."
-    return Summary("The new program should make the next part better.", "good", taken, picture, todo)
+    return Summary(verdict, "good", taken, picture, todo)
 
 
 def _list_causes(update: LearnedPart) -> DataTable:

@@ -10,9 +10,9 @@ import numpy as np
 from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
-from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_deflection, draw_joint_map
-from compplan.reporting.maps.survey import WRIST_FOR_QUALITY_DEG, DeflectionMap, RobotMaps
-from compplan.reporting.page import Columns, DataTable, Picture, Section, Summary, render_page
+from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_deflection
+from compplan.reporting.maps.survey import DeflectionMap, RobotMaps
+from compplan.reporting.page import DataTable, Picture, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot
 from compplan.robot import Array
 
@@ -32,14 +32,9 @@ POSTURE_WORDS = {"straight": "wrist straight", "down": "tool down", "outward": "
 
 def write_map(result: RobotMaps, folder: Path) -> None:
     """Write map.json, the pictures and report.html into a folder."""
-    table, joints = result.summary(), result.dexterity
+    table = result.summary()
     for name, plane in result.planes.items():
         table["planes"][name] |= _list_values(plane, result.quality[name])
-    table["dexterity_over_joints"] = {
-        "joints": [result.robot.joint_names[j] for j in joints.joints],
-        "first_deg": _round(np.degrees(joints.first)), "second_deg": _round(np.degrees(joints.second)),
-        "inverse_condition": _round(joints.inverse_condition),
-    }  # fmt: skip
     table["made_by"] = describe_origin()
     pictures = _draw_maps(result)
     with replace_folder(folder, "map") as part:
@@ -51,20 +46,14 @@ def write_map(result: RobotMaps, folder: Path) -> None:
 
 def _draw_maps(result: RobotMaps) -> dict[str, Picture]:
     """Draw the pictures, by the names of their files."""
-    settings, joints, pictures = result.settings, result.dexterity, {}
+    settings, pictures = result.settings, dict[str, Picture]()
     where = {"horizontal": f"z = {settings.height * 1e3:.0f} mm",
              "vertical": f"azimuth {np.degrees(settings.azimuth):.0f} deg"}  # fmt: skip
     for name, plane in result.planes.items():
         title = f"{result.robot.name}: {name} plane, {where[name]}, {POSTURE_WORDS[settings.posture]}"
         panels = deflection_panels(plane, result.quality[name])
         pictures[f"map_{name}.png"] = Picture(draw_deflection(result.robot, plane, panels, title), LINES, title)
-    first, second = (result.robot.joint_names[j] for j in joints.joints)
-    caption = (
-        f"Inverse condition number of the Jacobian over the characteristic length of {joints.length * 1e3:.0f} mm. "
-        f"Wrist joints are at {WRIST_FOR_QUALITY_DEG:.0f} deg, the first joint in the middle of its limits."
-    )
-    png = draw_joint_map(joints, [], (first, second), "Dexterity 1/κ (1 is best)")
-    return {**pictures, "dexterity.png": Picture(png, caption)}
+    return pictures
 
 
 def _list_values(plane: DeflectionMap, quality: Array) -> dict[str, Any]:
@@ -96,7 +85,6 @@ def _render(result: RobotMaps, pictures: dict[str, Picture]) -> str:
     sections = [
         Section("Figures", [DataTable(["plane", "quantity", "least", "mean", "greatest"], rows, caption)]),
         *(Section(f"{name.capitalize()} plane", [pictures[f"map_{name}.png"]]) for name in result.planes),
-        Section("Dexterity over the second and third joint", [Columns([[pictures["dexterity.png"]], []])]),
     ]
     flat, plane = summary["planes"]["horizontal"]["worst_unit_force_um_per_N"], result.planes["horizontal"]
     verdict = (

@@ -9,21 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.io.display import Curve, Curves
 from compplan.io.palette import CATEGORIES, TOLERANCE
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length, format_mm, format_percent, format_set_length, format_set_value
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.reporting.along_path import FLOOR, Stations, chart_strategies
-from compplan.reporting.charts import Bars, Figure, draw_bars, draw_curves, use_decades
+from compplan.reporting.charts import Bars, Figure, draw_bars, use_decades
 from compplan.reporting.compare import colour_strategies, name_strategy
 from compplan.reporting.page import Cell, Chart, DataTable, Fold, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.studies.job_study import JobStudy
 from compplan.studies.runner import Run
 from compplan.studies.sensitivity import Sensitivity
-from compplan.studies.summary import trace_convergence
 
 #: What groups of uncertainties are called in a sentence.
 GROUPS = {
@@ -50,14 +48,6 @@ def _render(result: JobStudy) -> str:
     sections = [_show_strategies(result, _find_best(result)), _show_path(run), _show_pairs(result)]
     if result.sensitivity is not None:
         sections.append(_show_sensitivity(result.sensitivity, summary["sensitivity_of"]))
-    lines = []
-    for k, name in enumerate(study.strategies):
-        trace = trace_convergence(1e3 * run.evaluated.rms[:, k], run.settings.replicates)
-        samples, half = np.array([[float(count), each.half_width] for count, each in trace]).T
-        lines.append(Curve(name_strategy(name), samples, np.maximum(half, 1e3 * FLOOR), k, "lines+markers"))
-    curves = Curves("", "samples", "half of the interval [mm]", tuple(lines), logarithmic=True)
-    caption = "Half of the 95 % interval of the mean rms against the number of samples."
-    sections.append(Section("Convergence", [Chart(draw_curves(curves), caption, 320)]))
     facts = [
         ("job", str(result.job.file)),
         ("samples", f"{summary['samples']} in {summary['replicates']} replicates of a Sobol sequence"),
@@ -146,11 +136,9 @@ def _show_path(run: Run) -> Section:
 def _show_pairs(result: JobStudy) -> Section:
     """Show the paired differences of all strategies from the one that the study looks at."""
     main = result.summary["sensitivity_of"]
-    names, means, ends, rows = [], [], [], []
+    names, means, ends = [], [], []
     for pair in result.summary["paired_differences"]:
         (first, second), mean, interval = pair["strategies"], pair["rms_mm"]["mean"], pair["rms_mm"]["ci95"]
-        share = format_percent(pair["second_better"])
-        rows.append([name_strategy(first), name_strategy(second), _format_mm(mean), _format_interval(interval), share])
         if main in (first, second):
             sign = 1.0 if first == main else -1.0
             names.append(name_strategy(second if first == main else first))
@@ -162,10 +150,8 @@ def _show_pairs(result: JobStudy) -> Section:
         hover="%{x:.4g} mm",
     )  # fmt: skip
     caption = f"rms deviation of each strategy less that of {name_strategy(main)}, cell by cell; 95 % interval of the"
-    heads = ["first", "second", "second less first", "95 % interval", "second closer in"]
-    fold = Fold("All pairs", [DataTable(heads, rows, scroll=14)])
     about = "All strategies meet the same cells, so that differences are paired."
-    return Section("Differences", [Chart(figure, f"{caption} mean.", 90 + 26 * len(names)), fold], about)
+    return Section("Differences", [Chart(figure, f"{caption} mean.", 90 + 26 * len(names))], about)
 
 
 def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:

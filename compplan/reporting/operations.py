@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from compplan.controllers.writers.sequence import WHOLE
+from compplan.controllers.writers import WHOLE
 from compplan.io.notes import list_remarks, list_stops
 from compplan.io.palette import BAND, BEFORE
 from compplan.io.quantities import format_length, format_mm, format_mm_change
@@ -72,13 +72,13 @@ def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> 
 
 def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folder: Path, name: str) -> list[Path]:
     """Write the programs that call those of all tools, in the languages that have calls."""
-    from compplan.controllers.writers.sequence import write_sequence
+    from compplan.controllers.writers import write_sequence
 
     job = plans[0].job
     if job is None or not job.output.programs:
         return []
-    said = [f"{plan.job.label if plan.job else ''}: {line}" for plan in plans for line in head_of_status(plan)]
-    head = (f"compplan: {name}, the programs of all tools in order", *said)
+    warnings = [f"{plan.job.label if plan.job else ''}: {line}" for plan in plans for line in head_of_status(plan)]
+    head = (f"compplan: {name}, the programs of all tools in order", *warnings)
     first = replace(make_program(plans[0]), name=f"{name}, all tools; the first", comments=head)
     return [
         file for language in job.output.programs

@@ -110,25 +110,16 @@ class Section:
 
 @dataclass(frozen=True)
 class Summary:
-    """What the first screen of a page says.
+    """What the first screen of a page says."""
 
-    Args:
-        verdict: The answer in one line.
-        tone: "good", "bad", "unsure", or "" where the page judges nothing.
-        figures: Three figures: the number with its unit, what it is, and a tone where it has one.
-        picture: One picture.
-        next: What to do next, one sentence.
-        stops: What has to be settled before the machine moves, one sentence each.
-        sheet: What is shown open right below, such as the setup sheet.
-    """
-
-    verdict: str
-    tone: str = ""
+    verdict: str  #: The answer in one line.
+    tone: str = ""  #: "good", "bad", "unsure", or "" where the page judges nothing.
+    #: Three figures: the number with its unit, what it is, and a tone where it has one.
     figures: Sequence[tuple[str, ...]] = ()
-    picture: Block | None = None
-    next: str = ""
-    stops: Sequence[str] = ()
-    sheet: Section | None = None
+    picture: Block | None = None  #: One picture.
+    next: str = ""  #: What to do next, one sentence.
+    stops: Sequence[str] = ()  #: What has to be settled before the machine moves, one sentence each.
+    sheet: Section | None = None  #: What is shown open right below, such as the setup sheet.
 
 
 @dataclass(frozen=True)

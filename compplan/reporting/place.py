@@ -20,11 +20,7 @@ from compplan.reporting.plan_page import chart_posture
 
 
 def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, Any]:
-    """Write place.json and its page; return what place.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
+    """Write place.json and its page; return what place.json holds."""
     summary = {**summarise_placement(result, job), "made_by": describe_origin()}
     there, here = summary["sensitivity_mm"], summary["sensitivity_here_mm"] or {"expected_rms": None, "p95": None}
     rows = [
@@ -34,7 +30,6 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
     table = DataTable(["remaining deviation", "job's place [mm]", "chosen place [mm]"], rows)
     sections = [
         Section("There and here", [table], "What is left of the deviation along the path, after correction."),
-        Section("Turns about the vertical", [_list_turns(summary)], "The best place of each turn."),
         Section("Posture", [chart_posture(result.posture_choice.map)],
                 "The posture along the path at the chosen place."),
     ]  # fmt: skip
@@ -99,16 +94,3 @@ def draw_place_map(result: PlaceResult) -> Figure:
             figure.axis(side, panel, title=f"{'xyz'[k]} of the part, mm", showgrid=False)
     figure.layout |= {"legend": {"y": 1.1}, "margin": {"t": 60, "b": 46}}
     return figure
-
-
-def _list_turns(summary: Mapping[str, Any]) -> DataTable:
-    rows = []
-    for grid in summary["grids"]:
-        bound = np.array(grid["bound_mm"], float)
-        count = int(np.isfinite(bound).sum())
-        best = np.unravel_index(np.nanargmin(bound), bound.shape) if count else ()
-        place = [float(grid[f"{axis}_mm"][k]) for axis, k in zip("xyz", best, strict=True)] if count else [None] * 3
-        rows.append([float(grid["turn_deg"]), *place, float(bound[best]) if count else None, count])
-    heads = ["turn [deg]", *(f"{axis} [mm, 4]" for axis in "xyz"), "least remaining deviation (lower bound) [mm]",
-             "places from which the path can be followed"]  # fmt: skip
-    return DataTable(heads, rows, scroll=12)

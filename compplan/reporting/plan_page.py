@@ -38,7 +38,7 @@ from compplan.reporting.along_path import (
 )
 from compplan.reporting.charts import Figure, draw_curves
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, render_page
-from compplan.reporting.plan_summary import describe_clearance, describe_margin, open_plan
+from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.reporting.scenes import describe_magnification, draw_cell, draw_deviation_paths, place_meshes
 from compplan.robot import Array, Robot
@@ -79,11 +79,7 @@ COSTS = {
 
 
 def write_plan_page(plan: Plan, file: Path) -> None:
-    """Write the page of a plan; programs that stand beside the file are listed with their checksums.
-
-    Raises:
-        InputError: If the folder cannot be written.
-    """
+    """Write the page of a plan; programs that stand beside the file are listed with their checksums."""
     task = plan.task
     stations = place_stations(task.position, plan.timing.time, task.compensated, plan.command.failures)
     rates = [
@@ -161,13 +157,10 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     planned[f"largest, {plan.mismatch.cell}"] = format_length(plan.mismatch.max_deviation)
     allowed = format_set_length(task.max_correction)
     planned["largest correction"] = f"{format_length(plan.margins.max_correction)} of {allowed}"
-    planned["smallest joint margin"] = describe_margin(plan)
     for name, values, limits in rates:
         share = np.abs(values) / limits
         joint = plan.robot.joint_names[int(np.argmax(share.max(axis=0)))]
         planned[f"{name} used"] = f"{format_percent(float(share.max()))} ({joint})"
-    if plan.error_band is not None:
-        planned["true tip within, with 95\u00a0%"] = format_length(plan.error_band.whole)
     assumed = " (assumed masses)" if "assumed" in bending.masses else ""
     planned |= {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
     if np.isfinite(bending.inertia):
@@ -176,11 +169,6 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     if np.isfinite(bending.frequencies).all():
         rings = ", ".join(f"{frequency:.3g}" for frequency in bending.frequencies)
         planned[f"lowest natural frequencies{assumed}"] = f"{rings}\u00a0Hz"
-    if clearance := describe_clearance(plan):
-        planned["least clearance"] = clearance
-    length = format_number(1e3 * float(task.nominal.arc_length[-1]), 4)
-    planned["path"] = f"{length} mm in {format_number(len(task))} waypoints"
-    planned["time"] = f"{format_number(float(plan.timing.time[-1]), 4)} s"
     table = DataTable(["", "uncorrected", "planned"], [*rows, *([key, None, value] for key, value in planned.items())])
     cut = plan.after.cut
     kinds = np.where(mark_force(task.wrench, cut), 0, np.where(cut, 1, 2))
@@ -314,14 +302,14 @@ def _show_feed(plan: Plan, stations: Stations, rates: Sequence[tuple[str, Array,
 
 def _name_busiest(rates: Sequence[tuple[str, Array, Array]], joints: Sequence[str], row: int) -> str:
     """Name the rate and joint used the most around a waypoint; rates: name, values (n, nq), limits (nq,)."""
-    best, said = 0.0, "–"
+    best, text = 0.0, "–"
     for name, values, limits in rates:
         near = np.abs(values[max(row - 3, 0) : row + 4]) / limits
         k = int(np.argmax(near.max(axis=0)))
         if near.max() > best:
             best = float(near.max())
-            said = f"{name} of {joints[k]} ({format_percent(best)})"
-    return said
+            text = f"{name} of {joints[k]} ({format_percent(best)})"
+    return text
 
 
 def show_error_band(band: ErrorBand, stations: Stations, tolerance: float) -> Section:
@@ -381,15 +369,8 @@ def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
     )
     if band.before is not None:
         text += f" The uncorrected program: within {format_length(band.before[1])} along the whole part."
-    known = band.known
-    if known.grade != "measured":
-        return f"{text} The widths are {'assumed' if known.grade == 'assumed' else 'from literature'}: {known.source}."
-    if known.groups:
-        text += (
-            f" Widths are measured ({known.source}) and widened by {known.calibration:.3g} from {known.groups}"
-            " groups of poses left out of the fit."
-        )
-    return text
+    grade = {"measured": "measured", "assumed": "assumed"}.get(band.known.grade, "from literature")
+    return f"{text} The widths are {grade}: {band.known.source}."
 
 
 def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> list[Section]:
@@ -467,23 +448,18 @@ def _show_extra_axis(robot: Robot, picture: PostureMap) -> Section:
 
 
 def _list_costs(choice: PostureSummary) -> DataTable:
-    """List what the posture costs, beside the plain one where that is known."""
-    chosen, plain = choice.instead_of or choice.costs, choice.plain or {}
-    sides, rows = (chosen, plain) if plain else (chosen,), list[list[Any]]()
-    for key in chosen:
+    """List what the posture costs."""
+    costs = choice.costs if choice.instead_of is None else choice.plain or {}
+    rows: list[list[Any]] = []
+    for key, value in costs.items():
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))
-        shown = (f"{format_number(side[key])}\u00a0{unit}".rstrip() if key in side else "–" for side in sides)
-        rows.append([words, *shown])
-    none, spin = ["none"] if plain else [], np.degrees(choice.spin)
-    reach = f"{format_number(float(spin.min()))} to {format_number(float(spin.max()))}\u00a0deg"
-    rows.append(["rotation about the tool axis", reach, *none])
+        rows.append([words, f"{format_number(value)}\u00a0{unit}".rstrip()])
+    low, high = np.degrees([choice.spin.min(), choice.spin.max()]).tolist()
+    rows.append(["rotation about the tool axis", f"{format_number(low)} to {format_number(high)}\u00a0deg"])
     if choice.changes:
         changes = "; ".join(f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in choice.changes)
-        rows.append(["configuration changes", changes, *none])
-    names = ["the graph's way", "tool's x as the job has it"] if plain else [""]
-    if plain:
-        names[choice.instead_of is not None] += ": chosen"
-    return DataTable(["what the posture costs", *names], rows)
+        rows.append(["configuration changes", changes])
+    return DataTable(["what the posture costs", ""], rows)
 
 
 def _list_uncertainties(choice: PostureSummary) -> str:

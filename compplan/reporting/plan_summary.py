@@ -66,8 +66,9 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
     if verdict.beyond_share:
         figures[2] = (format_percent(verdict.beyond_share), "of the cut may be beyond the tolerance", "bad")
     caption = "Distance of the tool tip from the path. The 95 % band has to stay below the tolerance."
+    sentence = re.split(r"(?<=[.!?])\s+(?=[A-Z])", verdict.sentence.strip(), maxsplit=1)[0]
     return Summary(
-        first_sentence(verdict.sentence), tone, figures, Chart(draw_curves(plan.curves()), caption, 340),
+        sentence, tone, figures, Chart(draw_curves(plan.curves()), caption, 340),
         _name_job(plan, verdict.change) or FIRST_RUN, list_stops(plan.notes), write_sheet(plan, folder),
     )  # fmt: skip
 
@@ -78,11 +79,6 @@ def _show_band(plan: Plan) -> str:
 
 def _name_job(plan: Plan, step: str) -> str:
     return step if plan.job is None else step.replace(" JOB", f" {plan.job.file.name}")
-
-
-def first_sentence(text: str) -> str:
-    """Return the first sentence of a text."""
-    return re.split(r"(?<=[.!?])\s+(?=[A-Z])", text.strip(), maxsplit=1)[0]
 
 
 def write_sheet(plan: Plan, folder: Path | None) -> Section:

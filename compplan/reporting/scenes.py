@@ -20,7 +20,7 @@ from compplan.robot import Array, Joint, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.pose import move_joint
 from compplan.robot.shapes import read_form
-from compplan.robot.solids import as_mesh, read_colour, triangulate_box, triangulate_rod
+from compplan.robot.solids import as_mesh, read_colour, triangulate_rod
 from compplan.robot.urdf import read_placement
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
@@ -51,21 +51,13 @@ Colour = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Triangles of one shape.
+    """Triangles of one shape."""
 
-    Attributes:
-        link: Link that it belongs to, "" where it stands still.
-        vertices: In the robot base frame, or in that of its link where a cell is kept. Shape (v, 3). [m]
-        faces: Corners of each triangle. Shape (f, 3).
-        colour: Red, green, blue, opacity, each from 0 to 1.
-        name: What it is, where that is not the link.
-    """
-
-    link: str
-    vertices: Array
-    faces: NDArray[np.int_]
-    colour: Colour
-    name: str = ""
+    link: str  #: Link that it belongs to, "" where it stands still.
+    vertices: Array  #: In the robot base frame, or in that of its link where a cell is kept. Shape (v, 3). [m]
+    faces: NDArray[np.int_]  #: Corners of each triangle. Shape (f, 3).
+    colour: Colour  #: Red, green, blue, opacity, each from 0 to 1.
+    name: str = ""  #: What it is, where that is not the link.
 
 
 def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
@@ -73,9 +65,6 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
 
     Returns the pose of each link's frame in the robot base frame, by the link's name; where a positioner carries the
     part, in the frame of the ground. Shape (4, 4) each. [m]
-
-    Raises:
-        ShapeError: If q does not have the shape above.
     """
     q = np.asarray(q, float)
     if q.shape != (robot.nq,):
@@ -155,12 +144,6 @@ def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> t
     if geometry[0].tag == "mesh" and find_mesh(geometry[0].attrib.get("filename", ""), folder) is None:
         return None
     form = read_form(geometry, folder)
-    if geometry[0].tag == "box":
-        size = np.array(form[1])
-        return triangulate_box(-0.5 * size, 0.5 * size)
-    if geometry[0].tag == "cylinder":
-        end = np.array([0.0, 0.0, 0.5 * form[2]])
-        return triangulate_rod(-end, end, form[1], sections=28)
     mesh = as_mesh(form)
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
 

@@ -39,29 +39,17 @@ CAUSES = {"lag": "lag of the drives", "blend": "blends at corners", "jitter": "t
 
 @dataclass(frozen=True)
 class Traced:
-    """What logs say of a controller, and what they were held against.
+    """What logs say of a controller, and what they were held against."""
 
-    Args:
-        robot: The robot.
-        traces: The logs beside their programs.
-        found: What was identified; its motion is the folder's where it does not help.
-        gaps: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
-        notes: What was read past or assumed.
-    """
-
-    robot: Robot
-    traces: Sequence[PlacedLog]
-    found: Identified
-    gaps: dict[str, Array]
-    notes: tuple[str, ...]
+    robot: Robot  #: The robot.
+    traces: Sequence[PlacedLog]  #: The logs beside their programs.
+    found: Identified  #: What was identified; its motion is the folder's where it does not help.
+    gaps: dict[str, Array]  #: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
+    notes: tuple[str, ...]  #: What was read past or assumed.
 
 
 def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> Traced:
-    """Hold logs against their programs, one each in the same order or one for all, and identify the controller.
-
-    Raises:
-        InputError: If a file is not what it has to be, or the numbers of logs and programs differ.
-    """
+    """Hold logs against their programs, one each in the same order or one for all, and identify the controller."""
     if len(programs) not in (1, len(logs)):
         message = f"{len(logs)} logs and {len(programs)} programs, expected one --program a log, in order, or one"
         raise InputError(message)
@@ -132,11 +120,7 @@ def _summarise(ends: tuple[float, float]) -> dict[str, float]:
 
 
 def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
-    """Write trace.json, robot/ and report.html, all or none; return what trace.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written.
-    """
+    """Write trace.json, robot/ and report.html, all or none; return what trace.json holds."""
     summary = summarise_trace(traced)
     with replace_folder(folder, "trace") as part:
         deliver_robot_folder(traced.robot, part / "robot")

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.signal import lfilter
 
 from compplan.robot import Array
 
@@ -78,17 +79,7 @@ def largest_pole(loop: Loop) -> float:
 
 
 def run_loop(loop: Loop, wanted: Array) -> Array:
-    """Pass wanted corrections through a loop that has been at rest.
-
-    Args:
-        loop: The loop.
-        wanted: Wanted corrections at the loop's period, time last. Shape (..., n).
-
-    Returns:
-        Attained corrections. Shape (..., n).
-    """
-    from scipy.signal import lfilter
-
+    """Return what a loop that has been at rest makes of wanted corrections at its period, time last. Shape (..., n)."""
     top, bottom = loop_fraction(loop)
     return np.asarray(lfilter(top, bottom, wanted, axis=-1))
 
@@ -106,14 +97,6 @@ LITERAL = Loop(plant=Plant(0.0, 0.0), error="sent")
 WITHOUT_DERIVATIVE = replace(LITERAL, derivative=0.0)
 
 
-#: The same without its derivative part; the robot follows with lag and delay outside the loop.
-PI = Loop(derivative=0.0, error="sent")
-
-
-#: The PID with the error of the attained correction.
-PID = Loop(error="attained")
-
-
 def ziegler_nichols_plant(loop: Loop = LITERAL) -> Plant:
     """Find the plant for which Ziegler and Nichols' rule gives a loop's gains (Kc = 0.6 Ku, Ti = Tu / 2, Td = Tu / 8).
 
@@ -127,7 +110,7 @@ def ziegler_nichols_plant(loop: Loop = LITERAL) -> Plant:
 
 def fitted_loop() -> Loop:
     """Return the PID loop whose error is taken from where the robot stands, on the plant that its gains fit."""
-    return replace(PID, plant=ziegler_nichols_plant(PID))
+    return replace(Loop(), plant=ziegler_nichols_plant(Loop()))
 
 
 def simulate_loops(seconds: float = 1.0) -> tuple[Array, dict[str, Array]]:

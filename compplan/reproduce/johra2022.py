@@ -103,19 +103,6 @@ def grid_postures(robot: Robot, height: float = 0.1, side: float = 0.6) -> Array
     return np.asarray(q[np.isfinite(q).all(axis=1)])
 
 
-def spiral_heights(robot: Robot, load: float) -> Array:
-    """Compute dz along a spiral of 0.25 m radius and 2.7 m length at z = 0.3 m. Shape (200,). [m]."""
-    arm, turns = build_arm(robot), 2.7 / (np.pi * 0.25)
-    share = np.linspace(0.0, 1.0, 200)
-    radius, angle = 0.25 * (1.0 - share), 2.0 * np.pi * turns * share
-    points = np.column_stack([CENTRE[0] + radius * np.cos(angle), radius * np.sin(angle), np.full(200, 0.3)])
-    turn = np.tile(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), (200, 1, 1))
-    q = solve_branches(arm, points, turn)[:, int(name_configuration(arm, np.radians([CENTRE_DEG]))[0])]
-    chain = build_chain(robot)
-    loaded = solve_equilibrium(chain, q, np.array([0, 0, -load, 0, 0, 0]))
-    return np.asarray((loaded.position - solve_equilibrium(chain, q).position)[:, 2])
-
-
 def _force_slopes(lateral: Array) -> str:
     """Format the range of the deflection per force over the direction of the lateral force."""
     slope = 1e3 * lateral[:, 1] / np.hypot(AXIAL_N, LATERAL_N) * 1e3
@@ -171,17 +158,10 @@ def _rows_of_steps(robot: Robot) -> list[Row]:
         shares = load_shares(robot, q_deg, direction)
         own = sum(shares[name] for name in springs)
         others = max((name for name in shares if name not in springs), key=lambda name: shares[name])
-        rows.append(
-            Row(
-                f"Step {number} of the calibration: share of {' and '.join(springs)} in the deflection along the force",
-                "loads as few joints as can be",
-                f"{own:.0%}, next {others} with {shares[others]:.0%}",
-                "",
-                None,
-                "trend only",
-                f"force at the tool tip (the paper pulls at the flange); {TOOL}",
-            )
-        )
+        title = f"Step {number} of the calibration: share of {' and '.join(springs)} in the deflection along the force"
+        said = f"{own:.0%}, next {others} with {shares[others]:.0%}"
+        note = f"force at the tool tip (the paper pulls at the flange); {TOOL}"
+        rows.append(Row(title, "loads as few joints as can be", said, "", None, "trend only", note))
     return rows
 
 
@@ -192,22 +172,10 @@ def _rows_of_grid(robot: Robot, single: Robot) -> list[Row]:
         wrench = np.array([0, 0, -load, 0, 0, 0])
         ends = [solve_equilibrium(build_chain(r), q, wrench).position[:, 2] for r in (robot, single)]
         gap = np.abs(ends[0] - ends[1]) * 1e3
-        rows.append(
-            compare(
-                f"Figs. 10 to 13: one spring a joint against the enhanced model, {load:.0f} N, largest dz",
-                stated,
-                float(gap.max()),
-                "mm",
-                f"{ONE_SPRING}; the paper's number is against measurement, ours between the models; {SHIFT}",
-                missing="the stiffness set of the one-spring model",
-            )
-        )
-    heights = spiral_heights(robot, 600.0) * 1e3
-    found = f"{heights.min():.2f} to {heights.max():.2f}"
-    rows.append(
-        Row("Fig. 14b: dz along the spiral, 600 N", "a figure only", found, "mm",
-            None, cannot("the values behind the figure"), f"turns of 0.25 m radius at z = 0.3 m, length 2.7 m; {SHIFT}")
-    )  # fmt: skip
+        note = f"{ONE_SPRING}; the paper's number is against measurement, ours between the models; {SHIFT}"
+        title = f"Figs. 10 to 13: one spring a joint against the enhanced model, {load:.0f} N, largest dz"
+        missing = "the stiffness set of the one-spring model"
+        rows.append(compare(title, stated, float(gap.max()), "mm", note, missing=missing))
     rows.append(
         unavailable("Figs. 11b, 13b: enhanced model against measurement, 600 and 1100 N", "0.08 and 0.16 mm",
                     "the measurement")

@@ -94,14 +94,8 @@ def compare(
 ) -> Row:
     """Compare two numbers by the rule of this module.
 
-    Args:
-        quantity: What is compared.
-        paper: The paper's number.
-        ours: Ours.
-        unit: Unit of both.
-        assumption: What had to be assumed.
-        missing: What the paper leaves out, named where ours is further away than a factor of three.
-        fitted: Whether ours was tuned to the paper's.
+    missing: what the paper leaves out, named where ours is further away than a factor of three; fitted: whether ours
+    was tuned to the paper's.
     """
     ours = float(f"{ours:.6g}")
     if fitted:
@@ -133,15 +127,7 @@ def unavailable(quantity: str, paper: float | str, missing: str) -> Row:
 
 
 def statement(quantity: str, paper: str, ours: str, holds: bool, assumption: str = "") -> Row:
-    """Make the row of a statement that holds or does not.
-
-    Args:
-        quantity: What it is about.
-        paper: What the paper says.
-        ours: What this run found.
-        holds: Whether both hold the same quantity.
-        assumption: What had to be assumed.
-    """
+    """Make the row of a statement that holds or does not."""
     return Row(quantity, paper, ours, "", None, "matches" if holds else "order of magnitude", assumption)
 
 

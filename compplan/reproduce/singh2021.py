@@ -6,15 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.reporting.maps.pictures import draw_lines, draw_shares
+from compplan.reporting.maps.reach import ON_LIMIT
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, describe_paper, recompute, unavailable
-from compplan.reproduce.service_sphere import ServiceSphere, serve_point, spread_directions
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import Arm, build_arm, solve_branches
-from compplan.statics.quality import find_characteristic_length
 
 #: Table i: joint stiffness in non-dexterous and dexterous tests [1e6 N m/rad], and the stated improvement [%].
 PLAIN = (13.212, 6.490, 6.436, 0.018, 0.039, 0.0300)
@@ -24,7 +24,8 @@ IMPROVEMENT = (6, 2, 6, 40, 20, 9)
 LARGEST_PLAIN, LARGEST_DEXTEROUS = (1.04, 1.29, 1.39), (0.81, 0.92, 1.00)
 RADII, MIDDLE_HEIGHT, STEP = (0.4, 0.6, 0.8, 1.0, 1.2), 0.9, 0.2
 TOOL_LENGTH, PEDESTALS = 0.15, (0.0, 0.5)
-DIRECTIONS = 60
+#: Tool directions around a point, and angles about the tool axis that are tried in each.
+DIRECTIONS, ROLLS = 60, 8
 LOADS = {"vertical": np.array([0, 0, 500.0, 0, 0, 0]), "lateral": np.array([0, 500.0, 0, 0, 0, 0])}
 WRENCH = "the wrench of the torque tool"
 SETUP = f"tool of {TOOL_LENGTH:g} m along the flange axis, pedestal of {PEDESTALS[1]:g} m (neither stated)"
@@ -32,11 +33,12 @@ SETUP = f"tool of {TOOL_LENGTH:g} m along the flange axis, pedestal of {PEDESTAL
 
 @dataclass(frozen=True)
 class CloudPoint:
-    """A point of the cloud that is reached tool down: its radius, the postures around it by load, tool down's own."""
+    """A point of the cloud: its radius, and the deflections under each load, to first order. [m]"""
 
     radius: float
-    spheres: dict[str, ServiceSphere]
-    down: dict[str, float]
+    around: dict[str, Array]  #: Of the least yielding posture of each tool direction that is reached. Shape (m,).
+    down: dict[str, float]  #: With the tool down; nothing where that is not reached.
+    q: Array  #: The first of those postures under the lateral load. Shape (6,). [rad]
 
 
 def reproduce(load: Callable[[str], Robot]) -> Reproduction:
@@ -48,10 +50,9 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     robot = replace(bare.with_tool(pose), name="fanuc_m10ia with a tool")
     arm = build_arm(robot)
     reached = {height: count_reached(arm, height) for height in PEDESTALS}
-    length = find_characteristic_length(build_chain(robot), np.random.default_rng(0).uniform(-1.5, 1.5, (400, 6)))
-    points = [examine_point(arm, radius, length) for radius in RADII]
+    points = [examine_point(arm, radius) for radius in RADII]
     rows = [*_rows_of_cloud(reached), *_rows_of_growth(points), *_rows_of_improvement(points, robot), *_rows_of_table()]
-    best = np.mean([1 - np.nanmin(p.spheres["lateral"].deflection) / p.down["lateral"] for p in points if p.down])
+    best = np.mean([1 - p.around["lateral"].min() / p.down["lateral"] for p in points if p.down])
     return Reproduction(
         **describe_paper("singh2021"),
         robots=(bare,),
@@ -62,7 +63,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(points)),
-        samples={"best": np.array([np.nanmin(p.spheres["vertical"].deflection) for p in points])},
+        samples={"best": np.array([p.around["vertical"].min() for p in points])},
     )
 
 
@@ -77,17 +78,51 @@ def count_reached(arm: Arm, pedestal: float) -> list[int]:
     return [int(np.isfinite(_down(arm, cloud(radius) - [0, 0, pedestal])).all(axis=1).sum()) for radius in RADII]
 
 
-def examine_point(arm: Arm, radius: float, length: float) -> CloudPoint:
-    """Rank the tool directions around the middle point of a radius under each load."""
+def examine_point(arm: Arm, radius: float) -> CloudPoint:
+    """Rank the tool directions around the middle point of a radius under each load [AbdelMalek2004]."""
     point = np.array([radius, 0.0, MIDDLE_HEIGHT - PEDESTALS[1]])
-    directions = np.vstack([spread_directions(DIRECTIONS), [[0.0, 0.0, -1.0]]])
-    spheres = {name: serve_point(arm, point, wrench, length, directions) for name, wrench in LOADS.items()}
-    q, chain = _down(arm, point[None]), build_chain(arm.robot)
+    q, owner = reach_around(arm, point, np.vstack([spread_directions(DIRECTIONS), [[0.0, 0.0, -1.0]]]))
+    compliance, around, least = cartesian_compliance(build_chain(arm.robot), q), {}, {}
+    for name, wrench in LOADS.items():
+        size = np.linalg.norm((compliance @ wrench)[:, :3], axis=1)
+        order = np.lexsort((size, owner))
+        least[name] = order[np.unique(owner[order], return_index=True)[1]]
+        around[name] = size[least[name]]
+    tool_down = _down(arm, point[None])
     down = {}
-    if np.isfinite(q).all():
-        for name, wrench in LOADS.items():
-            down[name] = float(np.linalg.norm((cartesian_compliance(chain, q)[0] @ wrench)[:3]))
-    return CloudPoint(radius, spheres, down)
+    if np.isfinite(tool_down).all():
+        moved = cartesian_compliance(build_chain(arm.robot), tool_down)[0]
+        down = {name: float(np.linalg.norm((moved @ wrench)[:3])) for name, wrench in LOADS.items()}
+    return CloudPoint(radius, around, down, q[least["lateral"][0]])
+
+
+def spread_directions(count: int) -> Array:
+    """Spread directions evenly over the sphere (a Fibonacci lattice). Shape (count, 3)."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
+    across = np.sqrt(1 - z**2)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+
+
+def reach_around(arm: Arm, point: Array, direction: Array) -> tuple[Array, NDArray[np.int_]]:
+    """Return postures in which the tool reaches a point along directions, (m, 3), and their numbers. Shape (k, 6)."""
+    rotation = _roll_frames(direction)
+    slots = solve_branches(arm, np.tile(point, (len(rotation), 1)), rotation)
+    inside = ((slots >= arm.robot.lower - ON_LIMIT) & (slots <= arm.robot.upper + ON_LIMIT)).all(axis=-1)
+    rows, branch = np.nonzero(inside)
+    return slots[rows, branch], rows // ROLLS
+
+
+def _roll_frames(direction: Array) -> Array:
+    """Build TCP frames that point in each direction, at every roll angle. Shape (m * ROLLS, 3, 3)."""
+    helper = np.where(np.abs(direction[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    x = np.cross(helper, direction)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    y = np.cross(direction, x)
+    angle = np.arange(ROLLS) * 2 * np.pi / ROLLS
+    rolled = np.cos(angle)[:, None] * x[:, None] + np.sin(angle)[:, None] * y[:, None]
+    z = np.broadcast_to(direction[:, None], rolled.shape)
+    return np.stack([rolled, np.cross(z, rolled), z], axis=-1).reshape(-1, 3, 3)
 
 
 def _down(arm: Arm, points: Array) -> Array:
@@ -138,8 +173,8 @@ def _rows_of_improvement(points: list[CloudPoint], robot: Robot) -> list[Row]:
     note = f"{SETUP}; {DIRECTIONS} directions around the middle point of each radius, constant springs"
     for name in LOADS:
         known = [p for p in points if p.down]
-        best = np.mean([1 - np.nanmin(p.spheres[name].deflection) / p.down[name] for p in known])
-        middle = np.mean([1 - np.nanmedian(p.spheres[name].deflection) / p.down[name] for p in known])
+        best = np.mean([1 - p.around[name].min() / p.down[name] for p in known])
+        middle = np.mean([1 - np.median(p.around[name]) / p.down[name] for p in known])
         rows.append(
             Row(
                 f"Average improvement of a posture against tool down, {name} force",
@@ -157,7 +192,7 @@ def _rows_of_improvement(points: list[CloudPoint], robot: Robot) -> list[Row]:
     rows.append(Row(title, "46 % on average", ratios, "", None, "inconsistent in the paper", own))
     factors = zip(robot.springs, PLAIN, DEXTEROUS, strict=True)
     stiffer = replace(robot, springs=tuple(replace(s, compliance=s.compliance * a / b) for s, a, b in factors))
-    q = np.array([p.spheres["lateral"].q[p.spheres["lateral"].reached][0] for p in points])
+    q = np.array([p.q for p in points])
     sizes = [
         np.linalg.norm((cartesian_compliance(build_chain(r), q) @ LOADS["lateral"])[:, :3], axis=1)
         for r in (robot, stiffer)
@@ -187,12 +222,10 @@ def _figures(points: list[CloudPoint]) -> list[PaperFigure]:
     radius = np.array([p.radius for p in points])
     lines = []
     for name, force in (("vertical", "500 N vertical"), ("lateral", "500 N lateral")):
-        best = np.array([float(np.nanmin(p.spheres[name].deflection)) for p in points]) * 1e3
+        best = np.array([float(p.around[name].min()) for p in points]) * 1e3
         down = np.array([p.down.get(name, np.nan) for p in points]) * 1e3
         lines += [(f"tool down, {force}", radius, down, "s--"), (f"best direction, {force}", radius, best, "o-")]
-    ranges = {
-        f"r = {p.radius:g} m": p.spheres["lateral"].deflection[p.spheres["lateral"].reached] * 1e3 for p in points
-    }
+    ranges = {f"r = {p.radius:g} m": p.around["lateral"] * 1e3 for p in points}
     growth = draw_lines("Tool down against the best direction", "radius [m]", "deflection [mm]", lines)
     spread = draw_shares("All directions that reach, 500 N lateral", "deflection [mm]", ranges, "directions")
     return [

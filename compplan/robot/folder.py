@@ -22,8 +22,6 @@ from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
 from compplan.robot.urdf import UrdfNode, read_placement, read_urdf
-from compplan.robot.validity import FILE as VISITED
-from compplan.robot.validity import format_visited, read_visited
 
 
 class EffectTable(StrictTable):
@@ -100,13 +98,11 @@ def read_robot_folder(folder: Path) -> Robot:
         if not file.is_file():
             raise InputError(f"no {file.name} in this robot folder", file=folder)
     robot = _assemble(read_text(urdf_file), read_elasticity(elasticity_file), folder)
-    nq = len(robot.joint_names)
     return replace(
         robot,
         name=escape_bytes(folder.resolve().name),
         effects=_read_effects(folder / "effects.toml"),
         uncertainty=read_uncertainty(folder / UNCERTAINTY),
-        visited=read_visited(folder / VISITED, nq),
     )
 
 
@@ -125,7 +121,7 @@ def as_read(robot: Robot) -> Robot:
         effects = _list_effects(check_table(EffectsTable, table, file=folder / "effects.toml"))
     read = _assemble(_edit_urdf(robot), springs, folder)
     return replace(read, name=robot.name, folder=robot.folder, effects=effects,
-                   uncertainty=robot.uncertainty, visited=robot.visited)  # fmt: skip
+                   uncertainty=robot.uncertainty)  # fmt: skip
 
 
 def _as_toml(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -198,10 +194,6 @@ def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) 
         write_text(folder / UNCERTAINTY, format_uncertainty(robot.uncertainty))
     else:
         (folder / UNCERTAINTY).unlink(missing_ok=True)
-    if robot.visited is not None:
-        write_text(folder / VISITED, format_visited(robot.visited))
-    else:
-        (folder / VISITED).unlink(missing_ok=True)
     if robot.folder is not None:
         for name in ("controller.toml", "controller.urdf"):
             source = robot.folder / name

@@ -114,15 +114,6 @@ class Skeleton:
     mass_fault: str  #: Reason why the masses of the URDF are left out, or "".
 
 
-def write_skeleton(file: Path, tcp: str | None = None, tool_axis: str | None = None) -> dict[str, str]:
-    """Return the texts of a rigid robot folder for a URDF, by file name.
-
-    Raises:
-        InputError: As `build_skeleton` says.
-    """
-    return build_skeleton(file, tcp, tool_axis).texts
-
-
 def build_skeleton(
     file: Path, tcp: str | None = None, tool_axis: str | None = None, controller: str | None = None,
     rating: Rating | None = None,

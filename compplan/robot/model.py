@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from compplan.io.columns import to_unit
 from compplan.io.display import Shown
 from compplan.robot.uncertainty import Uncertainty
-from compplan.robot.validity import ValidityRegion
 
 Array = NDArray[np.float64]
 
@@ -129,8 +128,6 @@ class Robot(Shown):
     #: the identification of the springs.
     weights: tuple[Body, ...] = ()
     uncertainty: Uncertainty | None = None  #: Parameter covariance (uncertainty.toml), or None.
-    #: Uncertain parts and the poses at which they were validated (visited.toml), or None.
-    visited: ValidityRegion | None = None
     #: Fixed link where a positioner carries the part, else "". The chain then begins at the link that carries the part
     #: (`base`, the reference frame of poses and wrenches), runs through the positioner to this link, in whose axes
     #: gravity is given, and on through the arm.
@@ -292,7 +289,6 @@ class Robot(Shown):
             urdf=_urdf_with_tool(self, tool),
             weights=weights,
             uncertainty=None if self.uncertainty is None else self._uncertainty_with_tool(names),
-            visited=None if self.visited is None else self.visited.of_arm(names),
         )
 
     def _uncertainty_with_tool(self, joints: set[str]) -> Uncertainty | None:

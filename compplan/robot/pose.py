@@ -81,11 +81,10 @@ def linear_displacement(points: Array) -> Array:
     """
     middle = points.mean(axis=0)
     turns = rigid_columns(points, middle)[:, :, 3:].reshape(-1, 3)
-    centring = np.kron(np.eye(len(points)) - 1.0 / len(points), np.eye(3))
     shift = np.kron(np.full((1, len(points)), 1.0 / len(points)), np.eye(3))
     if np.abs(points - middle).max(initial=0.0) < SMALLEST_SPREAD:
         return np.vstack([shift, np.zeros((3, 3 * len(points)))])
-    return np.vstack([shift, np.linalg.pinv(turns, rcond=FLATTEST) @ centring])
+    return np.vstack([shift, np.linalg.pinv(turns, rcond=FLATTEST)])
 
 
 def see_position(position: Array, displacement: Array) -> Array:

@@ -20,13 +20,6 @@
     deviation = [1.2e-8]               # one standard deviation, SI
     factor    = [[0.6, 0.8]]           # one row a key: correlation = F F^T, rows of length 1
 
-    [[rival]]                          # alternative to a cause in the folder that the measurements do not exclude
-    explanation = "link_compliance joint_2 ry"
-    instead   = "joint_stiffness joint_2"
-    weight    = 0.4                    # its probability
-    parameter = [1, 7]                 # the robot is then off the folder by these parameters, counted from 1 ...
-    shift     = [-3.0e-8, 2.6e-8]      # ... SI; weight times its square is in deviation and factor already
-
 A row of F gives the columns from the first on; the rest are zero. Unknowns without `factor` are independent of all
 others. A key "name#i" is item i of the list "name"; `fixed` holds settings of the effect that are not unknown.
 """
@@ -78,16 +71,6 @@ class Unknown:
 
 
 @dataclass(frozen=True, eq=False)
-class AlternativeRobot:
-    """Alternative explanation of the measurements."""
-
-    explanation: str  #: The effect and its place.
-    instead: str  #: The explanation in the folder.
-    weight: float  #: Its probability.
-    shift: Array  #: Difference of the parameters from the folder. Shape (p,). [SI]
-
-
-@dataclass(frozen=True, eq=False)
 class Uncertainty:
     """Normal distribution of p parameters about the values of a robot folder, mean zero."""
 
@@ -100,7 +83,6 @@ class Uncertainty:
     repeatability: float | None = None  #: Standard deviation of the robot per axis, or None. [m]
     calibration: float = 1.0  #: Factor on all deviations from poses left out of the fit.
     groups: int = 0  #: Number of groups of such poses.
-    rivals: tuple[AlternativeRobot, ...] = ()  #: Alternative explanations; contained in the covariance.
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -133,22 +115,9 @@ class Uncertainty:
         return float(self._widen(np.asarray(self.unexplained))) / np.sqrt(3.0)
 
     def with_covariance(self, covariance: Array) -> Uncertainty:
-        """Replace the covariance (with calibration, shape (p, p)); rivals are merged into it."""
+        """Replace the covariance (with calibration, shape (p, p))."""
         unknowns, factor = spread_unknowns(self.unknowns, covariance / self.calibration**2)
-        return replace(self, unknowns=unknowns, factor=factor, rivals=())
-
-    def split_alternatives(self) -> tuple[Array, Array]:
-        """Split the spread into the normal part and the shifts of the rivals, with calibration.
-
-        Returns:
-            Square root of the covariance given one explanation, (p, r); shift of each rival, (rivals, p).
-        """
-        if not self.rivals:
-            return self.spread, np.zeros((0, len(self.factor)))
-        stated = np.concatenate([unknown.deviation for unknown in self.unknowns])[:, None] * self.factor
-        moment = sum(rival.weight * np.outer(rival.shift, rival.shift) for rival in self.rivals)
-        deviation, factor = factor_covariance(stated @ stated.T - moment)
-        return self._widen(deviation[:, None] * factor), self._widen(np.stack([rival.shift for rival in self.rivals]))
+        return replace(self, unknowns=unknowns, factor=factor)
 
     def select(self, keep: Iterable[bool]) -> Uncertainty:
         """Keep some of the unknowns (a mask) with their marginal covariance."""
@@ -157,8 +126,7 @@ class Uncertainty:
             [np.full(len(u.keys), flag) for u, flag in zip(self.unknowns, flags, strict=True)] or [np.zeros(0, bool)]
         )
         unknowns = tuple(u for u, flag in zip(self.unknowns, flags, strict=True) if flag)
-        rivals = tuple(replace(rival, shift=rival.shift[rows]) for rival in self.rivals)
-        return replace(self, unknowns=unknowns, factor=self.factor[rows], rivals=rivals)
+        return replace(self, unknowns=unknowns, factor=self.factor[rows])
 
 
 def split_unknowns(unknowns: Sequence[Unknown], values: Array) -> list[tuple[Unknown, Array]]:
@@ -204,31 +172,16 @@ class CalibrationTable(StrictTable):
     groups: Annotated[int, Field(ge=0, le=1_000_000)]
 
 
-class EffectPlaceTable(StrictTable):
-    """An effect at a place."""
+class UnknownTable(StrictTable):
+    """[[unknown]]: parameters of one effect at a place."""
 
     effect: str = Field(min_length=1)
     joint: str | None = None
     axis: str | None = None
     fixed: dict[str, Any] = Field(default_factory=dict)
-
-
-class UnknownTable(EffectPlaceTable):
-    """[[unknown]]: parameters of one effect."""
-
     keys: Annotated[Words, Field(min_length=1, max_length=MOST_UNKNOWN)]
     deviation: Annotated[tuple[Annotated[float, Field(ge=0.0)], ...], Field(strict=False)]
     factor: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
-
-
-class AlternativeTable(StrictTable):
-    """[[rival]]: an alternative explanation."""
-
-    explanation: str
-    instead: str
-    weight: float = Field(gt=0.0, lt=1.0)
-    parameter: Annotated[tuple[Annotated[int, Field(ge=1, le=MOST_UNKNOWN)], ...], Field(strict=False, min_length=1)]
-    shift: Annotated[Numbers, Field(strict=False)]
 
 
 class UncertaintyTable(StrictTable):
@@ -241,7 +194,6 @@ class UncertaintyTable(StrictTable):
     unexplained: UnexplainedTable = UnexplainedTable(rms_mm=0.0)
     calibration: CalibrationTable = CalibrationTable(factor=1.0, groups=0)
     unknown: Annotated[tuple[UnknownTable, ...], Field(strict=False, max_length=MOST_UNKNOWN)] = ()
-    rival: Annotated[tuple[AlternativeTable, ...], Field(strict=False, max_length=MOST_UNKNOWN)] = ()
 
 
 def read_uncertainty(file: Path) -> Uncertainty | None:
@@ -282,7 +234,6 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
         repeatability=None if scatter is None else scatter * 1e-3,
         calibration=table.calibration.factor,
         groups=table.calibration.groups,
-        rivals=tuple(_read_rival(entry, len(rows), file, f"rival[{k}]") for k, entry in enumerate(table.rival)),
     )
 
 
@@ -312,24 +263,7 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
             lines += ["[unknown.fixed]", tomli_w.dumps(dict(unknown.fixed)).rstrip()]
         lines.append("")
         first += len(unknown.keys)
-    for rival in uncertainty.rivals:
-        moved = np.flatnonzero(rival.shift)
-        lines += ["[[rival]]", f"explanation = {_quote(rival.explanation)}", f"instead = {_quote(rival.instead)}"]
-        lines += [f"weight = {short(rival.weight)}", f"parameter = {(moved + 1).tolist()}"]
-        lines += [f"shift = {_format_row(rival.shift[moved])}", ""]
     return "\n".join(lines)
-
-
-def _read_rival(entry: AlternativeTable, p: int, file: Path, where: str) -> AlternativeRobot:
-    if len(entry.shift) != len(entry.parameter):
-        message = f"has {len(entry.shift)} numbers, expected {len(entry.parameter)}, one a parameter"
-        raise InputError(message, file=file, where=f"{where}.shift")
-    if max(entry.parameter) > p or len(set(entry.parameter)) < len(entry.parameter):
-        message = f"is {list(entry.parameter)}, expected different numbers from 1 to {p}"
-        raise InputError(message, file=file, where=f"{where}.parameter")
-    shift = np.zeros(p)
-    shift[np.array(entry.parameter) - 1] = entry.shift
-    return AlternativeRobot(entry.explanation, entry.instead, entry.weight, shift)
 
 
 def _check_factor(entry: UnknownTable, file: Path, where: str) -> list[tuple[float, ...] | None]:

@@ -299,8 +299,12 @@ def jacobian(chain: Chain, frames: Frames) -> Array:
 
 def joint_jacobian(chain: Chain, frames: Frames) -> Array:
     """Compute the geometric Jacobian of the TCP for the commanded joints, mimic joints included. Shape (n, 6, nq)."""
-    columns = jacobian(chain, frames)
-    result = np.zeros((len(columns), 6, chain.nq))
+    return drive_columns(chain, jacobian(chain, frames))
+
+
+def drive_columns(chain: Chain, columns: Array) -> Array:
+    """Sum the columns of elements by the commanded joint that drives them. Shape (n, rows, m) -> (n, rows, nq)."""
+    result = np.zeros((*columns.shape[:2], chain.nq))
     for k in np.flatnonzero(chain.q_index >= 0):
         result[:, :, chain.q_index[k]] += chain.multiplier[k] * columns[:, :, k]
     return result

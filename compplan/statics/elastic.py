@@ -6,7 +6,7 @@ loaded state with finite rotations: theta = C (J(q, theta)^T w + tau_gravity(q, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,11 +22,10 @@ from compplan.statics.chain import (
     empty_frames,
     fill_frames,
     jacobian,
-    load_elements,
     locate_frames,
     locate_gravity,
 )
-from compplan.statics.sweep import Walk, apply_compliance, element_loads, joint_turns, walk_chain
+from compplan.statics.sweep import Walk, apply_compliance, cross, dot, element_loads, joint_turns, walk_chain
 
 MAX_ITERATIONS = 200
 
@@ -165,11 +164,6 @@ def _iterate(
     raise ConvergenceError(message, residual=change)
 
 
-def spring_torque(chain: Chain, frames: Frames, wrench: Array) -> Array:
-    """Compute the load of wrench and weights on every element: J^T w + tau_g. Shape (n, m). [N m or N]."""
-    return load_elements(chain, frames, np.asarray(wrench, float))
-
-
 def cartesian_compliance(chain: Chain, q: Array) -> Array:
     """Compute the compliance of the TCP, J C J^T, at an unloaded pose.
 
@@ -262,21 +256,21 @@ def load_derivative(chain: Chain, frames: Frames, wrench: Array, elements: NDArr
     axis, slides = [np.moveaxis(frames.axis[:, :, i], 0, -1) for i in range(3)], chain.translates
     force, moment, dyad = _loads_beyond(chain, frames, wrench)
     mine, spread = [each[own] for each in axis], dyad[0][0] + dyad[1][1] + dyad[2][2]
-    swing = [_sum_products(dyad[i], axis) - axis[i] * spread for i in range(3)]
+    swing = [dot(dyad[i], axis) - axis[i] * spread for i in range(3)]
     push = [each[own] for each in moment]
-    lever = [_sum_products([dyad[0][i][own], dyad[1][i][own], dyad[2][i][own]], mine) for i in range(3)]
+    lever = [dot([dyad[0][i][own], dyad[1][i][own], dyad[2][i][own]], mine) for i in range(3)]
     lever = [lever[i] - spread[own] * mine[i] for i in range(3)]
     if slides.any():
-        swing = [np.where(slides[:, None], a, b) for a, b in zip(_cross(axis, force), swing, strict=True)]
+        swing = [np.where(slides[:, None], a, b) for a, b in zip(cross(axis, force), swing, strict=True)]
         push = [np.where(slides[own, None], force[i][own], push[i]) for i in range(3)]
         lever = [np.where(slides[own, None], 0.0, each) for each in lever]
-    before = [a + b for a, b in zip(_cross(mine, push), lever, strict=True)]
+    before = [a + b for a, b in zip(cross(mine, push), lever, strict=True)]
     beyond = np.arange(m)[None, :] > own[:, None]
     derivative = np.zeros((len(own), m, len(frames.tcp_position)))
     for count, element in enumerate(own.tolist()):
         early, late = slice(0, element + 1), slice(element + 1, m)
-        derivative[count, early] = _sum_products([each[count] for each in before], [each[early] for each in axis])
-        derivative[count, late] = _sum_products([each[count] for each in mine], [each[late] for each in swing])
+        derivative[count, early] = dot([each[count] for each in before], [each[early] for each in axis])
+        derivative[count, late] = dot([each[count] for each in mine], [each[late] for each in swing])
     if slides.any():
         derivative[slides[None, :] & ~beyond] = 0.0
         derivative[slides[own, None] & beyond] = 0.0
@@ -287,21 +281,13 @@ def load_derivative(chain: Chain, frames: Frames, wrench: Array, elements: NDArr
     return found
 
 
-def _sum_products(a: Sequence[Array], b: Sequence[Array]) -> Array:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Sequence[Array], b: Sequence[Array]) -> list[Array]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
 def _loads_beyond(chain: Chain, frames: Frames, wrench: Array) -> tuple[list[Array], list[Array], list[list[Array]]]:
     """Sum the loads beyond each element: force, moment at its origin, and sum of l f^T; components of shape (m, n)."""
     origin, tip = np.moveaxis(frames.origin, 0, -1), frames.tcp_position.T
     lever = [tip[i] - origin[:, i] for i in range(3)]
     f, w = wrench.T[:3], wrench.T[3:]
     force = [np.broadcast_to(each, lever[0].shape) for each in f]
-    moment = [w[i] + each for i, each in enumerate(_cross(lever, force))]
+    moment = [w[i] + each for i, each in enumerate(cross(lever, force))]
     dyad = [[lever[i] * f[j] for j in range(3)] for i in range(3)]
     if chain.gravity.any() and len(chain.body_element):
         place = [origin[:, i] for i in range(3)]

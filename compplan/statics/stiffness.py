@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from compplan.robot import Array
-from compplan.statics.chain import Chain, Frames, jacobian, locate_frames
+from compplan.statics.chain import Chain, Frames, drive_columns, jacobian, locate_frames
 from compplan.statics.elastic import load_derivative, load_hessian, locate_loaded, solve_equilibrium
 
 CHUNK = 2048
@@ -170,13 +170,13 @@ def loaded_jacobian(chain: Chain, frames: Frames, wrench: Array) -> Array:
 
     """
     columns = jacobian(chain, frames)
-    driven = _driven_columns(chain, columns)
+    driven = drive_columns(chain, columns)
     if not chain.n_springs:
         return driven
     springs = chain.spring_elements
     change = load_derivative(chain, frames, wrench, springs)
     inner = np.eye(len(springs)) - chain.compliance @ change[:, :, springs]
-    answer = np.linalg.solve(inner, chain.compliance @ _driven_columns(chain, change))
+    answer = np.linalg.solve(inner, chain.compliance @ drive_columns(chain, change))
     return np.asarray(driven + columns[:, :, springs] @ answer)
 
 
@@ -185,11 +185,3 @@ def chunk_rows(n: int, chain: Chain) -> Iterator[slice]:
     size = max(64, int(CHUNK * 12 / (len(chain.names) + 1)))
     for start in range(0, n, size):
         yield slice(start, min(start + size, n))
-
-
-def _driven_columns(chain: Chain, columns: Array) -> Array:
-    """Collect the columns of the commanded joints, mimic joints included. Shape (n, rows, m) -> (n, rows, nq)."""
-    result = np.zeros((*columns.shape[:2], chain.nq))
-    for k in np.flatnonzero(chain.q_index >= 0):
-        result[:, :, chain.q_index[k]] += chain.multiplier[k] * columns[:, :, k]
-    return result

@@ -153,7 +153,7 @@ def element_loads(
         One array of shape (n,) each. [N m or N]
     """
     f: list[Array] = list(force)
-    m = _add(moment, _cross(walk.position, f))
+    m = _add(moment, cross(walk.position, f))
     hanging: list[list[int]] = [[b for b, _ in step.bodies] for step in compiled.steps]
     loads: list[Array] = []
     wanted = len(elements) - 1
@@ -168,19 +168,19 @@ def element_loads(
             for b in hanging[k]:
                 weight = [compiled.masses[b] * g for g in down] or [np.asarray(w) for w in compiled.weights[b]]
                 f = _add(f, weight)
-                m = _add(m, _cross(walk.centre[b], weight))
+                m = _add(m, cross(walk.centre[b], weight))
         if elements[wanted] != k:
             continue
         wanted -= 1
         axis = walk.axis[k]
         if compiled.steps[k].translates:
-            loads.append(_dot(axis, f))
+            loads.append(dot(axis, f))
             continue
         if about is not walk.origin[k]:
             about = walk.origin[k]
-            shifted = _cross(about, f)
+            shifted = cross(about, f)
             local = [m[0] - shifted[0], m[1] - shifted[1], m[2] - shifted[2]]
-        loads.append(_dot(axis, local))
+        loads.append(dot(axis, local))
     return loads[::-1]
 
 
@@ -269,11 +269,13 @@ def _sine_cosine(angle: Array) -> tuple[Array, Array]:
     return sine, 1.0 + square * (-0.5 + square * (1 / 24 + square * (-1 / 720 + square / 40320)))
 
 
-def _cross(a: Components, b: Components) -> list[Array]:
+def cross(a: Components, b: Components) -> list[Array]:
+    """Return the cross product, component by component."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-def _dot(a: Components, b: Components) -> Array:
+def dot(a: Components, b: Components) -> Array:
+    """Return the scalar product."""
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 

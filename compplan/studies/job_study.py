@@ -52,17 +52,9 @@ def study_job(
 ) -> JobStudy:
     """Study a job; samples go to a folder in the output folder as they come.
 
-    Args:
-        job: The job.
-        settings: How it is sampled.
-        folder: Output folder.
-        strategies: Names; all that the robot can carry out if empty.
-        most_waypoints: A longer path is thinned evenly to this many.
-        sensitivity: Whether total Sobol indices are measured.
-        discard: Whether finished samples of another study in the folder are taken away first.
-        workforce: Who computes.
-        announce: Called with what is done next.
-        progress: Called with the name of a stage, samples done and samples wanted.
+    strategies: all that the robot can carry out if empty; most_waypoints: a longer path is thinned evenly to this many;
+    discard: whether finished samples of another study in the folder are taken away first; announce: called with what is
+    done next; progress: called with the name of a stage, samples done and samples wanted.
 
     Raises:
         InputError: If the job is not what it has to be, or the folder cannot be written.

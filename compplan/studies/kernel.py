@@ -59,12 +59,8 @@ def settle_tips(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: A
 
     theta = f C (J^T w + tau_g), with a factor f on the compliance of every elastic coordinate, pose by pose.
 
-    Args:
-        kernel: The kernel.
-        q: Joint positions, drive errors included. Shape (nq, n). [rad or m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (6, n). [N, N m]
-        factor: Factor on the compliance of each elastic coordinate. Shape (s, n).
-        theta: Elastic coordinates to start from. Shape (s, n). [rad or m]
+    q: joint positions, drive errors included, (nq, n) [rad or m]; wrench: at the TCP, base axes, (6, n) [N, N m];
+    factor: on the compliance of each elastic coordinate; theta: coordinates to start from, (s, n) [rad or m].
 
     Raises:
         ConvergenceError: If a load is near or beyond buckling.

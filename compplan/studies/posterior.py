@@ -1,7 +1,6 @@
 """Robots of a study, drawn from the uncertainty of the robot folder.
 
-A sample's coordinates make one draw of all parameters, p = S z + s_j: normal about the explanation j that holds, which
-one coordinate for each cause with rivals picks by their weights; and one of what the parameters leave unexplained.
+A sample's coordinates make one draw of all parameters, p = S z, and one of what the parameters leave unexplained.
 Compliances of driven springs, zeros, lost motion and gear waves act where the samples have them, so that encoders see
 them; everything else moves the tip to first order. Where force and robot were learned from a measured part together,
 level and turns of the force go with the parameters, as in the error band.
@@ -14,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
-from scipy.special import ndtr
 
 from compplan.effects import transmission_error
 from compplan.effects.forward_model import own_springs
@@ -27,7 +25,6 @@ from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     build_path_model,
-    group_alternatives,
     measure_slopes,
     pick_rows,
     tie_force,
@@ -52,38 +49,21 @@ class ArmParameter(NamedTuple):
 class RobotPosterior:
     """What is known of a robot, ready for samples."""
 
-    root: Array  #: Parameters per normal coordinate, then per rival explanation that holds. Shape (p, r + rivals). [SI]
+    root: Array  #: Parameters per normal coordinate. Shape (p, r). [SI]
     parts: tuple[ArmParameter, ...]  #: Parameters that act inside the arm; the others move the tip.
-    #: For each cause, the numbers of its rivals and the weights of each and of the folder's, last.
-    rivals: list[tuple[list[int], Array]]
     #: How level and turns go with the parameters and what of them is apart (`tie_force`); None: all is apart.
     tie: tuple[Array, Array] | None = None
     force: ForceSpread | None = None  #: What measured parts said of the force where it goes with the robot, or None.
 
     def push(self, z: Array, shares: Array) -> Array:
-        """Return level and turns of the force in their deviations, of settled coordinates and own ones. (4, b)."""
+        """Return level and turns of the force in their deviations, of the coordinates and own ones. (4, b)."""
         if self.tie is None:
             return shares
         tied, apart = self.tie
         return np.asarray(tied @ z[: tied.shape[1]] + apart @ shares)
 
-    def settle(self, z: Array) -> Array:
-        """Turn the coordinate of each cause with rivals into one row a rival, 1 for the rival that holds.
-
-        z: normal coordinates: r of the parameters, one a cause, those of what is unexplained. Shape (m, b).
-        """
-        count = sum(len(own) for own, _ in self.rivals)
-        r = self.root.shape[1] - count
-        holds = np.zeros((count, z.shape[1]))
-        for (own, weights), level in zip(self.rivals, ndtr(z[r : r + len(self.rivals)]), strict=True):
-            # the folder's own explanation first: it is what holds at the mean of all coordinates
-            edges = weights[-1] + np.r_[0.0, np.cumsum(weights[:-1])]
-            for number, low, high in zip(own, edges, edges[1:], strict=False):
-                holds[number] = (level > low) & ((level <= high) | (number == own[-1]))
-        return np.concatenate([z[:r], holds, z[r + len(self.rivals) :]])
-
     def draw(self, z: Array, factor: Array, zero: Array, drive: Array) -> None:
-        """Add parameters of b samples to factors (s, b), zeros (nq, b) and drives (nq, b, n). z: settled, (m, b)."""
+        """Add parameters of b samples to factors (s, b), zeros (nq, b) and drives (nq, b, n). z: (m, b)."""
         values = self.root @ z[: self.root.shape[1]]
         for part in self.parts:
             if part.kind == "factor":
@@ -95,9 +75,8 @@ class RobotPosterior:
 
 
 def count_coordinates(robot: Robot) -> int:
-    """Count the coordinates of a draw: parameters, causes with rivals, three times MODES for what is unexplained."""
-    known = robot_uncertainty(robot)
-    return known.split_alternatives()[0].shape[1] + len(group_alternatives(known)) + 3 * MODES
+    """Count the coordinates of a draw: parameters, three times MODES for what is unexplained."""
+    return robot_uncertainty(robot).factor.shape[1] + 3 * MODES
 
 
 def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
@@ -114,20 +93,20 @@ def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = No
     `force` is uncertainty of the force where measured parts said it, or None.
     """
     known = robot_uncertainty(task.robot)
-    found = RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_alternatives(known))
-    if force is None or not len(force.robot) or known.rivals:
+    found = RobotPosterior(known.spread, _list_parts(task, known, travel))
+    if force is None or not len(force.robot):
         return found
     return replace(found, tie=tie_force(known, force), force=force)
 
 
 def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
-    """Return the tip's motion, (n, 3) [m], per settled coordinate: parameters outside the arm, and smooth errors."""
+    """Return the tip's motion, (n, 3) [m], per coordinate: parameters outside the arm, and smooth errors."""
     inside = {part.row for part in _list_parts(task, known, np.zeros((task.robot.nq, len(task))))}
     rows = pick_rows(np.ones(len(task), bool), STATIONS)
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     slopes = measure_slopes(scene, known.unknowns, rows)
     slopes[:, :, sorted(inside)] = 0.0
-    moved = list(np.moveaxis(slopes @ _list_columns(known), 2, 0))
+    moved = list(np.moveaxis(slopes @ known.spread, 2, 0))
     apart = cdist(task.position[rows], task.position[rows]) / known.scale
     value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
     smooth = np.zeros((len(rows), MODES))
@@ -135,12 +114,6 @@ def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
     smooth[:, :most] = known.smooth * (vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1][:, :most]
     moved += [np.outer(mode, axis) for mode in smooth.T for axis in np.eye(3)]
     return [interpolate(np.arange(len(task)), rows, values) for values in moved]
-
-
-def _list_columns(known: Uncertainty) -> Array:
-    """Return what each normal coordinate and each rival makes of the parameters. Shape (p, r + rivals). [SI]"""
-    root, shifts = known.split_alternatives()
-    return np.concatenate([root, shifts.T], axis=1)
 
 
 def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmParameter, ...]:

@@ -143,7 +143,7 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
     unsure = (at.link_share > 0.0) & (at.link_share < 1.0)
     share[unsure] = np.clip(share[unsure] + noise.link_share * take("link_share"), 0.0, 1.0)
     moving = ("temperature", "part_frame")
-    robot = at.posterior.settle(take("posterior"))
+    robot = take("posterior")
     causes = np.vstack([*(take(name) for name in moving), robot])
     causes *= at.scale[:, None]
     bias, noises, drift = take("force_bias"), _Noises(at, points), DRIFT * noise.force_noise_N

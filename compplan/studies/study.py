@@ -95,13 +95,8 @@ def prepare_study(
 ) -> Study:
     """Prepare a study.
 
-    Args:
-        task: The task.
-        noise: The standard deviations; the defaults if left out.
-        strategies: The strategies; all that the robot can carry out if left out.
-        most_waypoints: A longer path is thinned evenly to this many.
-        force: What measured parts said of the force, which then goes with robots drawn from the posterior.
-        announce: Called with what is done next.
+    strategies: all that the robot can carry out if left out; most_waypoints: a longer path is thinned evenly to this
+    many; force: what measured parts said of it, which then goes with the robots that are drawn.
 
     Raises:
         InputError: If a strategy does not suit the robot, or nothing of the path is cut.

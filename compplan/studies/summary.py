@@ -144,12 +144,3 @@ def estimate_share(hits: int, n: int) -> Interval:
     """Estimate a probability from hits among n [Clopper1934]."""
     interval = binomtest(hits, n).proportion_ci(LEVEL)
     return Interval(hits / n, float(interval.low), float(interval.high))
-
-
-def trace_convergence(values: Array, replicates: int) -> list[tuple[int, Interval]]:
-    """Trace how the interval of a mean narrows with the number of samples."""
-    first = 4 * replicates
-    if len(values) <= first:
-        return [(len(values), estimate_mean(values, replicates))]
-    counts = np.unique((np.geomspace(first, len(values), 24) // replicates * replicates).astype(int))
-    return [(int(n), estimate_mean(values[:n], replicates)) for n in counts]

@@ -247,5 +247,4 @@ def _add(known: Uncertainty, unknown: Unknown) -> Uncertainty:
     """Add an unknown that is independent of the others."""
     (p, r), k = known.factor.shape, len(unknown.keys)
     factor = np.block([[known.factor, np.zeros((p, k))], [np.zeros((k, r)), np.eye(k)]])
-    rivals = tuple(replace(rival, shift=np.r_[rival.shift, np.zeros(k)]) for rival in known.rivals)
-    return replace(known, unknowns=(*known.unknowns, unknown), factor=factor, rivals=rivals)
+    return replace(known, unknowns=(*known.unknowns, unknown), factor=factor)

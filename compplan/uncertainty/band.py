@@ -32,7 +32,6 @@ from compplan.uncertainty.sensitivities import (
     measure_force_slopes,
     measure_slopes,
     pick_rows,
-    sample_alternatives,
     tie_force,
     unload_model,
 )
@@ -356,17 +355,10 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     """Draw where true tips are beside the planned ones, to first order. Shape (k, 3, count). [m]
 
     Parameters, force and one error of repeatability hold for a whole run; what is unexplained is smooth over the place.
-    Of rival explanations one holds, by their weights, as where Monte Carlo draws robots.
     """
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
-    root, shifts = known.split_alternatives()
-    # of rivals there are none where the force goes with the robot
-    robot, shared = slopes.columns(known)
-    columns = np.concatenate([slopes.model @ root if known.rivals else robot, shared], axis=2)
-    moved = draw_columns(columns, random, count)
-    if known.rivals:
-        moved += slopes.model @ sample_alternatives(known, shifts, count, random).T
+    moved = draw_columns(np.concatenate(slopes.columns(known), axis=2), random, count)
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):

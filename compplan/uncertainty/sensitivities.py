@@ -230,29 +230,6 @@ def vary_model(scene: ForwardModel, unknowns: Sequence[Unknown], values: Array) 
     return apply_effects(scene if robot is scene.robot else replace(scene, robot=robot), beside)
 
 
-def sample_alternatives(known: Uncertainty, shifts: Array, count: int, random: np.random.Generator) -> Array:
-    """Pick for each draw one explanation of each cause, by their weights, and return its shift. Shape (count, p). [SI]
-
-    shifts: of each rival, as `split_alternatives` widens them. Shape (rivals, p).
-    """
-    values = np.zeros((count, len(known.factor)))
-    for own, weights in group_alternatives(known):
-        picked = random.choice(len(weights), size=count, p=weights)
-        values += np.vstack([shifts[own], np.zeros(values.shape[1])])[picked]
-    return values
-
-
-def group_alternatives(known: Uncertainty) -> list[tuple[list[int], Array]]:
-    """Return, for each cause that has rivals, their numbers and the weights of each and of the folder's, last."""
-    found = []
-    for cause in dict.fromkeys(rival.instead for rival in known.rivals):
-        own = [number for number, rival in enumerate(known.rivals) if rival.instead == cause]
-        weights = np.array([known.rivals[number].weight for number in own])
-        weights = np.r_[weights, max(1.0 - weights.sum(), 0.0)]
-        found.append((own, weights / weights.sum()))
-    return found
-
-
 def _in_series(robot: Robot, spring: Spring) -> Robot:
     """Add a spring behind those of its joint."""
     return replace(robot, springs=(*robot.springs, spring))

@@ -10,8 +10,6 @@ from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
 from compplan.cli import COMMANDS, group, load_command
-from compplan.cli.commands.plan import STAGES
-from compplan.cli.terminal import find_stage
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))
@@ -28,10 +26,3 @@ def test_the_shell_completes_commands_and_options() -> None:
     shell = BashComplete(group, {}, "compplan", "_COMPPLAN_COMPLETE")
     assert [item.value for item in shell.get_completions([], "mon")] == ["montecarlo"]
     assert "--register" in [item.value for item in shell.get_completions(["diagnose"], "--r")]
-
-
-def test_a_stage_counts_what_is_behind() -> None:
-    assert find_stage("robot and toolpath", STAGES) == 0
-    assert find_stage("compensation of 4716 waypoints", STAGES) == 3
-    assert find_stage("write: programs", STAGES) == len(STAGES) - 1
-    assert find_stage("something else", STAGES) == 0

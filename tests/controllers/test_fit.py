@@ -56,7 +56,7 @@ def test_every_row_lies_within_the_tolerance_and_every_move_has_its_time() -> No
     few = fitted.program
     assert few.time is not None and few.via is not None and program.tcp is not None
     assert len(few) < 0.5 * len(program) and few.arcs.sum() > 20
-    assert np.diff(few.time).min() >= 0.004 or fitted.slowed
+    assert np.diff(few.time).min() >= 0.004
     for k in range(1, len(few)):
         a, b = fitted.rows[k - 1], fitted.rows[k]
         if not few.arcs[k]:
@@ -75,10 +75,10 @@ def test_rows_nearer_than_a_cycle_are_joined_where_the_path_is_straight_and_slow
     line = np.column_stack([np.linspace(0.0, 10.0, 101), np.zeros(101), np.zeros(101)])
     uneven = np.cumsum(np.tile([0.001, 0.002], 51)[:101]) - 0.001  # every speed differs from the one before
     fitted = fit_moves(make_program(line, uneven))
-    assert fitted.program.time is not None and np.diff(fitted.program.time).min() >= 0.004 and not fitted.slowed
+    assert fitted.program.time is not None and np.diff(fitted.program.time).min() >= 0.004
     zigzag = line + np.column_stack([np.zeros(101), np.tile([0.0, 1.0], 51)[:101], np.zeros(101)])
     fitted = fit_moves(make_program(zigzag, 0.001 * np.arange(101.0)))
-    assert (len(fitted.program), fitted.slowed) == (101, 100)
+    assert len(fitted.program) == 101
     assert fitted.program.feed[1:] == pytest.approx(np.hypot(0.1, 1.0) / 0.004)
 
 

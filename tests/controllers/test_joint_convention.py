@@ -68,7 +68,7 @@ def test_the_status_of_a_kuka_tells_its_three_words_apart() -> None:
     robot = load_robot("kuka_kr270")
     controller = load_controller(robot)
     q = random_q(robot, 400)
-    status = krl_status(controller, robot, q)
+    status = krl_status(controller, name_words(controller, robot, q))
     assert status is not None and set(status.tolist()) <= set(range(8))
     counted = to_controller(controller, q)
     assert np.array_equal(status & 4 > 0, counted[:, 4] < 0)
@@ -84,7 +84,7 @@ def test_without_a_controller_file_the_urdf_counts(folder: Path) -> None:
     (folder / "controller.toml").unlink()
     robot = load_robot(folder)
     assert to_controller(load_controller(robot), np.full((1, 6), np.pi)) == pytest.approx(180)
-    assert krl_status(load_controller(robot), robot, np.zeros((1, 6))) is None
+    assert krl_status(load_controller(robot), {}) is None
 
 
 @pytest.mark.parametrize(

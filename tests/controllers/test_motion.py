@@ -253,9 +253,12 @@ def test_a_corner_has_a_smaller_zone_or_an_exact_stop_and_is_read_back(
     for corner in (program.corner, None):
         folder = tmp_path / ("bound" if corner is not None else "free")
         folder.mkdir()
-        write_program(replace(program, corner=corner, pieces={}), language, folder, any_brand=True)
+        write_program(replace(program, corner=corner), language, folder, any_brand=True)
         files[folder.name] = "".join(file.read_text() for file in sorted(folder.rglob("*")) if file.is_file())
     assert says in files["bound"] and files["bound"] != files["free"]
+    if language == "rapid":  # z0 has a turn of 0.03 deg at 0.3 mm: a tenth of a degree a millimetre
+        size, turn = re.search(r"\[FALSE,(0\.\d+),[^]]*,(\d\.\d+)\]", files["bound"]).groups()
+        assert float(turn) == pytest.approx(0.1 * float(size), abs=1e-4)
     main = next(file for file in sorted((tmp_path / "bound").iterdir()) if not file.stem[-1].isdigit())
     moves = [move for move in read(main) if move.kind != "act"]
     assert len(moves) == 3 and moves[1].stops == (language == "inform")

@@ -220,12 +220,6 @@ def test_options_that_name_nothing_are_refused(tmp_path: Path, arguments: list[s
     assert not (tmp_path / "out").exists()
 
 
-def test_no_log_and_a_wish_for_poses_are_answered_by_the_command_that_chooses_them(tmp_path: Path) -> None:
-    for words, fault in (([], "no measurement log is given"), (["--choose-poses", 8], "--choose-poses is gone")):
-        with pytest.raises(InputError, match=f"{fault}; compplan campaign JOB --poses N --for calibration"):
-            run(*words, "--robot", "kuka_kr270", "--out", tmp_path / "out")
-
-
 def test_a_log_without_settled_poses_or_without_loads_is_refused(tmp_path: Path) -> None:
     file = measure(soft_kr270(), tmp_path, poses=10)
     passing = tmp_path / "path.csv"

@@ -13,7 +13,7 @@ from compplan.job.job import load_job
 from compplan.measurement.reading import read_campaign
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder, robot_folders
-from compplan.robot.folder_template import write_skeleton
+from compplan.robot.folder_template import build_skeleton
 from compplan.robot.mounting import name_axis, outward_axis
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -146,13 +146,13 @@ def test_a_urdf_that_does_not_say_which_axis_leaves_the_tool_is_refused_until_it
 @pytest.mark.parametrize("axis", ["x", "-x", "y", "-y", "z", "-z"])
 def test_z_of_the_new_frame_points_along_the_axis_that_was_named(tmp_path: Path, axis: str) -> None:
     (tmp_path / "arm.urdf").write_text(EE_LINK)
-    for name, text in write_skeleton(tmp_path / "arm.urdf", tool_axis=axis).items():
+    for name, text in build_skeleton(tmp_path / "arm.urdf", tool_axis=axis).texts.items():
         (tmp_path / name).write_text(text)
     assert name_axis(outward_axis(load_robot(tmp_path))) == axis
 
 
 def test_a_tool0_gives_the_pendant_its_frame_and_counts_as_unconfirmed(tmp_path: Path) -> None:
-    for name, text in write_skeleton(find_robot_folder("fanuc_m20ia") / "robot.urdf").items():
+    for name, text in build_skeleton(find_robot_folder("fanuc_m20ia") / "robot.urdf").texts.items():
         (tmp_path / name).write_text(text)
     found, shipped = locate_pendant(load_robot(tmp_path)), locate_pendant(load_robot("fanuc_m20ia"))
     assert found is not None and shipped is not None and found.stated and not found.confirmed

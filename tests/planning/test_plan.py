@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import compplan as cp
-from compplan.api.given import read_part
+from compplan.api.given import read_table
 from compplan.diagnosis import campaign_diagnosis
 from compplan.errors import InputError
 from compplan.job.job import CollisionTable, check_job
@@ -190,8 +190,8 @@ def test_each_scale_lowers_its_own_limits_alone() -> None:
 
 
 def test_six_numbers_of_a_part_are_its_place_and_a_rotation_vector() -> None:
-    assert read_part([1.0, 2.0, 3.0]) == {"position_mm": [1.0, 2.0, 3.0]}
-    assert read_part([1, 2, 3, 0, 0, 90]) == {"position_mm": [1.0, 2.0, 3.0], "rotation_deg": [0.0, 0.0, 90.0]}
+    assert read_table("part", [1.0, 2.0, 3.0]) == {"position_mm": [1.0, 2.0, 3.0]}
+    assert read_table("part", [1, 2, 3, 0, 0, 90]) == {"position_mm": [1.0, 2.0, 3.0], "rotation_deg": [0.0, 0.0, 90.0]}
 
 
 def test_the_zone_of_the_tip_that_may_touch_is_given_in_mm(monkeypatch: pytest.MonkeyPatch) -> None:

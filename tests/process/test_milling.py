@@ -7,6 +7,7 @@ from compplan.process.cutting import shape_milling
 from compplan.process.engagement import Cutter, Engagement
 from compplan.process.engagement_search import find_engagement
 from compplan.process.force_models.drill import DRILLED, DrillProcess
+from compplan.process.force_models.end_mill import EndMillProcess
 from compplan.process.force_models.milling import MillingProcess, milling_wrench
 from compplan.process.materials import MATERIALS, Coefficients
 from compplan.process.stock import build_block
@@ -142,6 +143,12 @@ def test_a_material_without_a_constant_of_drilling_is_refused_and_takes_coeffici
     own = {"cutting_N_mm2": (900.0, 0.0, 1200.0), "exponent": (0.0, 0.0, 0.15)}
     by_feed = np.array([drill(feed, 6.0, material=None, coefficients=own) for feed in (0.05, 0.1, 0.2, 0.4)])
     assert (np.diff(by_feed[:, [2, 5]], axis=0) > 0.0).all()
+
+
+def test_an_end_mill_without_a_stated_flute_has_one_of_three_diameters() -> None:
+    table = {"model": "end_mill", "diameter_mm": 10.0, "spindle_rpm": 1000.0, "material": "c45"}
+    assert EndMillProcess(**table).cutter().flute == pytest.approx(30e-3)
+    assert EndMillProcess(**table, flute_mm=22.0).cutter().flute == pytest.approx(22e-3)
 
 
 @pytest.mark.parametrize("point_deg", [118.0, 100.0])

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import run_command
 
 from compplan.errors import InputError
 from compplan.job.job import load_job
@@ -14,8 +13,7 @@ from compplan.job.operations import split_job
 from compplan.job.tool_tables import read_tool_library
 from compplan.process.engagement import Cutter
 from compplan.process.engagement_search import find_engagement
-from compplan.process.stock import StockColumns, build_block, read_mesh
-from compplan.process.stock_table import Cut, take_away, triangulate_stock
+from compplan.process.stock import Cut, StockColumns, build_block, take_away
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FLAT = Cutter(5e-3, 0.03)
@@ -39,16 +37,16 @@ def cut(path: np.ndarray, axis: np.ndarray = UP, cutter: Cutter = FLAT) -> Cut:
 
 
 def volume(stock: StockColumns) -> float:
-    """Volume of its closed mesh [mm3]."""
-    mesh = triangulate_stock(stock)
-    assert mesh.is_watertight
-    return float(mesh.volume * 1e9)
+    """Volume of its columns. [mm3]"""
+    x = (np.arange(-50.0, 50.0, 0.25) + 0.125) * 1e-3
+    low, high = stock.interval(np.stack(np.meshgrid(x, x), axis=-1))
+    return float(1e9 * np.maximum(high - low, 0.0).sum() * 0.25e-3**2)
 
 
 def test_a_slot_is_missing_in_what_is_left_and_the_next_tool_meets_only_the_rest() -> None:
     block = build_block(*(BLOCK * 1e-3), np.eye(3))
     left = take_away(block, [cut(line((-60, 0, -3), (60, 0, -3)))])
-    assert volume(left) == pytest.approx(100 * 100 * 20 - 100 * 10 * 3, rel=1e-3)  # a grid of 0.5 mm
+    assert volume(left) == pytest.approx(100 * 100 * 20 - 100 * 10 * 3, rel=1e-3)
     wider = cut(line((-60, 0, -3), (60, 0, -3)), cutter=Cutter(8e-3, 0.03))
     found = find_engagement(wider.cutter, wider.position, wider.cutting, left)
     assert found.section[60] == pytest.approx(6 * 3e-6, rel=0.01)
@@ -89,18 +87,6 @@ def test_a_drill_finds_the_pocket_that_the_tool_before_it_cut(tmp_path: Path) ->
         tip = nominal.position[law.cutting.engagement.touches & ~nominal.rapid, 2] * 1e3 - 700.0
         axial[name] = tip.max()
     assert [axial["alone"], axial["after"]] == pytest.approx([-1.0, -2.0])  # the pocket's floor is at -1
-
-
-def test_what_is_left_is_written_and_can_be_the_stock_of_the_next_job(tmp_path, monkeypatch, capsys) -> None:
-    job = write_bracket(tmp_path, "")
-    text = job.read_text(encoding="utf-8").replace('cycles = "expand"', 'cycles = "expand"\noperation = 2')
-    job.write_text(text, encoding="utf-8")
-    answer = run_command(["forces", job, "--out", tmp_path / "out"], monkeypatch, capsys)
-    assert answer.status == 0, answer.err
-    assert "stock.stl" in answer.out
-    left = read_mesh(tmp_path / "out" / "stock.stl", "mm", "", job)
-    hole = np.pi * 2.5**2 * 4.0  # below the floor of the pocket, nearly
-    assert left.volume * 1e9 == pytest.approx(50 * 40 * 10 - 507.0 - hole, rel=1.5e-3)
 
 
 def test_a_tool_table_in_toml_is_read(tmp_path: Path) -> None:

@@ -7,6 +7,9 @@ from pathlib import Path
 import pytest
 from commandline import run_command
 
+from compplan.errors import InputError
+from compplan.job.job import check_job
+
 JOB = Path(__file__).parents[2] / "examples" / "forces" / "pocket.toml"
 
 
@@ -26,3 +29,11 @@ def test_a_removed_key_is_refused_in_one_line(table: str, name: str, tmp_path, m
     assert answer.status == 2
     assert f"{name} is no longer supported; " in answer.err and len(answer.err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_key_that_went_from_one_force_model_is_refused_there_and_stays_elsewhere() -> None:
+    job = {"schema": 1, "robot": "ur10", "toolpath": "path.csv"}
+    sheet = {"model": "isf_regression", "thickness_mm": 1.0, "tool_diameter_mm": 10.0, "tensile_N_mm2": 300.0}
+    with pytest.raises(InputError, match=r"process\.ramp_mm is no longer supported"):
+        check_job({**job, "process": {**sheet, "ramp_mm": 2.0}})
+    assert check_job({**job, "process": {"model": "isf", "axial_N": 10.0, "ramp_mm": 2.0}}).process.ramp_mm == 2.0

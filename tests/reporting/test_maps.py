@@ -101,7 +101,7 @@ def test_the_command_writes_maps_pictures_and_a_page(tmp_path: Path) -> None:
     summary = json.loads(result.stdout)
     table = json.loads((tmp_path / "out" / "map.json").read_text())
     assert {file.name for file in (tmp_path / "out").iterdir()} == {
-        "map.json", "report.html", "map_horizontal.png", "map_vertical.png", "dexterity.png", "manifest.json"
+        "map.json", "report.html", "map_horizontal.png", "map_vertical.png", "manifest.json"
     }  # fmt: skip
     horizontal = table["planes"]["horizontal"]
     values = [x for row in horizontal["worst_unit_force_map_um_per_N"] for x in row if x is not None]

@@ -24,7 +24,7 @@ from compplan.planning.result import Plan
 from compplan.planning.sampling import Between
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import state_timing
-from compplan.reporting.along_path import Stations, draw_lines, draw_strategies
+from compplan.reporting.along_path import Stations, chart_lines, chart_strategies
 from compplan.reporting.charts import Figure, thin_path, thin_rows
 from compplan.reporting.compare import render_comparison
 from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, render_page
@@ -256,14 +256,14 @@ def test_an_infeasible_plan_says_so_first_and_lists_its_waypoints(tmp_path: Path
 def test_every_waypoint_that_fails_is_marked_however_many_there_are() -> None:
     length, marked = np.linspace(0.0, 1.2, 3000), np.arange(0, 3000, 7)
     stations = Stations(length, np.linspace(0.0, 60.0, 3000), marked, np.zeros((0, 2)))
-    figure = draw_lines(stations, {"deviation": np.ones(3000)}, "mm", title="deviation")
+    figure = chart_lines(stations, {"deviation": np.ones(3000)}, "mm", "deviation", "").figure
     bands = np.array([[band["x0"], band["x1"]] for band in figure.layout["shapes"]])
     places = 1e3 * length[marked]
     covered = ((bands[:, :1] <= places + 1e-9) & (places - 1e-9 <= bands[:, 1:])).any(axis=0)
     assert covered.all()
     assert len(bands) <= 240
     few = replace(stations, marked=np.array([2999]))
-    assert len(draw_lines(few, {"deviation": np.ones(3000)}, "mm", title="deviation").layout["shapes"]) == 1
+    assert len(chart_lines(few, {"deviation": np.ones(3000)}, "mm", "deviation", "").figure.layout["shapes"]) == 1
 
 
 def test_a_lowered_feed_is_named_with_its_place_and_the_busiest_joint(tmp_path: Path) -> None:
@@ -302,7 +302,7 @@ def test_thirteen_strategies_get_thirteen_charts_on_the_same_axes() -> None:
     line = np.linspace(1.0, 2.0, 11)
     stations = Stations(line, line, np.zeros(0, int), np.zeros((0, 2)))
     panels = {f"strategy {k}": {"compliance": k * line, "wrench": 0.5 * k * line} for k in range(13)}
-    figure = draw_strategies(stations, panels, 0.1)
+    figure = chart_strategies(stations, panels, 0.1).figure
     drawn = [trace["xaxis"] for trace in figure.data]
     assert len(set(drawn)) == 13 and max(map(drawn.count, drawn)) == 2
     assert sum(trace["showlegend"] for trace in figure.data) == 2

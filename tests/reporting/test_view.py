@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,6 @@ from compplan.reporting.charts import SEQUENTIAL
 from compplan.reporting.scenes import locate_links
 from compplan.reporting.view.recording import PlanRecording, ViewCell, read_cell, read_recording
 from compplan.reporting.view.scene import (
-    ERROR_BAND,
     PlanScene,
     join_rows,
     locate_chain,
@@ -112,14 +110,6 @@ def test_a_click_means_the_point_nearest_to_the_ray_and_nothing_behind_the_eye()
     assert pick_point(points, np.zeros(3), np.array([0.19, 0.0, 1.0])) == 1
 
 
-def test_rings_of_the_promise_stand_off_the_path_by_its_radius(scene: PlanScene) -> None:
-    record = scene.recording
-    ring = scene.draw_error_band(3.0).points[:, 0]
-    distance = np.linalg.norm(ring[:, None] - record.tip[None].astype(np.float32), axis=2).min(axis=1)
-    assert distance.max() <= 3.0 * np.nanmax(record.error_band) + 1e-6
-    assert ERROR_BAND in scene.ways
-
-
 def test_a_row_tells_joints_force_deviation_and_posture(scene: PlanScene) -> None:
     told = scene.tell(scene.start + 5)
     for word in (
@@ -202,15 +192,12 @@ def test_the_command_refuses_an_empty_folder_a_taken_port_and_a_missing_viewer(
     assert "pip install 'compplan[view]'" in run("view", str(folder), "--no-open")
 
 
-def test_the_panel_names_the_worst_places_and_marks_the_tolerance(scene: PlanScene) -> None:
+def test_the_panel_names_the_worst_place_and_marks_the_tolerance(scene: PlanScene) -> None:
     from compplan.reporting.view.server import draw_colour_bar
 
     record, size = scene.recording, scene.sizes["uncorrected"]
-    worst = scene.worst("uncorrected")
-    assert size[worst[0]] == np.nanmax(size) and len(worst) == 5
-    assert all(size[a] >= size[b] for a, b in pairwise(worst))
-    assert min(abs(a - b) for k, a in enumerate(worst) for b in worst[:k]) >= len(size) // 20
-    assert "mm at" in scene.name_row(worst[0], "uncorrected")
+    worst = scene.find_worst("uncorrected")
+    assert size[worst] == np.nanmax(size) and "mm at" in scene.name_row(worst, "uncorrected")
     assert "tolerance" in draw_colour_bar(scene.top("uncorrected"), record.tolerance)
     small = replace(record, deviation={way: 0.02 * values for way, values in record.deviation.items()})
     seen = PlanScene(small).magnification("uncorrected") * 0.02 * np.nanmax(size)

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from compplan.reproduce.paper import Reproduction
-from compplan.reproduce.singh2021 import DEXTEROUS, PEDESTALS, PLAIN, cloud, reproduce
+from compplan.reproduce.singh2021 import DEXTEROUS, PEDESTALS, PLAIN, cloud, reach_around, reproduce, spread_directions
 from compplan.robot import load_robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.ik import build_arm
 
 
 @pytest.fixture(scope="module")
@@ -49,3 +51,17 @@ def test_numbers_that_hang_on_the_unknown_wrench_are_not_claimed(result: Reprodu
     assert all(row.verdict.startswith("cannot be reproduced because") for row in rows)
     ratios = result.row("Improvement of the largest deflections at r1, r3, r5")
     assert ratios.ours == "22%, 29%, 28%" and ratios.verdict == "inconsistent in the paper"
+
+
+def test_directions_spread_evenly_and_are_reached_inside_the_limits() -> None:
+    directions = spread_directions(500)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
+    np.testing.assert_allclose(directions.mean(axis=0), 0, atol=5e-3)
+    np.testing.assert_allclose(directions.T @ directions / 500, np.eye(3) / 3, atol=5e-3)
+    robot, point = load_robot("fanuc_m10ia"), np.array([1.3, 0.1, 0.2])
+    q, owner = reach_around(build_arm(robot), point, spread_directions(60))
+    assert 0.2 < len(np.unique(owner)) / 60 < 1
+    assert ((q >= robot.lower - 2e-6) & (q <= robot.upper + 2e-6)).all()
+    frames = locate_frames(build_chain(robot), q)
+    np.testing.assert_allclose(frames.tcp_position, np.tile(point, (len(q), 1)), atol=1e-6)
+    np.testing.assert_allclose(frames.tcp_rotation[:, :, 2], spread_directions(60)[owner], atol=1e-6)

@@ -129,3 +129,12 @@ def test_a_rail_is_written_in_millimetres_and_the_weight_of_a_mounted_tool_pulls
     assert armed.loading_gravity == pytest.approx([0.0, 0.0, -9.81])
     heavy = replace(bare, gravity=np.array([0.1, 0.0, -9.7]))
     assert heavy.with_tool(np.eye(4), 20.0).loading_gravity == pytest.approx([0.1, 0.0, -9.7])
+
+
+def test_in_a_model_without_weight_the_tool_of_its_identification_is_taken_off() -> None:
+    robot = replace(load_robot("kuka_kr270"), gravity=None)
+    old = replace(robot.with_tool(np.eye(4), 30.0, (0.0, 0.0, 0.1)), weights=())
+    assert old.gravity is None
+    changed = old.with_tool(np.eye(4), 50.0, (0.0, 0.0, 0.1)).loading_bodies
+    assert sum(body.mass for body in changed) == pytest.approx(20.0)
+    assert sum(body.mass * body.centre[2] for body in changed) == pytest.approx(2.0)

@@ -8,18 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn_robots import draw_values
 
 from compplan.errors import InputError
 from compplan.robot import load_robot, write_robot_folder
 from compplan.robot.uncertainty import (
-    AlternativeRobot,
     Uncertainty,
     Unknown,
     factor_covariance,
     format_uncertainty,
     read_uncertainty,
-    spread_unknowns,
 )
 from compplan.uncertainty.assumed import assume_uncertainty, list_assumed, robot_uncertainty
 
@@ -78,56 +75,6 @@ def test_what_is_read_is_what_the_file_says(tmp_path: Path) -> None:
     assert (known.unexplained, known.scale, known.repeatability) == pytest.approx((3e-5, 0.25, 2e-5))
     assert (known.calibration, known.groups) == (1.2, 30)
     assert known.names == ("joint_stiffness joint_2", "joint_offset joint_3")
-
-
-RIVAL = """[[rival]]
-explanation = "joint_offset joint_3"
-instead = "joint_stiffness joint_2"
-weight = 0.25
-parameter = [2, 1]
-shift = [3e-5, -4e-8]
-"""
-
-
-def test_a_rival_explanation_is_read_and_written_with_its_weight(tmp_path: Path) -> None:
-    known = read_uncertainty(write(tmp_path, GOOD + RIVAL))
-    assert known is not None
-    again = read_uncertainty(write(tmp_path, format_uncertainty(known)))
-    assert again is not None
-    for found in (known, again):
-        (rival,) = found.rivals
-        assert (rival.explanation, rival.instead) == ("joint_offset joint_3", "joint_stiffness joint_2")
-        assert rival.weight == 0.25
-        assert rival.shift.tolist() == [-4e-8, 3e-5]
-    assert known.select([False, True]).rivals[0].shift.tolist() == [3e-5]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("[2, 1]", "[2, 3]", "different numbers from 1 to 2"), ("[2, 1]", "[2, 2]", "different numbers"),
-        ("[2, 1]", "[2]", "expected 1, one a parameter"), ("0.25", "1.0", "weight"),
-    ],
-)  # fmt: skip
-def test_a_bad_rival_is_refused_with_its_key(tmp_path: Path, old: str, new: str, said: str) -> None:
-    with pytest.raises(InputError, match=said) as caught:
-        read_uncertainty(write(tmp_path, GOOD + RIVAL.replace(old, new)))
-    assert str(caught.value.where).startswith("rival")
-
-
-def test_draws_take_a_rival_as_often_as_its_weight_says_and_keep_the_covariance() -> None:
-    """Folder .7, rival .3 at (-4, 3) of width 1 and .5: two clouds; their mean square is that of the covariance."""
-    shift, own = np.array([-4.0, 3.0]), np.diag([0.01, 0.0025])
-    unknowns = random_uncertainty().unknowns[:2]
-    unknowns, factor = spread_unknowns(unknowns, own + 0.3 * np.outer(shift, shift))
-    rival = AlternativeRobot("b", "a", 0.3, shift)
-    known = Uncertainty("measured", "test", unknowns, factor, calibration=2.0, rivals=(rival,))
-    values = draw_values(known, 4000, 1) / 2.0
-    there = np.linalg.norm(values - shift, axis=1) < np.linalg.norm(values, axis=1)
-    assert there.mean() == pytest.approx(0.3, abs=0.025)
-    assert values[there].mean(axis=0) == pytest.approx(shift, abs=0.02)
-    assert values[~there].std(axis=0) == pytest.approx([0.1, 0.05], rel=0.05)
-    assert values.T @ values / len(values) == pytest.approx(known.covariance / 4.0, rel=0.08)
 
 
 def test_an_unknown_that_is_said_twice_is_refused_and_another_setting_of_it_is_not(tmp_path: Path) -> None:

@@ -109,3 +109,16 @@ def test_soft_limits_that_make_no_sense_are_refused(low, high, tmp_path) -> None
     controller = f'<safety_controller soft_lower_limit="{low}" soft_upper_limit="{high}"/>'
     with pytest.raises(InputError, match=r"joint 'joint_1': .*soft"):
         load_robot(write_robot(tmp_path / "robot", into_joint=controller))
+
+
+def test_a_mass_beside_the_chain_counts_with_the_link_that_carries_it_turned_and_moved(tmp_path) -> None:
+    box = (
+        '<link name="box"><inertial><origin xyz="0.1 0 0" rpy="0 0 0"/><mass value="7"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="2" iyz="0" izz="3"/></inertial></link>'
+        '<joint name="hold" type="fixed"><origin xyz="0 0 0.5" rpy="0 0 1.5707963267948966"/>'
+        '<parent link="link_2"/><child link="box"/></joint>'
+    )
+    robot = load_robot(write_robot(tmp_path / "robot", before_end=box))
+    (found,) = (body for body in robot.bodies if body.mass == 7.0)
+    assert found.link == "link_2" and found.centre == pytest.approx([0.0, 0.1, 0.5])
+    assert found.inertia == pytest.approx(np.diag([2.0, 1.0, 3.0]))

@@ -12,13 +12,12 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import ConvergenceError
 from compplan.robot import Array, load_robot
 from compplan.robot.elasticity import hollow_beam_compliance
-from compplan.statics.chain import Chain, build_chain, locate_frames
+from compplan.statics.chain import Chain, build_chain, load_elements, locate_frames
 from compplan.statics.elastic import (
     cartesian_compliance,
     load_hessian,
     loaded_compliance,
     solve_equilibrium,
-    spring_torque,
 )
 
 ROBOTS = ["kuka_kr270", "kuka_kr270_full", "staubli_tx200", "fanuc_m10ia", "kuka_kr240_rail"]
@@ -68,7 +67,7 @@ def test_the_hessian_of_the_load_is_its_derivative(name: str) -> None:
             moved = theta.copy()
             moved[:, j] += sign * 1e-5
             frames = locate_frames(chain, q, moved)
-            sides.append(spring_torque(chain, frames, wrench)[:, chain.spring_elements])
+            sides.append(load_elements(chain, frames, wrench)[:, chain.spring_elements])
         np.testing.assert_allclose(exact[:, :, j], (sides[0] - sides[1]) / 2e-5, atol=1e-3)
 
 

@@ -1,16 +1,18 @@
-"""The CasADi kinematics against Pinocchio, and their derivatives against finite differences."""
+"""The CasADi kinematics against Pinocchio, its loads against the numeric ones; derivatives, and point masses."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 from robot_library import over_robots
 
-from compplan.robot import load_robot
+from compplan.robot import Body, load_robot
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
-from compplan.statics.chain import build_chain
-from compplan.statics.kinematics import locate_symbolic
+from compplan.statics.chain import build_chain, load_elements, locate_frames
+from compplan.statics.inertia import divide_body
+from compplan.statics.kinematics import load_springs, locate_symbolic
 from compplan.statics.stiffness import attain_pose
 
 
@@ -56,3 +58,25 @@ def test_loaded_jacobian_agrees_with_finite_differences_of_the_judge(name, gravi
         turn = (ahead[1] - behind[1]) @ attained.rotation.transpose(0, 2, 1) / (2 * step)
         spin = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]], axis=1)
         assert np.allclose(attained.jacobian[:, 3:, j], spin, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["kuka_kr270_full", "examples/positioner/kuka_kr240_table"])
+def test_symbolic_loads_of_wrench_and_weights_agree_with_the_numeric_ones(name):
+    place = Path(__file__).parents[2] / name
+    robot = replace(load_robot(place if place.is_dir() else name), gravity=np.array([0.3, 0.0, -9.81]))
+    chain, (at, wrench) = build_chain(robot), random_poses(robot, 5, 8)
+    q, w = ca.SX.sym("q", chain.nq), ca.SX.sym("wrench", 6)
+    symbolic = ca.Function("load", [q, w], [load_springs(chain, locate_symbolic(chain, q), w)])
+    numeric = load_elements(chain, locate_frames(chain, at), wrench)[:, chain.spring_elements]
+    loads = np.array(symbolic.map(5)(at.T, wrench.T)).T
+    assert loads == pytest.approx(numeric, abs=1e-8)
+
+
+def test_four_points_have_the_mass_the_centre_and_the_inertia_of_their_body():
+    inertia = np.array([[3.0, 0.2, -0.1], [0.2, 4.0, 0.3], [-0.1, 0.3, 5.0]])
+    points = divide_body(Body("link", 20.0, np.array([0.1, -0.2, 0.3]), inertia))
+    mass, centre = np.array([p.mass for p in points]), np.array([p.centre for p in points])
+    assert mass.sum() == pytest.approx(20.0) and mass @ centre / 20.0 == pytest.approx([0.1, -0.2, 0.3])
+    arm = centre - [0.1, -0.2, 0.3]
+    about = np.einsum("k,kij->ij", mass, [r @ r * np.eye(3) - np.outer(r, r) for r in arm])
+    assert about == pytest.approx(inertia)

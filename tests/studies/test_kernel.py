@@ -16,7 +16,7 @@ from compplan.job.noise import NoiseTable
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.posture.settings import PostureSettings
 from compplan.robot import load_robot
-from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
+from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
@@ -27,7 +27,6 @@ from compplan.studies.sampling import draw_points, sample_robots
 from compplan.studies.study import Study, prepare_study, run_strategy
 from compplan.studies.summary import _describe_draws
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.band import draw_paths, linearise_path
 from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model, vary_model
 
 RNG = np.random.default_rng(11)
@@ -154,40 +153,6 @@ def test_a_drawn_robot_moves_the_tip_as_the_exact_equilibrium_of_its_parameters_
         # a joint that has not moved yet is off by half its lost motion one way or the other: from the first turn on
         size = np.linalg.norm(exact, axis=1).max()
         assert np.linalg.norm((seen - exact)[12:], axis=1).max() < 0.05 * size
-
-
-def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_factor_widens_both() -> None:
-    """Folder .7, rival .3: the zero of joint 2 or the length of joint 3; two clouds, three times as far apart."""
-    unknowns = (
-        Unknown("joint_offset", "joint_2", None, ("offset_rad",), np.zeros(1)),
-        Unknown("link_geometry", "joint_3", "tx", ("tx_m",), np.zeros(1)),
-    )
-    shift, own = np.array([4e-4, -6e-4]), np.diag([1e-5, 1e-5]) ** 2
-    unknowns, factor = spread_unknowns(unknowns, own + 0.3 * np.outer(shift, shift))
-    known = Uncertainty("measured", "test", unknowns, factor, rivals=(AlternativeRobot("b", "a", 0.3, shift),))
-    robot, nominal, options = prepare_job(check_job({**JOB, "noise": REST}, "job.toml"))
-    z = np.random.default_rng(1).standard_normal((400, count_coordinates(replace(robot, uncertainty=known))))
-    for factor_on in (1.0, 3.0):
-        armed = replace(robot, uncertainty=replace(known, calibration=factor_on))
-        task = build_task(armed, nominal, replace(options, posture=PostureSettings(search=False)))
-        study = prepare_study(task, NoiseTable(**REST), ["none"])
-        moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
-        scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
-        other = (
-            solve_model_poses(vary_model(scene, unknowns, factor_on * shift)).position
-            - solve_model_poses(scene).position
-        )
-        there = np.linalg.norm(moved - other, axis=(1, 2)) < np.linalg.norm(moved, axis=(1, 2))
-        assert there.mean() == pytest.approx(0.3, abs=0.07)
-        assert moved[there].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
-        # the error band draws robots from the same two clouds
-        still = replace(task.robot.uncertainty, repeatability=0.0)
-        sure = ForceSpread(0.0, 0.0, 0.0, "known")
-        drawn = np.moveaxis(draw_paths(linearise_path(scene, still, sure, np.ones(len(task), bool)), still), 2, 0)
-        near = np.linalg.norm(drawn - other, axis=(1, 2)) < np.linalg.norm(drawn, axis=(1, 2))
-        assert near.mean() == pytest.approx(0.3, abs=0.03)
-        assert drawn[near].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
-        assert drawn[~near].std(axis=0).max() < 0.2 * drawn.std(axis=0).max()
 
 
 def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from compplan.studies.runner import Settings, discard_chunks, run_study
 from compplan.studies.sampling import Factors, draw_points, list_factors
 from compplan.studies.sensitivity import design_points, estimate_totals, measure_sensitivity
 from compplan.studies.study import prepare_study
-from compplan.studies.summary import estimate_mean, estimate_quantile, estimate_share, summarise_run, trace_convergence
+from compplan.studies.summary import estimate_mean, estimate_quantile, estimate_share, summarise_run
 from compplan.studies.workers import Workers
 
 HERE = Workers(workers=1)
@@ -263,13 +263,6 @@ def test_every_default_says_where_it_comes_from() -> None:
     assert len(sentences) == len(NoiseTable.model_fields)
     assert any(s == "noise.wrench_level = 0.3: set in the job" for s in sentences)
     assert sum("assumed" in s for s in sentences) >= len(sentences) - 1
-
-
-def test_the_interval_of_a_mean_narrows_with_the_samples() -> None:
-    values = np.random.default_rng(2).normal(size=4096)
-    trace = trace_convergence(values, 8)
-    assert trace[0][0] < trace[-1][0] == 4096
-    assert trace[-1][1].half_width < 0.4 * trace[0][1].half_width
 
 
 def test_total_indices_of_a_known_function_lie_within_their_intervals() -> None:

@@ -18,7 +18,6 @@ from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import ErrorBand
 from compplan.uncertainty.sensitivities import (
     pick_rows,
-    sample_alternatives,
     select_model_rows,
     turn_wrench,
     vary_model,
@@ -42,11 +41,9 @@ class Field:
 
 
 def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
-    """Draw parameters about the folder's values, or a rival explanation's, by weight. Shape (count, p). [SI]"""
-    random = np.random.default_rng(seed)
-    root, shifts = known.split_alternatives()
-    values = random.standard_normal((count, root.shape[1])) @ root.T
-    return np.asarray(values + sample_alternatives(known, shifts, count, random))
+    """Draw parameters about the folder's values. Shape (count, p). [SI]"""
+    root = known.spread
+    return np.asarray(np.random.default_rng(seed).standard_normal((count, root.shape[1])) @ root.T)
 
 
 def draw_field(known: Uncertainty, seed: int, number: int) -> Field:

@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from compplan.api.measured import choose_frames, read_measured, settle_questions
+from compplan.cli.commands.plan import explain_failures
 from compplan.cli.options import (
     INPUT,
     CommandResult,
@@ -27,7 +28,7 @@ from compplan.cli.options import (
 from compplan.cli.terminal import show_progress
 from compplan.effects import EFFECTS
 from compplan.effects.requested import GEOMETRY
-from compplan.errors import InfeasibleError, InputError
+from compplan.errors import InputError
 from compplan.identification.parameters import LINK_TERMS
 from compplan.io.parsing import LEAST_SIGMA_MM
 from compplan.io.provenance import describe_origin
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
 
 
 @make_command(
-    click.argument("measurements", type=INPUT, required=False), robot_option(), out_folder,
+    click.argument("measurements", type=INPUT), robot_option(), out_folder,
     click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".'),
     click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint."),
     click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".'),
@@ -53,12 +54,11 @@ if TYPE_CHECKING:
     click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
                  help="Absolute positions, or each pose against itself under other loads."),
     click.option("--loss", type=click.Choice(LOSSES), default="tukey", help="How rows far from the model count."),
-    click.option("--choose-poses", hidden=True, help="Gone: compplan campaign chooses poses."),
     measured_options, assume_ok, epilog=f"Effects: {', '.join(EFFECTS)}.",
 )  # fmt: skip
 def run_identify(
-    measurements: Path | None, robot_name: str, folder: Path, register: str | None, springs: str | None,
-    add: str | None, effects: str | None, choose_poses: str | None, instrument: Path | None, tool: Path | None,
+    measurements: Path, robot_name: str, folder: Path, register: str | None, springs: str | None,
+    add: str | None, effects: str | None, instrument: Path | None, tool: Path | None,
     target_offset_mm: list[float] | None, assume_ok: bool, **choices: Any,
 ) -> CommandResult:  # fmt: skip
     """Identify the compliances of ROBOT from MEASUREMENTS (a measurement log), with 95 % intervals.
@@ -75,9 +75,6 @@ def run_identify(
         register=parse_parts(register), springs=None if springs is None else split_names(springs), add=split_names(add),
         effects=split_names(effects), **choices,
     )  # fmt: skip
-    if measurements is None or choose_poses is not None:
-        fault = "no measurement log is given" if choose_poses is None else "--choose-poses is gone"
-        raise InputError(f"{fault}; compplan campaign JOB --poses N --for calibration chooses poses to measure")
     robot, campaign = read_measured(
         measurements, robot_name, tool=tool, target_offset_mm=target_offset_mm, instrument=instrument
     )
@@ -263,23 +260,7 @@ def run_learn(
         update = learn(job, measured, robot_name, progress=announce, **options)
         announce("report")
         summary = write_learning(update, folder)
-    plan, band = update.after, summary["band_after_mm"]
-    lines = [plan.verdict.sentence, f"measured {summary['measured_rms_mm']:.4g} mm rms at {summary['points']} points"]
-    lines += update.notes
-    wrote = f"wrote {', '.join(summary['files'])} to {folder}"
+    lines = [*str(update).splitlines(), *update.notes[1:], f"wrote {', '.join(summary['files'])} to {folder}"]
     if update.model_update.taken:
-        lines += [
-            f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms; its tip within"
-            f" {band['p95_max']:.3g} mm with 95 %, within {band['p95_max_in_measured_directions']:.3g} mm in the"
-            " directions that were measured",
-            wrote, f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}",
-        ]  # fmt: skip
-    else:
-        lines.append(wrote)
-    if plan.status == "solved":
-        return CommandResult(summary, lines)
-    failing = plan.command.failures
-    message = f"{plan.explain_failures()}; the best compromise is written"
-    return CommandResult(
-        summary, lines, InfeasibleError(message, waypoints=sorted(failing), limits=sorted({*failing.values()}))
-    )
+        lines.append(f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}")
+    return CommandResult(summary, lines, explain_failures([update.after]))

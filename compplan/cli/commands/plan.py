@@ -20,24 +20,16 @@ from compplan.cli.options import (
     robot_option,
     take_cam_options,
 )
-from compplan.cli.terminal import format_table, show_progress
+from compplan.cli.terminal import show_progress
 from compplan.controllers.writers import WRITERS
 from compplan.errors import CompplanError, InfeasibleError, InputError
-from compplan.io.quantities import format_length
 from compplan.io.tomlfile import check_table, read_named_table
 from compplan.job.names import ONLINE, STRATEGIES
 from compplan.process.force_models import FORCE_MODELS
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
-    from compplan.planning.compare import Comparison
     from compplan.planning.result import Plan
-
-#: What a plan goes through, as it says it.
-STAGES = (
-    "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
-    "95 % band", "write",
-)  # fmt: skip
 
 
 @make_job_command(out_folder, robot_instead, posture_kept, several=True)
@@ -66,9 +58,9 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     from compplan.reporting.operations import describe_operations, describe_order
     from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
 
-    with show_progress(STAGES) as announce:
+    with show_progress() as announce:
         done = plan_operations(job, folder, note, announce)
-    fault = _explain_failures(done.plans)
+    fault = explain_failures(done.plans)
     if len(done.plans) == 1:
         plan = done.plans[0]
         return CommandResult(summarise_plan(plan), format_plan(plan, folder, done.files), fault)
@@ -87,7 +79,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     return CommandResult(summary, lines, fault)
 
 
-def _explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
+def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
     """Return which waypoints and limits stop plans that are not solved; None where all are."""
     from compplan.planning.operations import worst_status
 
@@ -135,7 +127,7 @@ def run_post(
 
     Example: compplan post part.nc --robot kuka_kr240 --part 1800,0,700 --program krl --out out
     """
-    from compplan.api.given import make_post_job, read_table_of_job
+    from compplan.api.given import make_post_job, read_table
     from compplan.job.output import OutputTable
 
     stated = keep_stated(**of_cam)
@@ -143,7 +135,7 @@ def run_post(
     stands_in = folder.absolute() / f"{camfile.stem}.toml"
     place = None if part is None else _read_part(part)
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
-    written = None if output is None else read_table_of_job("output", output)
+    written = None if output is None else read_table("output", output)
     if written is not None:  # the keys that the command line replaces, too
         check_table(OutputTable, written, file=output)
     try:
@@ -168,14 +160,14 @@ def _name_option(error: InputError, stands_in: Path) -> InputError:
     return InputError(error.message, where=" ".join(filter(None, (OPTIONS.get(table), key))) or None)
 
 
-def _read_part(text: str) -> dict[str, Any]:
+def _read_part(text: str) -> Any:
     """Read the value of --part: three or six numbers, or a file."""
-    from compplan.api.given import read_part, read_table_of_job
+    from compplan.api.given import read_table
 
     if Path(text).suffix == ".toml":
-        return read_table_of_job("part", text)
+        return read_table("part", text)
     try:
-        return read_part([float(word) for word in text.split(",")])
+        return read_table("part", [float(word) for word in text.split(",")])
     except (ValueError, InputError):
         message = f"--part is {text!r}, expected X,Y,Z in mm, or X,Y,Z,RX,RY,RZ with a rotation vector in deg"
         raise InputError(message) from None
@@ -217,28 +209,7 @@ def run_compare(job: Job, folder: Path) -> CommandResult:
     with show_progress() as announce:
         comparison = compare(job, out=folder, progress=announce)
     wrote = f"wrote compare.json, report.html to {folder}"
-    return CommandResult(comparison.to_dict(), [*_describe_strategies(comparison), wrote])
-
-
-def _describe_strategies(comparison: Comparison) -> list[str]:
-    """Return rms and greatest deviation of every strategy in every cell."""
-    drawn, cells = comparison.drawn, [cell.name for cell in comparison.cells]
-    rows = []
-    for strategy, found in comparison.commands.items():
-        runs = [comparison.evaluations[cell][strategy] for cell in cells]
-        figures = [f"{format_length(run.rms_deviation)} / {format_length(run.max_deviation)}" for run in runs]
-        if drawn is not None:
-            ends = " to ".join(f"{1e3 * end:.3g}" for end in drawn.interval[strategy])
-            median, most = (format_length(value) for value in (drawn.median(strategy), drawn.most(strategy)))
-            figures.insert(0, f"{median} ({ends}) / {most}")
-        rows.append([strategy if found.status == "solved" else f"{strategy} (infeasible)", *figures])
-    columns = ["strategy", *([] if drawn is None else ["drawn robots, rms: median (its interval) / 95 %"]), *cells]
-    title = f"{comparison.name}: deviation of the loaded tool, rms / greatest"
-    return [
-        *format_table(rows, columns, title, max(80, 26 * (len(columns) + (drawn is not None)))),
-        *([] if drawn is None else [f"drawn robots: {drawn.source}"]),
-        f"deviation computed by {comparison.evaluated_by}; robot model: {comparison.task.robot.grade}",
-    ]
+    return CommandResult(comparison.to_dict(), [*str(comparison).splitlines(), wrote])
 
 
 @make_job_command(
@@ -251,9 +222,7 @@ def _describe_strategies(comparison: Comparison) -> list[str]:
     epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.",
 )  # fmt: skip
 def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> CommandResult:
-    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
-
-    stock.stl is what a cutter leaves of the stock, part frame, mm.
+    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html.
 
     Example: compplan forces examples/forces/pocket.toml --out out
     """
@@ -274,8 +243,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
     if table is not None:
         hint = "in a job: its [process.coefficients] in place of material"
         lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
-    left = ", stock.stl" if "engagement" in summary else ""
-    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])
+    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html to {folder}"])
 
 
 def _describe(summary: Mapping[str, Any]) -> Iterator[str]:

@@ -41,7 +41,7 @@ TABLES = (".csv", ".txt", "")
     click.argument("camfile", type=INPUT),
     click.option("--out", type=TABLE, required=True, help="The toolpath table to write (CSV)."),
     click.option("--report", type=FOLDER, metavar="DIR",
-                 help="Folder for report.html: the path by tool, its box, what was refused or assumed."),
+                 help="Folder for report.html: the path by tool, its box, what was assumed."),
     click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001)."),
     click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer."),
     click.option("--arc-centres", type=click.Choice(["incremental", "absolute", "reversed"]),
@@ -64,18 +64,14 @@ def run_convert(
 
     Example: compplan convert part.nc --out part.csv
     """
-    from compplan.reporting.convert import render_refusal, render_toolpath
+    from compplan.reporting.convert import render_toolpath
 
     if out.suffix.lower() not in TABLES:
         raise InputError(f"--out is {str(out)!r}, expected the name of a table that ends in .csv")
     stated = read_named_table(cam_file, "cam")[0] if cam_file is not None else {}
     table = check_table(CamTable, {**stated, **keep_stated(**options)}, file=cam_file)
-    try:
-        cam = read_cam(camfile, table)
-        toolpath = refuse_idle(cam)
-    except InputError as error:
-        _write_page(report, render_refusal(camfile, error))
-        raise
+    cam = read_cam(camfile, table)
+    toolpath = refuse_idle(cam)
     if max_step_mm is not None:
         if not 0.0 < max_step_mm < inf:
             raise InputError(f"--max-step-mm is {max_step_mm:g}, expected a finite number of mm, more than 0")
@@ -85,19 +81,13 @@ def run_convert(
     if still := int(((toolpath.feed == 0.0) & ~toolpath.rapid)[1:].sum()):
         note = f"{still} cutting moves have no feed: state it with --feed"
         facts = replace(facts, notes=(*facts.notes, note))
-    page = _write_page(report, render_toolpath(toolpath, facts) if report is not None else "")
+    page = "" if report is None else f", {report / 'report.html'}"
+    if report is not None:
+        with replace_folder(report, "convert") as part:
+            write_text(part / "report.html", render_toolpath(toolpath, facts))
     return CommandResult(
         {"schema": 1, "out": str(out), **asdict(facts)}, [*_describe_facts(facts), f"wrote {out}{page}"]
     )
-
-
-def _write_page(folder: Path | None, html: str) -> str:
-    """Write the page, where a folder is given, and return how the terminal names it."""
-    if folder is None:
-        return ""
-    with replace_folder(folder, "convert") as part:
-        write_text(part / "report.html", html)
-    return f", {folder / 'report.html'}"
 
 
 def _describe_facts(facts: CamFacts) -> list[str]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import shutil
-import sys
 import time
 import tomllib
 from collections.abc import Mapping
@@ -24,7 +22,7 @@ from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.post import read_post
 from compplan.errors import CompplanError, InputError, UnknownNameError
 from compplan.io.provenance import describe_origin
-from compplan.io.tables import read_text, write_text
+from compplan.io.tables import write_text
 from compplan.io.transaction import replace_folder
 from compplan.robot import Robot, load_robot, read_robot_folder
 from compplan.robot.brands import CONTROLLERS
@@ -225,16 +223,12 @@ def _round_down(value: float) -> float:
 
 
 def _check_toolpath(path: Path) -> None:
-    """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
-    from compplan.job.called_tools import ANY_FEED
+    """Refuse what is no toolpath; it is not read, for it may need what the job says of it."""
     from compplan.toolpath.readers.lines import read_bounded
-    from compplan.toolpath.reading import read_toolpath
 
     if not path.is_file():
         raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
-    if path.suffix.lower() == ".csv":
-        read_toolpath(path, feed=ANY_FEED)
-    elif path.suffix.lower() not in list_suffixes() and find_reader(path, read_bounded(path)) is None:
+    if path.suffix.lower() not in (".csv", *list_suffixes()) and find_reader(path, read_bounded(path)) is None:
         raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
 
 
@@ -249,15 +243,7 @@ def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> lis
     folder = out or Path(urdf.stem)
     if not folder.is_dir() or any(folder.iterdir()):  # a run that died may have left it empty
         _refuse_existing(folder)
-    tcp, tool_axis = options["tcp"], options["tool_axis"]
-    try:
-        made = build_skeleton(urdf, tcp, tool_axis, controller, rating)
-    except InputError as error:
-        if tool_axis is not None or "which axis of" not in error.message or not sys.stdin.isatty():
-            raise
-        question = f"The URDF {error.message.partition(';')[0]}. Which one does"
-        axis = click.prompt(question, type=click.Choice(list(TURNS)), err=True)
-        made = build_skeleton(urdf, tcp, axis, controller, rating)
+    made = build_skeleton(urdf, options["tcp"], options["tool_axis"], controller, rating)
     with replace_folder(folder, "init") as new:
         for name, text in made.texts.items():
             write_text(new / name, text)
@@ -354,8 +340,8 @@ def _describe_findings(findings: list[Remark]) -> list[str]:
 
     rows = []
     for finding in findings:
-        said = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
-        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(said)))
+        text = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
+        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(text)))
     odd = sum(finding.state == "odd" for finding in findings)
     count = f"{odd} odd of {len(findings)} looked at" if odd else f"nothing odd; {len(findings)} looked at"
     return [*format_table(rows), count]
@@ -368,36 +354,21 @@ def _describe_findings(findings: list[Remark]) -> list[str]:
 def run_view(out: Path, port: int, opened: bool) -> None:
     """Show OUT, a folder of compplan plan or post: the arm along the path.
 
-    A plan of several tools has a view for each, at ports one after the other. Ctrl-C ends them.
+    A plan of several tools has a folder for each: compplan view out/T1. Ctrl-C ends it.
 
     Example: compplan view out
     """
     from compplan.reporting.view.server import HOST, start_server
 
-    viewers = []
-    for place, folder in enumerate(list_shown(out)):
-        with show_progress() as progress:
-            progress("the viewer starts")
-            viewers.append(start_server(folder, port + place))
-        address = f"http://{HOST}:{port + place}"
-        show({}, False, [f"{folder} at {address}, Ctrl-C ends it"])
-        if opened:
-            click.launch(address)
+    with show_progress() as progress:
+        progress("the viewer starts")
+        viewer = start_server(out, port)
+    address = f"http://{HOST}:{port}"
+    show({}, False, [f"{out} at {address}, Ctrl-C ends it"])
+    if opened:
+        click.launch(address)
     try:
         while True:
             time.sleep(3600.0)
     except KeyboardInterrupt:
-        for viewer in viewers:
-            viewer.stop()
-
-
-def list_shown(out: Path) -> list[Path]:
-    """Return the folders that are shown: that of each tool where a plan has several, each at a port of its own."""
-    file = out / "plan.json"
-    try:
-        data = json.loads(read_text(file)) if file.is_file() else {}
-    except ValueError:  # the viewer says what is wrong with the folder
-        data = {}
-    tools = data.get("tools", []) if isinstance(data, dict) else []
-    folders = [out / tool["folder"] for tool in tools if isinstance(tool, dict) and isinstance(tool.get("folder"), str)]
-    return folders or [out]
+        viewer.stop()

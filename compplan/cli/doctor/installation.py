@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import importlib
-import os
 import platform
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import metadata
@@ -17,43 +15,25 @@ from packaging.requirements import Requirement
 from compplan.robot.folder import robot_folders
 from compplan.version import VERSION
 
-#: Oldest Python, as pyproject.toml states it.
-OLDEST_PYTHON = (3, 11)
-
 
 @dataclass(frozen=True)
 class Remark:
-    """One thing that was looked at.
+    """One thing that was looked at."""
 
-    Attributes:
-        state: "fine": as it should be; "note": worth knowing; "odd": likely a mistake, or it will limit results.
-        about: What was looked at, in a word or two.
-        sentence: What was seen, with its figure.
-        advice: What to do about it; "" where there is nothing to do.
-    """
-
+    #: "fine": as it should be; "note": worth knowing; "odd": likely a mistake, or it will limit results.
     state: Literal["fine", "note", "odd"]
-    about: str
-    sentence: str
-    advice: str = ""
+    about: str  #: What was looked at, in a word or two.
+    sentence: str  #: What was seen, with its figure.
+    advice: str = ""  #: What to do about it; "" where there is nothing to do.
 
 
 def examine_installation() -> list[Remark]:
-    """Look at interpreter, libraries and what ships with compplan."""
-    return [*_look_at_platform(), *_look_at_libraries(), *_try_engines(), *_look_at_data()]
-
-
-def _look_at_platform() -> Iterator[Remark]:
-    version = platform.python_version()
-    if sys.version_info < OLDEST_PYTHON:
-        yield Remark("odd", "python", f"Python {version}, expected 3.11 or newer", "make a new environment")
-    else:
-        yield Remark("fine", "python", f"Python {version}, compplan {VERSION}")
-    machine = f"{platform.system()} {platform.machine()}"
-    if machine != "Linux x86_64":
-        yield Remark("note", "platform", f"{machine}; compplan is tested on Linux x86_64 alone")
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    yield Remark("fine", "processor", f"{cores} cores for --workers of montecarlo")
+    """Look at interpreter, libraries and engines."""
+    python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}, compplan {VERSION}"
+    robots = f"{len(list(robot_folders()))} ship with compplan"
+    return [
+        Remark("fine", "python", python), *_look_at_libraries(), *_try_engines(), Remark("fine", "robots", robots),
+    ]  # fmt: skip
 
 
 def _look_at_libraries() -> Iterator[Remark]:
@@ -63,17 +43,13 @@ def _look_at_libraries() -> Iterator[Remark]:
     except metadata.PackageNotFoundError:
         yield Remark("note", "libraries", "compplan is not installed, it runs from its source tree", "pip install .")
         return
-    faults = []
-    for requirement in wanted:
-        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
-            continue
-        try:
-            version = metadata.version(requirement.name)
-        except metadata.PackageNotFoundError:
-            faults.append(f"{requirement.name} is missing")
-            continue
-        if not requirement.specifier.contains(version, prereleases=True):
-            faults.append(f"{requirement.name} {version}, expected {requirement.specifier}")
+    required = [one for one in wanted if one.marker is None or one.marker.evaluate({"extra": ""})]
+    known = {one.name: next(iter(metadata.Distribution.discover(name=one.name)), None) for one in required}
+    faults = [
+        f"{one.name} is missing" if found is None else f"{one.name} {found.version}, expected {one.specifier}"
+        for one in required
+        if (found := known[one.name]) is None or not one.specifier.contains(found.version, prereleases=True)
+    ]
     if faults:
         yield Remark("odd", "libraries", "; ".join(faults), "pip install . in the checkout mends it")
     else:
@@ -116,15 +92,3 @@ def _try_pinocchio() -> bool:
     model.appendBodyToJoint(joint, bob, pin.SE3.Identity())
     torque = pin.rnea(model, model.createData(), zero, zero, zero)
     return abs(abs(float(torque[0])) - 9.81) < 1e-6
-
-
-def _look_at_data() -> Iterator[Remark]:
-    """Name the robots that ship, and the machines whose rotary words are read by name."""
-    from compplan.toolpath.readers.options import list_machines
-
-    if names := list(robot_folders()):
-        yield Remark("fine", "robots", f"{len(names)} ship with compplan: {', '.join(names)}")
-    else:
-        yield Remark("odd", "robots", "no robot folders ship with this installation", "pip install . in the checkout")
-    machines = ", ".join(list_machines())
-    yield Remark("fine", "machines", f"[cam] machine takes {machines}, or NAME.toml beside the file")

@@ -25,16 +25,12 @@ NARROW = np.radians(15.0)
 
 
 def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
-    """Look at a measurement log, and at how it goes with the robot that it was taken on where that is given.
-
-    Raises:
-        InputError: If it is no measurement log, or none of this robot.
-    """
+    """Look at a measurement log, and at how it goes with the robot that it was taken on where that is given."""
     try:
         table = read_table(file, log_columns(), unknown="note", rename=rename_title)
     except InputError as error:
-        said = name_columns(file)
-        raise InputError(f"{error.message}{said}", file=error.file, where=error.where) if said else error from None
+        text = name_columns(file)
+        raise InputError(f"{error.message}{text}", file=error.file, where=error.where) if text else error from None
     if not len(table):
         raise table.error("the log has no rows, expected one row a measured pose")
     findings = [_describe(table), *_look_at_columns(table)]
@@ -73,15 +69,6 @@ def _look_at_columns(table: Table) -> Iterator[Remark]:
     for key, without in absent.items():
         if key not in table:
             yield Remark("note", "column", f"no column with {without}")
-    seen = {
-        "contacts": len([label for label in table.text.get("contact", []) if label]),
-        "readings along a direction": _count(table, "reading"), "distances of a ball bar": _count(table, "distance"),
-    }  # fmt: skip
-    labels = len({label for label in table.text.get("contact", []) if label})
-    if any(seen.values()):
-        said = ", ".join(f"{count} {what}" for what, count in seen.items() if count)
-        said += f" at {labels} places (unknown)" if labels else ""
-        yield Remark("fine", "instrument", said, "no positions: diagnose, identify and predict take --instrument")
     for name in ("x", "y", "z"):
         if name not in table:
             continue
@@ -90,17 +77,13 @@ def _look_at_columns(table: Table) -> Iterator[Remark]:
             yield Remark("note", "rows", f"{lost} rows have no {table.headers[name]}")
 
 
-def _count(table: Table, key: str) -> int:
-    return int(np.isfinite(table.values[key]).sum()) if key in table else 0
-
-
 def _look_at_rows(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
     for note in list_notes(campaign.notes):
         yield Remark("odd", "rows", note)
     beyond = ((campaign.q < robot.lower - 1e-9) | (campaign.q > robot.upper + 1e-9)).any(axis=1)
     if beyond.any():
-        said = f"{int(beyond.sum())} rows are beyond the joint limits of the folder"
-        yield Remark("odd", "rows", said, "is it this robot, and are signs and zeros the folder's?")
+        text = f"{int(beyond.sum())} rows are beyond the joint limits of the folder"
+        yield Remark("odd", "rows", text, "is it this robot, and are signs and zeros the folder's?")
     loaded = int((~campaign.unloaded).sum())
     if not loaded:
         yield Remark("note", "load", "no row is loaded: compliances show by weight alone")
@@ -123,8 +106,8 @@ def _look_at_poses(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
     moved = np.ptp(np.nan_to_num(campaign.q), axis=0)
     for joint, span in zip(robot.actuated, moved, strict=True):
         if joint.kind != "prismatic" and span < NARROW:
-            said = f"{joint.name} moves over {np.degrees(span):.1f} deg only: its zero and stiffness hardly show"
-            yield Remark("odd", "poses", said)
+            text = f"{joint.name} moves over {np.degrees(span):.1f} deg only: its zero and stiffness hardly show"
+            yield Remark("odd", "poses", text)
 
 
 def _met_again(campaign: Campaign) -> int:

@@ -80,8 +80,8 @@ def _look_at_limits(robot: Robot) -> Iterator[Remark]:
         if not np.isfinite(joint.velocity):
             yield Remark("odd", "limits", f"{joint.name} has no velocity limit", "timing needs one")
         elif joint.velocity > fastest:
-            said = f"{joint.velocity:.3g} {'m/s' if slide else 'rad/s'}"
-            yield Remark("odd", "limits", f"{joint.name} moves at {said}", "is it in degrees or mm?")
+            text = f"{joint.velocity:.3g} {'m/s' if slide else 'rad/s'}"
+            yield Remark("odd", "limits", f"{joint.name} moves at {text}", "is it in degrees or mm?")
     if not np.isfinite(robot.effort_limits).all():
         yield Remark("note", "limits", "some joints have no effort limit: overload is not seen")
     if not np.isfinite(robot.acceleration_limits).all():
@@ -118,15 +118,15 @@ def _look_at_springs(robot: Robot) -> Iterator[Remark]:
     compliance = cartesian_compliance(build_chain(robot), _sample(robot))[:, :3, :3]
     worst = 1e3 * np.linalg.norm(compliance, ord=2, axis=(1, 2))  # under 1 kN in the softest direction, m
     low, high = float(np.min(worst)), float(np.median(worst))
-    said = (
+    text = (
         f"1 kN bends the arm by {low * 1e3:.2g} mm at the stiffest pose, {high * 1e3:.2g} mm in the median of {POSES}"
     )
     if high > SOFTEST:
-        yield Remark("odd", "springs", said, "forgot e-6, or stiffness in place of compliance?")
+        yield Remark("odd", "springs", text, "forgot e-6, or stiffness in place of compliance?")
     elif high < STIFFEST:
-        yield Remark("odd", "springs", said, "compliance in another unit (rad/(N m), m/N)?")
+        yield Remark("odd", "springs", text, "compliance in another unit (rad/(N m), m/N)?")
     else:
-        yield Remark("fine", "springs", said)
+        yield Remark("fine", "springs", text)
 
 
 def _look_at_geometry(robot: Robot) -> Iterator[Remark]:
@@ -170,8 +170,8 @@ def _look_at_shapes(robot: Robot) -> Iterator[Remark]:
     names = {mesh.attrib.get("filename", "") for mesh in drawn}
     lost = sorted(name for name in names if find_mesh(name, robot.folder) is None)
     if lost:
-        said = f"{len(lost)} of {len(names)} meshes of visuals are not found ({lost[0]})"
-        yield Remark("note", "visuals", f"{said}: pages draw the arm without them")
+        text = f"{len(lost)} of {len(names)} meshes of visuals are not found ({lost[0]})"
+        yield Remark("note", "visuals", f"{text}: pages draw the arm without them")
 
 
 def _sample(robot: Robot) -> Array:
@@ -195,12 +195,12 @@ def check_pendant(robot: Robot) -> Iterator[Remark]:
         yield Remark("note", "pendant", "the tool frame of the teach pendant is unknown", advice)
         return
     x, z = (name_axis(found.pose[:3, k]) for k in (0, 2))
-    said = f"tool data of the teach pendant: x points along {x} and z along {z} of {flange!r} ({found.source})"
+    text = f"tool data of the teach pendant: x points along {x} and z along {z} of {flange!r} ({found.source})"
     if found.confirmed:
-        yield Remark("fine", "pendant", said)
+        yield Remark("fine", "pendant", text)
     else:
         why = "taken from the URDF" if not found.stated else "where x points is not confirmed"
-        yield Remark("note", "pendant", f"{said}; {why}", "jog along +x of tool 0 before the first cut")
+        yield Remark("note", "pendant", f"{text}; {why}", "jog along +x of tool 0 before the first cut")
     yield Remark("fine", "jog check", _describe_jog(robot, found.pose))
     yield from _look_at_mounted(robot, found.pose)
 

@@ -272,12 +272,10 @@ def _blend_joints(
     rows = np.flatnonzero(corner & ~straight)
     if not len(rows):
         return
-    first = np.searchsorted(move, move[rows], "left")
     last = np.searchsorted(move, move[rows], "right")  # first point of the next move
     plain = np.flatnonzero(~corner)
     entry = plain[np.searchsorted(plain, rows) - 1]
     leaving = np.minimum(last, len(move) - 1)
-    assert (first <= entry).all()
     w, here = share[rows, None], nodes.q[move[rows]]
     q[rows] = here + (1.0 - w) ** 2 * (q[entry] - here) + w**2 * (q[leaving] - here)
 

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import least_squares, minimize_scalar
 
-from compplan.controllers.motion.run import hold_direction, lag_command
 from compplan.controllers.motion.windows import (
     CYCLE,
     Window,
     WindowRun,
-    drop_along,
     find_residual,
     measure_left,
-    read_run,
     run_window,
 )
 from compplan.controllers.writers.motion_table import LONGEST_LAG, ServoMotion
@@ -30,9 +28,9 @@ RUNGS: dict[str, tuple[str, ...]] = {
     "lag and acceleration": ("speed", "lag", "acceleration"),
     "lag, acceleration and lost motion": ("speed", "lag", "acceleration", "lost"),
 }
-#: Blend shares that are tried first, how finely the best is searched before a parabola through three finds it, and
-#: with more windows than how many every second one searches.
-SHARES, FINEST, SEARCHED = (0.3, 0.7, 1.1), 0.1, 4
+#: Greatest blend share, how far around the whole fit's it is searched with rows left out, how finely, and how many are
+#: tried; with more windows than `SEARCHED` every second one searches.
+MOST_SHARE, AROUND, FINEST, MOST_TRIED, SEARCHED = 2.0, 0.2, 0.02, 9, 4
 #: Time in which a wrong speed counts as a distance. [s]
 SPEED_WEIGHT = 0.01
 #: What a joint is expected to differ by, a standard deviation: lag [s], acceleration lag [s^2], lost motion [rad].
@@ -44,8 +42,8 @@ USUAL, SPEED_SPREAD = (3.0, 0.04), (1.0, 0.2)
 WORTH = 0.98
 #: A model is no worse than the programmed path up to this distance. [m]
 EQUAL = 1e-6
-#: Steps of a fit.
-STEPS = 5
+#: Noise of a row [m], how many times it an outlier is, trials of a fit, and step of its slopes in usual spreads.
+NOISE, OUTLIER, STEPS, STEP = 2e-5, 8.0, 20, 0.02
 #: Groups of rows that are left out in turn, at most.
 GROUPS = 3
 
@@ -80,7 +78,7 @@ def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) ->
     pieces: dict[str, dict[int, Array]] = {name: {} for name in RUNGS}
     for group in range(count):
         seen = [w for w, g in zip(windows, groups, strict=True) if g != group]
-        fitted = climb_ladder(seen, whole, arm, step=0.1)
+        fitted = climb_ladder(seen, whole, arm, (max(whole.blend_share - AROUND, 0.0), whole.blend_share + AROUND))
         for name, motion in fitted.items():
             for k, window in enumerate(windows):
                 if groups[k] == group:
@@ -106,13 +104,15 @@ def score(values: tuple[float, float]) -> float:
     return float(np.sqrt(max(values[0], 1e-9) * max(values[1], 1e-9)))
 
 
-def climb_ladder(windows: Sequence[Window], begin: ServoMotion, arm: Arm, step: float = 0.2) -> dict[str, ServoMotion]:
-    """Fit every rung, each from the one before; blends are searched from steps of a share of 0.2, or around one."""
+def climb_ladder(
+    windows: Sequence[Window], begin: ServoMotion, arm: Arm, shares: tuple[float, float] = (0.0, MOST_SHARE)
+) -> dict[str, ServoMotion]:
+    """Fit every rung, each from the one before; the blend share lies between two."""
     zero = np.zeros(len(begin.lag))
     motion = replace(begin, lag=np.full(len(zero), max(0.01, float(begin.lag.mean()))), acceleration_lag=zero,
                      lost_motion=zero)  # fmt: skip
     some = windows[::2] if len(windows) > SEARCHED else windows
-    motion = search_blend(some, motion, ("speed", "lag"), arm, step)
+    motion = search_blend(some, motion, ("speed", "lag"), arm, shares)
     found: dict[str, ServoMotion] = {}
     for name, free in RUNGS.items():
         if name == "blend":
@@ -125,67 +125,40 @@ def climb_ladder(windows: Sequence[Window], begin: ServoMotion, arm: Arm, step: 
 
 
 def search_blend(
-    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, step: float
+    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, shares: tuple[float, float]
 ) -> ServoMotion:
-    """Fit the rest at blend shares: coarsely, or from the one given, then ever finer around the best."""
-    tried: dict[float, tuple[float, ServoMotion]] = {}
+    """Fit the rest at blend shares between two, ever nearer to the best."""
+    fitted = {}
 
-    def fit(share: float, begin: ServoMotion) -> None:
-        share = round(min(max(share, 0.0), 2.0), 4)
-        if share not in tried:
-            fitted = fit_motion(windows, replace(begin, blend_share=share), free, arm, steps=3)
-            tried[share] = (_cost(windows, fitted, arm), fitted)
+    def left(share: float) -> float:
+        fitted[share] = fit_motion(windows, replace(motion, blend_share=share), free, arm, steps=12)
+        gaps = [find_residual(window, run_window(window, fitted[share], arm)) for window in windows]
+        return float(np.mean(np.sqrt((np.concatenate(gaps) ** 2).sum(axis=1) + 1e-12)))
 
-    for share in SHARES if step > 0.1 else (motion.blend_share,):
-        fit(share, motion)
-    while step >= FINEST:
-        best = min(tried, key=lambda share: tried[share][0])
-        for share in (best - step, best + step):
-            fit(share, tried[best][1])
-        step /= 2
-    best = min(tried, key=lambda share: tried[share][0])
-    low, high = tried.get(round(best - FINEST, 4)), tried.get(round(best + FINEST, 4))
-    if low and high:
-        bend = low[0] - 2.0 * tried[best][0] + high[0]
-        fit(best + 0.5 * FINEST * (low[0] - high[0]) / max(bend, 1e-15), tried[best][1])
-    return min(tried.values(), key=lambda entry: entry[0])[1]
-
-
-def _cost(windows: Sequence[Window], motion: ServoMotion, arm: Arm) -> float:
-    gaps = np.concatenate([_lengths(find_residual(w, run_window(w, motion, arm))) for w in windows])
-    return float(np.mean(np.sqrt(gaps**2 + 1e-12)))
-
-
-def _lengths(gap: Array) -> Array:
-    return np.asarray(np.linalg.norm(gap, axis=1))
+    found = minimize_scalar(left, bounds=shares, method="bounded", options={"xatol": FINEST, "maxiter": MOST_TRIED})
+    return fitted[found.x]
 
 
 def fit_motion(
     windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, steps: int = STEPS
 ) -> ServoMotion:
-    """Fit a model by damped Gauss-Newton steps with robust weights; blends stay.
+    """Fit a model by robust least squares against what is usual; blends stay.
 
-    A joint's parameters change its own column alone, so that one run gives the slopes of all joints. `free` names what
-    may change: speed, common or lag, acceleration, lost.
+    `free` names what may change: speed, common or lag, acceleration, lost.
     """
-    now, damping, directions = _evaluate(windows, motion, free, arm), 1e-3, _list_directions(free, len(motion.lag))
-    for _ in range(steps):
-        matrix, gap, slopes = now
-        scale = np.sqrt(np.diag(matrix)) + 1e-12
-        moved = False
-        for _ in range(4):
-            damped = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
-            change = np.linalg.solve(damped, gap / scale) / scale
-            trial = _apply(motion, directions @ change)
-            then = _evaluate(windows, trial, free, arm, slopes=False)
-            if then[2] < slopes * (1 - 1e-4):
-                motion, moved, damping = trial, True, damping * 0.2
-                break
-            damping = max(damping, 1e-4) * 10.0
-        if not moved:
-            break
-        now = _evaluate(windows, motion, free, arm)
-    return motion
+    nq = len(motion.lag)
+    spread = np.r_[SPEED_SPREAD, np.repeat([*SPREAD.values()], nq)]
+    directions = spread[:, None] * _list_directions(free, nq)
+
+    def left(change: Array) -> Array:
+        trial = _apply(motion, directions @ change)
+        gaps = [_stack_gap(window, run_window(window, trial, arm)) / NOISE for window in windows]
+        return np.concatenate([*gaps, _measure_oddness(trial) / spread])
+
+    step = np.where(directions[1] > 0.0, CYCLE / SPEED_SPREAD[1], STEP)  # the smoothing has whole cycles
+    found = least_squares(left, np.zeros(len(step)), loss="cauchy", f_scale=OUTLIER, diff_step=step,
+                          max_nfev=steps)  # fmt: skip
+    return _apply(motion, directions @ found.x)
 
 
 def _list_directions(free: tuple[str, ...], nq: int) -> Array:
@@ -211,85 +184,17 @@ def _apply(motion: ServoMotion, change: Array) -> ServoMotion:
     )
 
 
-def _evaluate(
-    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, slopes: bool = True
-) -> tuple[Array, Array, float]:
-    """Return the normal matrix, its right side and the robust cost, all windows together."""
-    directions = _list_directions(free, len(motion.lag))
-    prior, wanted = _expect(motion)
-    matrix, side, cost = np.diag(prior), prior * wanted, float((prior * wanted**2).sum())
-    for window in windows:
-        run = run_window(window, motion, arm)
-        gap = _stack_gap(window, run)
-        size = 2e-5
-        weight = 1.0 / (1.0 + (gap / (8 * size)) ** 2)
-        cost += float(((8 * size) ** 2 * np.log1p((gap / (8 * size)) ** 2)).sum()) / size**2
-        if slopes:
-            columns = _find_columns(window, run, gap, motion, free, arm)
-            weighed = columns * weight[:, None]
-            matrix = matrix + columns.T @ weighed / size**2
-            side = side + weighed.T @ gap / size**2
-    return directions.T @ matrix @ directions, directions.T @ side, cost
-
-
 def _stack_gap(window: Window, run: WindowRun) -> Array:
     """Return gaps across the path and of speed, as lengths. Shape (n (nq + 1),). [m]."""
     across = find_residual(window, run)
     _, slope = run.here
     slope = slope * window.leverage / CYCLE
-    size = np.maximum(_lengths(slope), 1e-9)
+    size = np.maximum(np.linalg.norm(slope, axis=1), 1e-9)
     speed = (window.rate * window.leverage * slope).sum(axis=1) / size - size
     return np.concatenate([across.ravel(), SPEED_WEIGHT * speed])
 
 
-def _find_columns(
-    window: Window, run: WindowRun, gap: Array, motion: ServoMotion, free: tuple[str, ...], arm: Arm
-) -> Array:
-    """Return the slopes of what a run explains in the numbers of a model; 0 of kinds that are not free.
-
-    Shape (n (nq + 1), 2 + 3 nq).
-    """
-    nq = window.q.shape[1]
-    columns, each = np.zeros((len(gap), 2 + 3 * nq)), np.eye(2 + 3 * nq)
-    for k, step in enumerate((0.05, 0.004)):
-        moved = _stack_gap(window, run_window(window, _apply(motion, step * each[k]), arm))
-        columns[:, k] = (gap - moved) / step
-    _, tangent = run.here
-    for kind, name in enumerate(SPREAD):
-        if name not in free and not (name == "lag" and "common" in free):
-            continue
-        slope = _joint_slopes(run, motion, name)
-        here, _ = read_run(slope, run.at)
-        rates = SPEED_WEIGHT * _speed_slopes(slope, run, window)
-        for j in range(nq):
-            part = drop_along(here * window.leverage * (np.arange(nq) == j), tangent * window.leverage)
-            columns[:, 2 + kind * nq + j] = np.concatenate([part.ravel(), rates[:, j]])
-    return columns
-
-
-def _speed_slopes(slope: Array, run: WindowRun, window: Window) -> Array:
-    """Return by how much each joint's parameter changes the speed along the run. Shape (n, nq)."""
-    _, change = read_run(slope, run.at)
-    _, tangent = run.here
-    tangent = tangent * window.leverage
-    size = np.maximum(_lengths(tangent), 1e-12)[:, None]
-    return np.asarray(change * window.leverage * tangent / size / CYCLE)
-
-
-def _joint_slopes(run: WindowRun, motion: ServoMotion, name: str) -> Array:
-    """Return the slopes of all joints of a run in one kind of parameter, each in its own joint's."""
-    if name == "lost":
-        return np.asarray(-0.5 * hold_direction(run.command, CYCLE))
-    base = lag_command(run.command, motion.lag, motion.acceleration_lag, CYCLE)
-    step = 1e-3 if name == "lag" else 1e-5
-    lag, acceleration = motion.lag, motion.acceleration_lag
-    moved = (lag + step, acceleration) if name == "lag" else (lag, acceleration + step)
-    return (lag_command(run.command, *moved, CYCLE) - base) / step
-
-
-def _expect(motion: ServoMotion) -> tuple[Array, Array]:
-    """Return how firmly numbers are expected near what they usually are, and how far they are from it."""
-    nq = len(motion.lag)
-    off = (motion.lag.mean() - motion.lag, -motion.acceleration_lag, -motion.lost_motion)
-    wanted = np.r_[np.log(USUAL[0] / motion.acceleration), USUAL[1] - motion.smoothing, np.concatenate(off)]
-    return np.r_[SPEED_SPREAD, np.repeat([*SPREAD.values()], nq)] ** -2.0, wanted
+def _measure_oddness(motion: ServoMotion) -> Array:
+    """Return how far numbers are from what they usually are; a lag from the mean of all joints."""
+    speed = np.log(USUAL[0] / motion.acceleration), USUAL[1] - motion.smoothing
+    return np.r_[speed, motion.lag.mean() - motion.lag, -motion.acceleration_lag, -motion.lost_motion]

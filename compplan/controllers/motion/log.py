@@ -1,17 +1,8 @@
 """A log of executed joints, with clocks as they are: late rows, missing rows, rows torn between two cycles.
 
-Columns may have the names of the loggers of controllers:
-
-| log | time | executed joints | commanded joints | torque |
-|---|---|---|---|---|
-| RTDE client (Universal Robots) | timestamp, s | actual_q_0 .., rad | target_q_0 .., rad | target_moment_0 .., Nm |
-| EGM message (ABB) | header.tm, ms | feedBack.joints.joints_0 .., deg | planned.joints.joints_0 .. | |
-| motion_program_logger (ABB) | timestamp, s | J1 .., deg | | |
-| RSI telegram (KUKA) | IPOC, ms | AIPos.A1 .., deg | ASPos.A1 .., deg | GearTorque.A1 .., Nm |
-| channels of a trace (KUKA), as CSV | time_s | AxisPos_Act1 .., deg | AxisPos_CmdIpo1 .., deg | |
-
-Names of nested fields may be joined by `.`, `_` or `/`, numbers of elements stand in brackets or behind one of those.
-Such joints are counted as the controller counts them.
+Columns may have the names of the loggers of controllers (docs/executed_path.md). Names of nested fields may be joined
+by `.`, `_` or `/`, numbers of elements stand in brackets or behind one of those. Such joints are counted as the
+controller counts them.
 """
 
 from __future__ import annotations

@@ -50,9 +50,10 @@ class Window:
     torn_by: Array  #: What torn readings moved the tip. Shape (n, 3). [m]
     point: Array  #: Nearest points of the programmed path. Shape (n, 3). [m]
     leverage: Array  #: How far a joint moves the tip, root mean square. Shape (nq,). [m/rad]
-    paths: dict[float, Path] = field(default_factory=dict)  #: Executed paths by blend share, as far as they were laid.
-    known: dict[float, Array] = field(default_factory=dict)  #: Lengths of the rows along them.
-    #: The model that it was run with last, `motion`, and the `run`.
+    programmed: Path  #: The path without blends.
+    #: Executed paths by blend share, as far as they were laid, and the length of every row along each. [m]
+    laid: dict[float, tuple[Path, Array]] = field(default_factory=dict)
+    #: What was commanded last, `command`, where the rows are in it, `at`, and the `key` of the model that it is by.
     latest: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -60,23 +61,15 @@ class Window:
         """Distance of every row across the programmed path. Shape (n,). [m]."""
         return np.asarray(np.linalg.norm(self.tip + self.torn_by - self.point, axis=1))
 
-    def path(self, arm: Arm, blend_share: float) -> Path:
-        """Return the executed path of the piece at a blend share, kept for the next time."""
+    def lay_path(self, arm: Arm, blend_share: float) -> tuple[Path, Array]:
+        """Return the executed path at a blend share, and the length along it of the point nearest to every row. [m]"""
         key = round(blend_share, 4)
-        if key not in self.paths:
-            self.paths[key] = build_path(self.nodes, arm, key)
-        return self.paths[key]
-
-    def lengths(self, arm: Arm, blend_share: float) -> Array:
-        """Return the length of every row along the executed path, of its nearest point. Shape (n,). [m]."""
-        key = round(blend_share, 4)
-        if key not in self.known:
-            path, sharp = self.path(arm, key), self.path(arm, 0.0)
+        if key not in self.laid:
+            path, sharp = build_path(self.nodes, arm, key), self.programmed
             guess = np.searchsorted(path.s, self.s * path.s[-1] / sharp.s[-1]).clip(0, len(path.s) - 1)
-            on_path = interpolate(self.s, sharp.s, sharp.position)
-            _, share = find_nearest(path.position, guess, on_path, BESIDE)
-            self.known[key] = np.interp(share, np.arange(len(path.s)), path.s)
-        return self.known[key]
+            _, share = find_nearest(path.position, guess, interpolate(self.s, sharp.s, sharp.position), BESIDE)
+            self.laid[key] = path, np.interp(share, np.arange(len(path.s)), path.s)
+        return self.laid[key]
 
 
 @dataclass(frozen=True)
@@ -162,8 +155,9 @@ def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) 
     torn_by = locate_frames(arm.chain, raw).tcp_position - tip
     levers = np.stack([_tip_rate(arm, q, np.tile(row, (len(q), 1))) for row in np.eye(q.shape[1])])
     leverage = np.sqrt((levers**2).sum(axis=2).mean(axis=1)) + 0.02
-    return Window(number, _slice_nodes(trace.nodes, first, last + 1), s[keep] - ends[first], q, log.rate[chosen], tip,
-                  torn_by, trace.places.point[part][keep], leverage)  # fmt: skip
+    nodes = _slice_nodes(trace.nodes, first, last + 1)
+    return Window(number, nodes, s[keep] - ends[first], q, log.rate[chosen], tip, torn_by,
+                  trace.places.point[part][keep], leverage, build_path(nodes, arm, 0.0))  # fmt: skip
 
 
 def _tip_rate(arm: Arm, q: Array, rate: Array) -> Array:
@@ -183,8 +177,8 @@ def _slice_nodes(nodes: Nodes, first: int, end: int) -> Nodes:
     return Nodes(cut, nodes.q[part], nodes.position[part], nodes.rotation[part], length)
 
 
-#: Cycle at which windows are run. [s]
-CYCLE = 0.004
+#: Cycle at which windows are run, and the rest behind them. [s]
+CYCLE, REST = 0.004, 0.2
 #: Time to either side among which the nearest point of a run is taken. [s]
 NEAR = 0.04
 
@@ -205,19 +199,17 @@ class WindowRun:
 
 def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
     """Execute a window and find its rows in the run: where the path's length is theirs, then nearest in the joints."""
-    if window.latest.get("motion") is motion:  # a step that was taken is looked at again for its slopes
-        return window.latest["run"]
-    model = replace(motion, cycle=CYCLE)
-    path = window.path(arm, motion.blend_share)
-    schedule = schedule_path(path, model)
-    still = np.arange(1, 1 + int(0.2 / CYCLE))
-    s = np.r_[schedule.s, np.full(len(still), schedule.s[-1])]
-    command = follow_path(path, s)
-    q = follow_command(command, model)
-    at = np.interp(window.lengths(arm, motion.blend_share), s + 1e-9 * np.arange(len(s)), np.arange(len(s)))
-    run = WindowRun(command, q, _match_rows(window, q, at + float(motion.lag.mean()) / CYCLE))
-    window.latest.update(motion=motion, run=run)
-    return run
+    key = motion.blend_share, motion.acceleration, motion.smoothing
+    if window.latest.get("key") != key:
+        path, lengths = window.lay_path(arm, motion.blend_share)
+        schedule = schedule_path(path, replace(motion, cycle=CYCLE))
+        s = np.r_[schedule.s, np.full(round(REST / CYCLE), schedule.s[-1])]
+        at = np.interp(lengths, s + 1e-9 * np.arange(len(s)), np.arange(len(s)))
+        command = follow_path(path, s)
+        window.latest.update(key=key, command=command, at=at)
+    command, at = window.latest["command"], window.latest["at"]
+    q = follow_command(command, replace(motion, cycle=CYCLE))
+    return WindowRun(command, q, _match_rows(window, q, at + float(motion.lag.mean()) / CYCLE))
 
 
 def _match_rows(window: Window, q: Array, at: Array) -> Array:
@@ -246,11 +238,6 @@ def find_residual(window: Window, run: WindowRun) -> Array:
     """Return what rows are beside a run, across it, in joints weighed by their leverage. Shape (n, nq). [m]."""
     here, slope = run.here
     gap, slope = (window.q - here) * window.leverage, slope * window.leverage
-    return drop_along(gap, slope)
-
-
-def drop_along(gap: Array, slope: Array) -> Array:
-    """Take what lies along a direction out of vectors. Shape (n, k)."""
     size = np.maximum((slope**2).sum(axis=1), 1e-16)
     return np.asarray(gap - ((gap * slope).sum(axis=1) / size)[:, None] * slope)
 

@@ -15,6 +15,7 @@ from compplan.controllers.readback.poses import (
     Pose,
     abb_pose,
     fanuc_pose,
+    list_lines,
     mark_actions,
     read_action,
     read_numbers,
@@ -64,13 +65,8 @@ class _Fanuc:
         self, word: str, point: str, speed: float, unit: str, ending: str, through: str = "", carried: str | None = None
     ) -> None:
         point, *others = re.split(r"GP[2-9]:", point)
-        between = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", through)}
+        values, between = _read_values(point), _read_values(through)
         via = fanuc_pose(*(between[key] for key in "XYZWPR")) if through else None
-        values = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
-        units = {key[0]: unit for key, _, unit in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
-        right = {**dict.fromkeys("EXYZ", "mm"), **dict.fromkeys("JWPR", "deg")}
-        assert all(right[letter] == unit for letter, unit in units.items())
-        assert len(values) == point.count("=")
         joints = tuple(values[f"J{number}"] for number in range(1, 7)) if "J1" in values else None
         pose = fanuc_pose(*(values[key] for key in "XYZWPR")) if "X" in values else None
         base, configuration = self.frames.get(self.active["UFRAME"]), ()
@@ -89,6 +85,14 @@ class _Fanuc:
             kind, stops, joints, external, pose, feed, percent, configuration, mounted, base, via=via,
             carried=carried is not None,
         ))  # fmt: skip
+
+
+def _read_values(text: str) -> dict[str, float]:
+    """Return the numbers of a position by name: X, W, J1, E1 .."""
+    found = re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", text)
+    assert all((unit == "mm") == (name[0] in "EXYZ") for name, _, unit in found)
+    assert len({name for name, _, _ in found}) == text.count("=")
+    return {name: float(number) for name, number, _ in found}
 
 
 def read_fanuc(path: Path) -> list[Move]:
@@ -116,7 +120,7 @@ class _Rapid:
     active: set[str] = field(default_factory=set)
 
     def run(self, procedure: str) -> None:
-        for line in filter(None, (text.split("!")[0].strip() for text in self.procedures[procedure].splitlines())):
+        for line in list_lines(self.procedures[procedure], "rapid", "!"):
             if act := read_action(line):
                 self.moves.append(act)
             elif match := _RAPID_MOVE.fullmatch(line):
@@ -155,8 +159,7 @@ def read_rapid(path: Path) -> list[Move]:
     parts = sorted(path.parent.glob("*.mod"))
     modules = "\n".join(file.read_text() for file in parts if file.stem[:-1].rstrip("0123456789").endswith("_"))
     text = path.read_text()
-    marked = mark_actions(modules + text, "rapid")
-    procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", marked, re.S))
+    procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", modules + text, re.S))
     tools, objects, units = {}, {}, {}
     for name, value in re.findall(r"PERS tooldata (\w+):=(.*?);", text):
         numbers = read_numbers(value)

@@ -18,10 +18,10 @@ from compplan.controllers.readback.poses import (
     NUMBER,
     Move,
     kuka_pose,
-    mark_actions,
+    list_lines,
     read_action,
     read_numbers,
-    staubli_poses,
+    staubli_pose,
 )
 
 # --------------------------------------------------------------------------------------------------------------- KRL
@@ -59,8 +59,8 @@ class _Krl:
     def call(self, name: str) -> None:
         file = self.folder / f"{name}.src"
         assert file.read_bytes().count(b"\r\n") > 2, "CR LF"
-        lines = [line.split(";")[0].strip() for line in mark_actions(file.read_text(), "krl").splitlines()]
-        for line in filter(None, lines[lines.index(f"DEF {name}()") + 1 : lines.index("END")]):
+        lines = list_lines(file.read_text(), "krl")
+        for line in lines[lines.index(f"DEF {name}()") + 1 : lines.index("END")]:
             self.step(line)
 
     def step(self, line: str) -> None:
@@ -140,31 +140,18 @@ class _Val3:
     data: dict[str, list[dict[str, str]]]
     waited: bool = True
     moves: list[Move] = field(default_factory=list)
-    places: dict[str, list[Any]] = field(default_factory=dict)
-    turns: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
 
     def call(self, name: str) -> None:
         root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
         code = next(element.text or "" for element in root.iter() if _val3_tag(element) == "Code")
-        lines = [line.split("//")[0].strip() for line in mark_actions(code, "val3").splitlines()]
-        lines = [line for line in lines if line]
+        lines = list_lines(code, "val3", "//")
         assert (lines[0], lines[-1]) == ("begin", "end")
         for line in lines[1:-1]:
             self.step(line)
 
     def place(self, name: str, index: int = 0) -> Any:
-        """Return the pose of an element; those of an array are read at once."""
-        if name not in self.places:
-            numbers = np.array([[each[key] for key in PLACE] for each in self.data[name]], float)
-            self.places[name] = list(staubli_poses(numbers))
-        return self.places[name][index]
-
-    def joints(self, name: str, index: int) -> tuple[float, ...]:
-        """Return the joints of an element; those of an array are read at once."""
-        if name not in self.turns:
-            numbers = np.array([[each[f"j{number}"] for number in range(1, 7)] for each in self.data[name]], float)
-            self.turns[name] = list(map(tuple, numbers.tolist()))
-        return self.turns[name][index]
+        """Return the pose of an element."""
+        return staubli_pose(*(float(self.data[name][index][key]) for key in PLACE))
 
     def step(self, line: str) -> None:
         if match := _VAL3_MOVE.fullmatch(line):
@@ -192,7 +179,7 @@ class _Val3:
         self.waited = False
         joints, pose, base = None, None, _STANDING
         if kind == "j":
-            joints = self.joints(points, row)
+            joints = tuple(float(point[f"j{number}"]) for number in range(1, 7))
         else:
             father = point["fatherId"].removesuffix("[0]")
             (frame,) = self.data[father]

@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import math
 import re
-from typing import NamedTuple
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 Pose = np.ndarray
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+TEXT = '"[^"]*"'
 
 
 class Move(NamedTuple):
@@ -45,78 +49,47 @@ class Move(NamedTuple):
     carried: bool = False
 
 
+def build_poses(place: Any, rotation: Rotation) -> Pose:
+    """Return frames from places and rotations. Shape (4, 4), or (n, 4, 4) for n of each."""
+    matrix = rotation.as_matrix()
+    pose = np.zeros((*matrix.shape[:-2], 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = matrix, place, 1.0
+    return pose
+
+
+def _euler_pose(order: str, *numbers: float) -> Pose:
+    """Return a frame from x y z and three angles; capitals turn about turning axes, small letters about fixed ones."""
+    return build_poses(numbers[:3], Rotation.from_euler(order, numbers[3:], degrees=True))
+
+
+#: KUKA: A about z, B about the new y, C about the newest x. FANUC: W about x, P about the fixed y, R about the fixed z.
+kuka_pose, fanuc_pose = partial(_euler_pose, "ZYX"), partial(_euler_pose, "xyz")
+#: Kawasaki: O about z, A about the new y, T about the newest z.
+kawasaki_pose = partial(_euler_pose, "ZYZ")
+#: Staubli: rx about x, ry about the new y, rz about the newest z.
+staubli_pose = partial(_euler_pose, "XYZ")
+
+
 def turn(axis: str, angle: float) -> Pose:
-    """Rotation about x, y or z. Shape (4, 4)."""
-    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    matrix = np.eye(4)
-    matrix[first, first] = matrix[second, second] = c
-    matrix[second, first], matrix[first, second] = s, -s
-    return matrix
+    """Return the rotation about x, y or z."""
+    return build_poses(np.zeros(3), Rotation.from_euler(axis, angle, degrees=True))
 
 
 def shift(x: float, y: float, z: float) -> Pose:
-    """Translation. Shape (4, 4)."""
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix
-
-
-def kuka_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
-    """KUKA: A about z, then B about the new y, then C about the newest x."""
-    return fanuc_pose(x, y, z, c, b, a)
-
-
-def staubli_poses(numbers: Pose) -> Pose:
-    """Staubli: rx about x, then ry about the new y, then rz about the newest z. Shape (n, 6) -> (n, 4, 4)."""
-    x, y, z = numbers[:, :3].T
-    (sx, sy, sz), (cx, cy, cz) = (wave(np.radians(numbers[:, 3:])).T for wave in (np.sin, np.cos))
-    poses = np.zeros((len(numbers), 4, 4))
-    poses[:, 0] = np.column_stack([cy * cz, -cy * sz, sy, x])
-    poses[:, 1] = np.column_stack([cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy, y])
-    poses[:, 2] = np.column_stack([sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy, z])
-    poses[:, 3, 3] = 1.0
-    return poses
-
-
-def fanuc_pose(x: float, y: float, z: float, w: float, p: float, r: float) -> Pose:
-    """FANUC: W about x, then P about the fixed y, then R about the fixed z."""
-    (sx, cx), (sy, cy), (sz, cz) = ((math.sin(math.radians(a)), math.cos(math.radians(a))) for a in (w, p, r))
-    return np.array(
-        [
-            [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, x],
-            [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx, y],
-            [-sy, cy * sx, cy * cx, z],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
-
-
-def kawasaki_pose(x: float, y: float, z: float, o: float, a: float, t: float) -> Pose:
-    """Kawasaki: O about z, then A about the new y, then T about the newest z."""
-    return shift(x, y, z) @ turn("z", o) @ turn("y", a) @ turn("z", t)
+    """Return a translation."""
+    return build_poses((x, y, z), Rotation.identity())
 
 
 def vector_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
-    """Universal Robots: m and a rotation vector in rad (Rodrigues); in mm here."""
-    angle, matrix = math.sqrt(a * a + b * b + c * c), shift(x * 1e3, y * 1e3, z * 1e3)
-    if angle > 0:
-        cross = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]]) / angle
-        matrix[:3, :3] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    return matrix
+    """Universal Robots: m and a rotation vector in rad; in mm here."""
+    return build_poses((x * 1e3, y * 1e3, z * 1e3), Rotation.from_rotvec((a, b, c)))
 
 
-def abb_pose(place: list[float], quaternion: list[float]) -> Pose:
+def abb_pose(place: Sequence[float], quaternion: Sequence[float]) -> Pose:
     """ABB: the quaternion's real part stands first."""
     w, x, y, z = quaternion
     assert math.isclose(w * w + x * x + y * y + z * z, 1.0, abs_tol=1e-6), "no unit quaternion"
-    matrix = shift(*place)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return matrix
+    return build_poses(place, Rotation.from_quat((x, y, z, w)))
 
 
 def read_numbers(text: str) -> list[float]:
@@ -124,72 +97,76 @@ def read_numbers(text: str) -> list[float]:
     return [float(number) for number in re.findall(NUMBER, text)]
 
 
-TEXT = r'"([^"]*)"'
-#: Forms of each language, longest first: a pattern over whole lines (indentation aside), and the action it is.
-FORMS: dict[str, list[tuple[str, str]]] = {
-    "krl": [
-        (rf"IF \$IN\[(\d+)\] THEN\n *MsgNotify\({TEXT}\)\n *HALT\nENDIF", r"@pause_if \1"),
-        (rf"MsgNotify\({TEXT}\)\n *HALT", "@pause"),
-        (r"\$OUT\[(\d+)\]=TRUE", r"@on \1"), (r"\$OUT\[(\d+)\]=FALSE", r"@off \1"),
-        (rf"WAIT SEC ({NUMBER})", r"@wait \1"), (r"WAIT FOR \$IN\[(\d+)\]", r"@expect \1"),
-        (r"CHANGER\((\d+)\)", r"@call \1"),
-    ],
-    "rapid": [
-        (rf"IF di(\d+)=1 THEN\n *TPWrite {TEXT};\n *Stop;\n *ENDIF", r"@pause_if \1"),
-        (rf"TPWrite {TEXT};\n *Stop;", "@pause"), (r"SetDO do(\d+),1;", r"@on \1"), (r"SetDO do(\d+),0;", r"@off \1"),
-        (rf"WaitTime ({NUMBER});", r"@wait \1"), (r"WaitDI di(\d+),1;", r"@expect \1"),
-        (r"CHANGER (\d+);", r"@call \1"),
-    ],
-    "urscript": [
-        (rf"if \(get_standard_digital_in\((\d+)\)\):\n *popup\({TEXT}, title=\"compplan\", blocking=True\)\n *end",
-         r"@pause_if \1"),
-        (rf"popup\({TEXT}, title=\"compplan\", blocking=True\)", "@pause"),
-        (r"set_standard_digital_out\((\d+), True\)", r"@on \1"),
-        (r"set_standard_digital_out\((\d+), False\)", r"@off \1"), (rf"sleep\(({NUMBER})\)", r"@wait \1"),
-        (r"while \(not get_standard_digital_in\((\d+)\)\):\n *sync\(\)\n *end", r"@expect \1"),
-        (r"CHANGER\((\d+)\)", r"@call \1"),
-    ],
-    "inform": [
-        (r"PAUSE IF IN#\((\d+)\)=ON", r"@pause_if \1"), (r"PAUSE", "@pause"), (r"DOUT OT#\((\d+)\) ON", r"@on \1"),
-        (r"DOUT OT#\((\d+)\) OFF", r"@off \1"), (rf"TIMER T=({NUMBER})", r"@wait \1"),
-        (r"WAIT IN#\((\d+)\)=ON", r"@expect \1"), (r"CALL JOB:CHANGER", "@call 7"),
-    ],
-    "kawasaki_as": [
-        (rf"IF SIG\(100(\d)\) THEN\n *TYPE {TEXT}\n *PAUSE\n *END", r"@pause_if \1"),
-        (rf"TYPE {TEXT}\n *PAUSE", "@pause"), (r"SIGNAL (\d+)", r"@on \1"), (r"SIGNAL -(\d+)", r"@off \1"),
-        (rf"TWAIT ({NUMBER})", r"@wait \1"), (r"SWAIT 100(\d)", r"@expect \1"), (r"CALL changer\((\d+)\)", r"@call \1"),
-    ],
-    "fanuc_ls": [
-        (r"IF DI\[(\d+)\]=OFF,JMP LBL\[(\d+)\] ;\n *\d+: *PAUSE ;\n *\d+: *LBL\[\2\]", r"@pause_if \1"),
-        (r"PAUSE", "@pause"), (r"DO\[(\d+)\]=ON", r"@on \1"), (r"DO\[(\d+)\]=OFF", r"@off \1"),
-        (rf"WAIT +({NUMBER})\(sec\)", r"@wait \1"), (r"WAIT DI\[(\d+)\]=ON", r"@expect \1"),
-        (r"CALL CHANGER\((\d+)\)", r"@call \1"),
-    ],
-    "val3": [
-        (rf"if diIn(\d+)==true\n *userPage\(\)\n *putln\({TEXT}\)\n *l_nKey=get\(\)\n *endIf", r"@pause_if \1"),
-        (rf"userPage\(\)\n *putln\({TEXT}\)\n *l_nKey=get\(\)", "@pause"), (r"doOut(\d+)=true", r"@on \1"),
-        (r"doOut(\d+)=false", r"@off \1"), (rf"delay\(({NUMBER})\)", r"@wait \1"),
-        (r"wait\(diIn(\d+)==true\)", r"@expect \1"), (r"call CHANGER\((\d+)\)", r"@call \1"),
-    ],
-    "sinumerik": [
-        (r"M0", "@pause"), (r"M1", "@pause_if 0"), (rf"G4 F({NUMBER})", r"@wait \1"), (r"M3(?: S(\d+))?", r"@cw \1"),
-        (r"M4(?: S(\d+))?", r"@ccw \1"), (r"M5", "@stop"), (r"M8", "@flood"), (r"M7", "@mist"), (r"M9", "@dry"),
-        (r"\$A_OUT\[(\d+)\]=1", r"@on \1"), (r"\$A_OUT\[(\d+)\]=0", r"@off \1"), (r"CHANGER\((\d+)\)", r"@call \1"),
-    ],
+#: Actions of each language, longest first: name (and numbers that are not written), and the pattern of whole lines.
+ACTIONS: dict[str, dict[str, str]] = {
+    "krl": {
+        "pause_if": rf"IF \$IN\[(\d+)\] THEN\n *MsgNotify\({TEXT}\)\n *HALT\nENDIF",
+        "pause": rf"MsgNotify\({TEXT}\)\n *HALT", "on": r"\$OUT\[(\d+)\]=TRUE", "off": r"\$OUT\[(\d+)\]=FALSE",
+        "wait": rf"WAIT SEC ({NUMBER})", "expect": r"WAIT FOR \$IN\[(\d+)\]", "call": r"CHANGER\((\d+)\)",
+    },
+    "rapid": {
+        "pause_if": rf"IF di(\d+)=1 THEN\n *TPWrite {TEXT};\n *Stop;\n *ENDIF", "pause": rf"TPWrite {TEXT};\n *Stop;",
+        "on": r"SetDO do(\d+),1;", "off": r"SetDO do(\d+),0;", "wait": rf"WaitTime ({NUMBER});",
+        "expect": r"WaitDI di(\d+),1;", "call": r"CHANGER (\d+);",
+    },
+    "urscript": {
+        "pause_if": rf"if \(get_standard_digital_in\((\d+)\)\):\n *popup\({TEXT}, title=\"compplan\", blocking=True\)"
+                    r"\n *end",
+        "pause": rf"popup\({TEXT}, title=\"compplan\", blocking=True\)",
+        "on": r"set_standard_digital_out\((\d+), True\)", "off": r"set_standard_digital_out\((\d+), False\)",
+        "wait": rf"sleep\(({NUMBER})\)", "call": r"CHANGER\((\d+)\)",
+        "expect": r"while \(not get_standard_digital_in\((\d+)\)\):\n *sync\(\)\n *end",
+    },
+    "inform": {
+        "pause_if": r"PAUSE IF IN#\((\d+)\)=ON", "pause": "PAUSE", "on": r"DOUT OT#\((\d+)\) ON",
+        "off": r"DOUT OT#\((\d+)\) OFF", "wait": rf"TIMER T=({NUMBER})", "expect": r"WAIT IN#\((\d+)\)=ON",
+        "call 7": "CALL JOB:CHANGER",
+    },
+    "kawasaki_as": {
+        "pause_if": rf"IF SIG\(100(\d)\) THEN\n *TYPE {TEXT}\n *PAUSE\n *END", "pause": rf"TYPE {TEXT}\n *PAUSE",
+        "on": r"SIGNAL (\d+)", "off": r"SIGNAL -(\d+)", "wait": rf"TWAIT ({NUMBER})", "expect": r"SWAIT 100(\d)",
+        "call": r"CALL changer\((\d+)\)",
+    },
+    "fanuc_ls": {
+        "pause_if": r"IF DI\[(\d+)\]=OFF,JMP LBL\[(?P<label>\d+)\] ;\n *\d+: *PAUSE ;\n *\d+: *LBL\[(?P=label)\]",
+        "pause": "PAUSE", "on": r"DO\[(\d+)\]=ON", "off": r"DO\[(\d+)\]=OFF", "wait": rf"WAIT +({NUMBER})\(sec\)",
+        "expect": r"WAIT DI\[(\d+)\]=ON", "call": r"CALL CHANGER\((\d+)\)",
+    },
+    "val3": {
+        "pause_if": rf"if diIn(\d+)==true\n *userPage\(\)\n *putln\({TEXT}\)\n *l_nKey=get\(\)\n *endIf",
+        "pause": rf"userPage\(\)\n *putln\({TEXT}\)\n *l_nKey=get\(\)", "on": r"doOut(\d+)=true",
+        "off": r"doOut(\d+)=false", "wait": rf"delay\(({NUMBER})\)", "expect": r"wait\(diIn(\d+)==true\)",
+        "call": r"call CHANGER\((\d+)\)",
+    },
+    "sinumerik": {
+        "pause": "M0", "pause_if 0": "M1", "wait": rf"G4 F({NUMBER})", "cw": r"M3(?: S(\d+))?",
+        "ccw": r"M4(?: S(\d+))?",
+        "stop": "M5", "flood": "M8", "mist": "M7", "dry": "M9", "on": r"\$A_OUT\[(\d+)\]=1",
+        "off": r"\$A_OUT\[(\d+)\]=0", "call": r"CHANGER\((\d+)\)",
+    },
 }  # fmt: skip
 
 
 def mark_actions(text: str, language: str) -> str:
-    """Return a program's text with its actions as lines "@action arguments"."""
-    head, tail = (r"^( *\d+: *)", r" *;") if language == "fanuc_ls" else (r"^( *)", "")
-    for pattern, action in FORMS[language]:
-        shifted = re.sub(r"\\(\d)", lambda match: f"\\{int(match[1]) + 1}", action)
-        pattern = re.sub(r"(?<!\\)\\2(?!\d)", r"\\3", pattern)
-        text = re.sub(f"{head}{pattern}{tail}$", rf"\1{shifted}{' ;' if tail else ''}", text, flags=re.M)
+    """Return a program's text with its actions as lines "@action number"."""
+    head, tail = (r"^( *\d+: *)", r"( *;)") if language == "fanuc_ls" else (r"^( *)", "()")
+    for action, pattern in ACTIONS[language].items():
+        text = re.sub(f"{head}{pattern}{tail}$", partial(_mark_action, action), text, flags=re.M)
     return text
 
 
+def _mark_action(action: str, match: re.Match[str]) -> str:
+    indent, *numbers, end = match.groups(default="")
+    return f"{indent}@{' '.join([action, *numbers[:1]])}{end}"
+
+
+def list_lines(text: str, language: str, comment: str = ";") -> list[str]:
+    """Return the lines of a program that do something, comments and indentation aside, actions marked."""
+    lines = (line.split(comment)[0].strip() for line in mark_actions(text, language).splitlines())
+    return [line for line in lines if line]
+
+
 def read_action(line: str) -> Move | None:
-    """Return a line "@action arguments" as a move that is none; other lines are not."""
+    """Return a line "@action numbers" as a move that is none; other lines are not."""
     words = line[1:].split()
     return Move("act", True, action=(words[0], *map(float, words[1:]))) if line.startswith("@") else None

@@ -16,6 +16,7 @@ from compplan.controllers.readback.poses import (
     Pose,
     fanuc_pose,
     kawasaki_pose,
+    list_lines,
     mark_actions,
     read_action,
     read_numbers,
@@ -37,8 +38,7 @@ def read_urscript(path: Path) -> list[Move]:
 
 
 def _run_script(path: Path) -> list[Move]:
-    lines = [line.split("#")[0].strip() for line in mark_actions(path.read_text(), "urscript").splitlines()]
-    lines = [line for line in lines if line]
+    lines = list_lines(path.read_text(), "urscript", "#")
     assert (lines[0], *lines[-2:]) == (f"def {path.stem}():", "end", f"{path.stem}()")
     frames: dict[str, Pose | None] = {}
     load: tuple[float, ...] = ()
@@ -102,8 +102,7 @@ class _Sinumerik:
 
     def run(self, text: str) -> None:
         self.ask(text)
-        marked = mark_actions(text, "sinumerik")
-        for line in filter(None, (line.split(";")[0].strip() for line in marked.splitlines())):
+        for line in list_lines(text, "sinumerik"):
             line = re.sub(r"^N\d+ ", "", line)
             if act := read_action(line):
                 self.moves.append(act)
@@ -161,12 +160,9 @@ def read_sinumerik(path: Path) -> list[Move]:
 # ------------------------------------------------------------------------------------------------------------ INFORM
 
 
-def read_inform(path: Path) -> list[Move]:
+def read_inform(path: Path, frames: dict[str, Pose] | None = None) -> list[Move]:
     """Run an INFORM job and those that it calls."""
-    return _run_job(path, {})
-
-
-def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
+    frames = frames if frames is not None else {}
     head, body = mark_actions(path.read_text(), "inform").split("NOP\n")
     points, stations, variables, kind = {}, {}, {}, ""
     configuration: tuple[int, ...] = ()
@@ -193,7 +189,7 @@ def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
         elif match := re.fullmatch(r"(MFRAME UF#\(\d+\)|SETTOOL TL#\(\d+\)) P(\d{5})( BF)?", line):
             frames[match[1][0]] = variables[match[2]]
         elif match := re.fullmatch(r"CALL JOB:(\w+)", line):
-            moves += _run_job(path.with_name(f"{match[1]}.JBI"), frames)
+            moves += read_inform(path.with_name(f"{match[1]}.JBI"), frames)
         elif not line.startswith("'"):
             other = rf"(?: \+MOVJ EC(\d{{5}})(?: VJ={NUMBER})?)?"
             match = re.fullmatch(rf"S?MOV([JL]) C(\d{{5}}) (VJ|V)=({NUMBER}) PL=(\d){other}", line)
@@ -221,10 +217,10 @@ def read_kawasaki(path: Path) -> list[Move]:
     programs: dict[str, list[str]] = {}
     values: dict[str, list[float]] = {}
     for file in path.parent.glob("*.as"):
-        text = mark_actions(file.read_text(), "kawasaki_as")
+        text = file.read_text()
         for head, body in re.findall(r"^\.(PROGRAM \w+\(\)|JOINTS|TRANS)\n(.*?)^\.END", text, re.M | re.S):
             if head.startswith("PROGRAM"):
-                programs[head[8:-2]] = body.splitlines()
+                programs[head[8:-2]] = list_lines(body, "kawasaki_as")
             else:
                 values |= {line.split()[0]: [float(n) for n in line.split()[1:]] for line in body.splitlines()}
     runner = _Kawasaki(programs, values)
@@ -244,7 +240,7 @@ class _Kawasaki:
     moves: list[Move] = field(default_factory=list)
 
     def run(self, name: str) -> None:
-        for line in filter(None, (line.split(";")[0].strip() for line in self.programs[name])):
+        for line in self.programs[name]:
             if act := read_action(line):
                 self.moves.append(act)
             elif match := re.fullmatch(r"POINT part = TRANS\((.*)\)|TOOL TRANS\((.*)\)", line):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +15,11 @@ from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.machine import Wiring, describe_events
 from compplan.controllers.writers.post import describe_cell
 from compplan.controllers.writers.program import Program, build_program
+from compplan.controllers.writers.text import legal_name
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.notes import Stop
 from compplan.io.plugins import Registry
+from compplan.io.tables import write_text
 from compplan.robot import Robot
 
 
@@ -38,9 +41,16 @@ _OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "
 #: speak the language (BRAND), its words for events (PHRASES), and what a user has to know of a program (describe).
 WRITERS: Registry[Language] = Registry[Language](_OWN, __name__).install("languages").load_installed()
 
+#: Letters that a main program adds to the name of the job: _ALL, and _L for linear moves.
+ADDED = 6
+#: What the name of a main program ends in.
+WHOLE = re.compile(r"_ALL(_[JL])?$", re.IGNORECASE)
+#: Endings of names that say how a program moves: the joints, or the tool.
+KINDS = re.compile(r"_[JjLl]$")
+
 __all__ = [
-    "WRITERS", "Program", "Wiring", "build_program", "check_brand", "check_languages", "describe_program",
-    "write_program",
+    "WHOLE", "WRITERS", "Program", "Wiring", "build_program", "check_brand", "check_languages", "describe_program",
+    "write_program", "write_sequence",
 ]  # fmt: skip
 
 
@@ -153,6 +163,37 @@ def describe_program(program: Program, language: str) -> list[str]:
     elif any(event.kind != "comment" for event in program.events):
         own.append("spindle, coolant, dwells and stops of the CAM file are not in this table")
     return [*notes, *(type(note)(f"{language}: {note}") for note in own)]
+
+
+def write_sequence(
+    program: Program, language: str, name: str, groups: Sequence[Sequence[Path]], folder: Path
+) -> list[Path]:
+    """Write the main program of a job of several tools in a language, one for joint moves and one for linear ones.
+
+    `groups` are the files that were written for each tool, in the order in which they run. Nothing is written where the
+    language has no calls of other programs.
+    """
+    main = getattr(WRITERS[language], "MAIN", None)
+    if main is None or len(groups) < 2:
+        return []
+    entries = [_find_entries([file for file in files if file.suffix == main.suffix]) for files in groups]
+    files = []
+    for kind in entries[0]:
+        if all(kind in entry for entry in entries):
+            calls = [entry[kind] for entry in entries]
+            whole = f"{legal_name(name, main.longest - ADDED)}_ALL{kind}"
+            upper, lower = calls[0].isupper(), calls[0].islower()
+            whole = whole.upper() if upper else whole.lower() if lower else whole
+            files.append(folder / f"{whole}{main.suffix}")
+            write_text(files[-1], main.format(whole, program, calls), newline=main.newline)
+    return files
+
+
+def _find_entries(files: Sequence[Path]) -> dict[str, str]:
+    """Return the programs of a tool that are no part of another one, by the ending that says how they move."""
+    stems = [file.stem for file in files]
+    parts = {stem for stem in stems for whole in stems if re.fullmatch(rf"{re.escape(whole)}_?\d+", stem)}
+    return {found.group() if (found := KINDS.search(stem)) else "": stem for stem in stems if stem not in parts}
 
 
 def _brand(language: str) -> str:

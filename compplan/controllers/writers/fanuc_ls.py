@@ -29,7 +29,8 @@ RAPID = 20
 #: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
 CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 2}), 99
 MOVES_PART = True
-
+#: Numbers of a Cartesian position.
+PLACE = [f"{name} = {{:12.5f}}  mm" for name in "XYZ"] + [f"{name} = {{:12.6f}} deg" for name in "WPR"]
 
 PHRASES = Phrases(
     say=lambda text: [f"!{part}" for part in wrap_text(text, LONGEST_REMARK)],
@@ -63,13 +64,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if program.feed.max(initial=0.0) > FASTEST:
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
     check_cell(program.post, CELL, "FANUC")
-    can = (
-        program.tcp is not None
-        and len(turning) == 6
-        and (program.moves_part or state_configurations(program) is not None)
-    )
+    can = len(turning) == 6 and (program.moves_part or state_configurations(program) is not None)
     form = replace(FORM, arcs=not program.moves_part)
-    return form.write(program, folder, most, _format_part, _format_calls, can=can)
+    return form.write(program, folder, most, _format_part, _format_calls, can=can and program.tcp is not None)
 
 
 def describe(program: Program) -> list[str]:
@@ -142,8 +139,7 @@ def _format_position(program: Program, move: WrittenMove, number: int, frame: in
     head, second = f"UF : {frame}, UT : {cell.tool}", ""
     if words and move.kind != "joint":
         head += f",\t\tCONFIG : '{words}'"
-        values = [f"{name} = {value:12.5f}  mm" for name, value in zip("XYZ", move.place, strict=False)]
-        values += [f"{name} = {value:12.6f} deg" for name, value in zip("WPR", move.place[3:], strict=True)]
+        values = [text.format(value) for text, value in zip(PLACE, move.place, strict=True)]
     else:
         values = [f"J{axis}= {value:12.6f} deg" for axis, value in enumerate(move.arm, start=1)]
     if program.moves_part:
@@ -176,7 +172,7 @@ def format_program(
     }  # fmt: skip
     before, rest = render_post(program, "fanuc_ls", words).split("/MN\n", 1)
     body, after = rest.split("/POS\n", 1)
-    lines, numbered = 0, []
+    lines, numbered = 0, list[str]()
     for line in body.split("\n")[:-1]:
         lines += not line.startswith("    :")
         numbered.append(line if line.startswith("    :") else f"{lines:4d}:{line}")

@@ -15,22 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from compplan.controllers.shapes import (
-    ARC_LENGTH,
-    ARC_ROWS,
-    HELD,
-    LEAST_FEED,
-    RATIO,
-    SHORT,
-    find_arc,
-    find_via,
-    follow_arc,
-    follow_line,
-    is_flat,
-    send_speeds,
-)
-from compplan.controllers.writers.frames import quaternions
+from compplan.controllers import shapes
 from compplan.controllers.writers.program import Program
 from compplan.io.tables import Array
 
@@ -52,8 +39,6 @@ class Fitted:
 
     program: Program  #: The program at the ends of its moves, with `via` of its arcs.
     rows: NDArray[np.int_]  #: The row of each in the whole program. Shape (m,).
-    kinds: NDArray[np.int_]  #: LINE, or the row that an arc goes by. Shape (m,).
-    slowed: int = 0  #: How many moves are driven slower than planned, so that the controller has the time for them.
 
 
 def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
@@ -67,8 +52,8 @@ def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
     """
     n = len(program)
     if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
-        return Fitted(program, np.arange(n), np.full(n, LINE))
-    whole, rows = program, np.arange(n)
+        return Fitted(program, np.arange(n))
+    rows = np.arange(n)
     if program.corner_shift is not None:
         rows = np.flatnonzero(np.isfinite(program.corner_shift[:, 0]))
         program = program.take(rows)
@@ -78,18 +63,13 @@ def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
         program = replace(program, tcp=tcp)
     alone, stops = program.alone(linear=True), program.stops(linear=True)
     track = _Track(program, 1e3 * program.tolerance, stops, arcs)
-    if arcs in whole.pieces:
-        ends, kind = whole.pieces[arcs]
-        ends, kind = np.searchsorted(rows, ends), np.where(kind < 0, kind, np.searchsorted(rows, np.maximum(kind, 0)))
-    else:
-        kept = np.flatnonzero(alone | stops | program.corners | _mark_ends(program))
-        pieces: list[tuple[int, int]] = []
-        for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
-            pieces += [(last, LINE)] if alone[last] or track.rests(first, last) else track.divide(first, last)
-        ends = np.array([0, *(end for end, _ in pieces)])
-        kind = np.array([LINE, *(kind for _, kind in pieces)])
-    fewer, slowed = _take_rows(program, track, ends, kind)
-    return Fitted(fewer, rows[ends], np.where(kind < 0, kind, rows[np.maximum(kind, 0)]), slowed)
+    kept = np.flatnonzero(alone | stops | program.corners | _mark_ends(program))
+    pieces: list[tuple[int, int]] = []
+    for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
+        pieces += [(last, LINE)] if alone[last] or track.rests(first, last) else track.divide(first, last)
+    ends = np.array([0, *(end for end, _ in pieces)])
+    kind = np.array([LINE, *(kind for _, kind in pieces)])
+    return Fitted(_take_rows(program, track, ends, kind), rows[ends])
 
 
 def _mark_ends(program: Program) -> NDArray[np.bool_]:
@@ -102,27 +82,25 @@ def _mark_ends(program: Program) -> NDArray[np.bool_]:
     return marked
 
 
-def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> tuple[Program, int]:
-    """Return the program at some of its rows, with the feed that takes the time of the plan; count slowed moves."""
+def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> Program:
+    """Return the program at some of its rows, with the feed that takes the time of the plan, or a cycle."""
     assert program.tcp is not None and program.time is not None
     length = np.array([0.0, *(track.measure(a, b, m) for a, b, m in zip(ends[:-1], ends[1:], kind[1:], strict=True))])
     time, cut = np.diff(track.time[ends], prepend=0.0), ~program.alone(linear=True)[ends]
     cut[0] = False
-    short = cut & (time < program.cycle * (1.0 - 1e-9))
     moved = cut & (length > 0.0) & (time > 0.0)
     feed = program.feed[ends].copy()
     feed[moved] = length[moved] / np.maximum(time, program.cycle)[moved]
-    feed[cut] = np.maximum(feed[cut], LEAST_FEED)
+    feed[cut] = np.maximum(feed[cut], shapes.LEAST_FEED)
     for k in range(1, len(feed)):  # one feed as long as it holds
-        if cut[k] and cut[k - 1] and abs(feed[k] - feed[k - 1]) <= HELD * feed[k - 1]:
+        if cut[k] and cut[k - 1] and abs(feed[k] - feed[k - 1]) <= shapes.HELD * feed[k - 1]:
             feed[k] = feed[k - 1]
     via = np.full((len(ends), 4, 4), np.nan)
     via[kind >= 0] = program.tcp[kind[kind >= 0]]
     for k in np.flatnonzero(kind >= 0).tolist():
-        beside = 1e-3 * find_via(track.x[ends[k - 1] : ends[k] + 1], int(kind[k] - ends[k - 1]))
+        beside = 1e-3 * shapes.find_via(track.x[ends[k - 1] : ends[k] + 1], int(kind[k] - ends[k - 1]))
         via[k, :3, 3] = program.part[:3, :3] @ beside + program.part[:3, 3]
-    fewer = replace(program.take(ends), feed=feed, via=via, tolerance=0.0)
-    return fewer, int(np.count_nonzero(short))
+    return replace(program.take(ends), feed=feed, via=via, tolerance=0.0)
 
 
 class _Track:
@@ -131,14 +109,14 @@ class _Track:
     def __init__(self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool) -> None:
         assert program.time is not None
         poses = program.positions
-        self.x, self.turn = 1e3 * poses[:, :3, 3], quaternions(poses)
+        self.x, self.turn = 1e3 * poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3])
         self.tolerance, self.arcs = np.full(len(program), tolerance), arcs
         self.cycle = program.cycle
         self.tolerance *= 1.0 if program.coarser is None else program.coarser
         self.step = np.linalg.norm(np.diff(self.x, axis=0, prepend=self.x[:1]), axis=1)
         self.along = np.cumsum(self.step)
         lasts = np.diff(program.time, prepend=program.time[0])
-        self.speed = send_speeds(self.step, lasts, stops, program.corners, program.asked)
+        self.speed = shapes.send_speeds(self.step, lasts, stops, program.corners, program.asked)
         moves = (self.step > 0.0) & ~program.alone(linear=True)
         self.time = np.cumsum(np.where(moves, self.step / np.maximum(self.speed, 1e-9), lasts))
         drawn = np.zeros(len(program), np.int_) if program.arc_of is None or not arcs else program.arc_of
@@ -170,14 +148,14 @@ class _Track:
         carried = self.carried[a : b + 1]
         if np.abs(self.x[a : b + 1] - self.x[a]).max() > NOWHERE or np.abs(carried - carried[:1]).max(initial=0.0) > 0:
             return False
-        return bool(np.linalg.norm(_turn_from(self.turn[a], self.turn[a : b + 1]), axis=1).max() <= UNTURNED)
+        return bool(np.linalg.norm(self._turn_from(a, b), axis=1).max() <= UNTURNED)
 
     def _keep_arc(self, at: int, end: int) -> tuple[int, int] | None:
         """Return an arc of the file from a row up to another, or to a half or a third of it, where one fits."""
         for pieces in (1, 2, 3) if end > at else ():
             way = self.along[at] + (self.along[end] - self.along[at]) / pieces
             far = end if pieces == 1 else int(np.searchsorted(self.along, way - 1e-9))
-            if far - at >= ARC_ROWS and self.fits(at, far, middle := self._find_middle(at, far)):
+            if far - at >= shapes.ARC_ROWS and self.fits(at, far, middle := self._find_middle(at, far)):
                 return far, middle
         return None
 
@@ -185,9 +163,9 @@ class _Track:
         """Return how far one move from a row leads at most, and its kind."""
         end, kind = self._search(at, most, min(at + self.guess, most), lambda b: self.fits(at, b, LINE)), LINE
         if self.arcs and end < most:
-            begin = max(end + 1, min(at + max(self.guess, ARC_ROWS), most))
+            begin = max(end + 1, min(at + max(self.guess, shapes.ARC_ROWS), most))
             far = self._search(at, most, begin, lambda b: self.fits(at, b, self._find_middle(at, b), True))
-            if far > end and far - at >= ARC_ROWS and self.fits(at, far, middle := self._find_middle(at, far)):
+            if far > end and far - at >= shapes.ARC_ROWS and self.fits(at, far, middle := self._find_middle(at, far)):
                 end, kind = far, middle
         self.guess = max(end - at, 2)
         return end, kind
@@ -215,7 +193,7 @@ class _Track:
         for start in range(at + 1, last + 1, BLOCK):
             speed = self.speed[at + 1 : min(start + BLOCK, last + 1)]
             high, low = np.maximum.accumulate(speed), np.minimum.accumulate(speed)
-            beyond = np.flatnonzero(high > RATIO * low)
+            beyond = np.flatnonzero(high > shapes.RATIO * low)
             if len(beyond):
                 return int(at + max(beyond[0], 1))
         return last
@@ -229,7 +207,10 @@ class _Track:
                 here = joined[-1][0]
                 if min(self.time[end] - self.time[here], self.time[here] - self.time[start]) >= self.cycle:
                     break
-                if self.time[end] - self.time[start] > SHORT * self.cycle and self._bound_speed(start, end) < end:
+                if (
+                    self.time[end] - self.time[start] > shapes.SHORT * self.cycle
+                    and self._bound_speed(start, end) < end
+                ):
                     break
                 kinds = (LINE, self._find_middle(start, end))[: 1 + self.arcs]
                 trials = [trial for trial in kinds if self.fits(start, end, trial)]
@@ -266,31 +247,26 @@ class _Track:
         """Return how far rows lie from a move, and at which share of it; None where there is no such move."""
         x = self.x[a : b + 1]
         if kind == LINE:
-            return follow_line(x)
-        if b - a < ARC_ROWS or (not flat and self.along[b] - self.along[a] < ARC_LENGTH):
+            return shapes.follow_line(x)
+        if b - a < shapes.ARC_ROWS or (not flat and self.along[b] - self.along[a] < shapes.ARC_LENGTH):
             return None
-        via = find_via(x, kind - a)
-        return None if not flat and is_flat(x[0], via, x[-1]) else follow_arc(x, via)
+        via = shapes.find_via(x, kind - a)
+        return None if not flat and shapes.is_flat(x[0], via, x[-1]) else shapes.follow_arc(x, via)
 
     def _measure_turn(self, a: int, b: int, share: Array) -> float:
         """Return how far the tool turns beside an even turn along a move. [rad]"""
-        turned = _turn_from(self.turn[a], self.turn[a : b + 1])
+        turned = self._turn_from(a, b)
         return float(np.linalg.norm(turned - share[:, None] * turned[-1], axis=1).max())
+
+    def _turn_from(self, a: int, b: int) -> Array:
+        """Return rotation vectors from the orientation at a row to those up to another. Shape (b - a + 1, 3). [rad]"""
+        return np.asarray((self.turn[a].inv() * self.turn[a : b + 1]).as_rotvec())
 
     def measure(self, a: int, b: int, kind: int) -> float:
         """Return the length of a move. [mm]"""
-        arc = None if kind == LINE else find_arc(self.x[a], find_via(self.x[a : b + 1], kind - a), self.x[b])
+        arc = (
+            None
+            if kind == LINE
+            else shapes.find_arc(self.x[a], shapes.find_via(self.x[a : b + 1], kind - a), self.x[b])
+        )
         return float(np.linalg.norm(self.x[b] - self.x[a])) if arc is None else arc.length
-
-
-def _turn_from(start: Array, turns: Array) -> Array:
-    """Return rotation vectors from one orientation to others, both quaternions. Shape (4,), (n, 4) -> (n, 3) [rad]."""
-    w, vector = start[0], -start[1:]
-    (x, y, z), (a, b, c) = vector, turns[:, 1:].T
-    real = w * turns[:, 0] - turns[:, 1:] @ vector
-    across = np.column_stack([y * c - z * b, z * a - x * c, x * b - y * a])
-    imaginary = w * turns[:, 1:] + turns[:, :1] * vector + across
-    imaginary = np.where(real[:, None] < 0.0, -imaginary, imaginary)
-    size = np.linalg.norm(imaginary, axis=1)
-    angle = 2.0 * np.arctan2(size, np.abs(real))
-    return np.asarray(imaginary * np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 2.0)[:, None])

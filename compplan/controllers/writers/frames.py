@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.joint_convention import locate_link, locate_pendant
+from compplan.controllers.writers.joint_convention import locate_links, locate_pendant
 from compplan.io.tables import Array
 from compplan.robot import Robot
 
@@ -60,12 +60,11 @@ def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
     """Return mass [kg] and centre [m] of what is mounted on the flange, flange frame; None where nobody states it."""
     links = [robot.base, *(joint.child for joint in robot.joints)]
     beyond = links[links.index(robot.flange) :]
-    rest = np.zeros((1, robot.nq))
-    flange = locate_link(robot, rest, robot.flange)[0]
+    poses = locate_links(robot, np.zeros((1, robot.nq)), beyond)
     mass, moment = 0.0, np.zeros(3)
     for body in robot.bodies:
         if body.link in beyond:
-            seen = np.linalg.inv(flange) @ locate_link(robot, rest, body.link)[0]
+            seen = np.linalg.inv(poses[robot.flange][0]) @ poses[body.link][0]
             mass += body.mass
             moment += body.mass * (seen[:3, :3] @ body.centre + seen[:3, 3])
     return (mass, moment / mass) if mass > 0.0 else (None, moment)

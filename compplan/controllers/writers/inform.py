@@ -20,7 +20,7 @@ from compplan.controllers.writers.language import (
 from compplan.controllers.writers.machine import Phrases
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines
-from compplan.controllers.writers.text import clean_text, wrap_text
+from compplan.controllers.writers.text import clean_text, list_numbers, wrap_text
 from compplan.controllers.writers.zones import stop_at_corners
 
 name = "inform"
@@ -108,10 +108,14 @@ def _list_points(part: ProgramPart) -> list[str]:
         elif words != last:
             lines += [*(["///POSTYPE USER", "///RECTAN"] if last in ("", "none yet") else []), f"///RCONF {words}"]
         last = words
-        place = _values(move.arm, 6) if by_angle else f"{_values(move.place[:3], 3)},{_values(move.place[3:], 4)}"
+        place = (
+            list_numbers(move.arm, 6)
+            if by_angle
+            else f"{list_numbers(move.place[:3], 3)},{list_numbers(move.place[3:], 4)}"
+        )
         lines.append(f"C{number:05d}={place}")
     if program.moves_part:
-        lines += [f"EC{number:05d}={_values(move.outer, 6)}" for number, move in enumerate(part.moves)]
+        lines += [f"EC{number:05d}={list_numbers(move.outer, 6)}" for number, move in enumerate(part.moves)]
     return lines
 
 
@@ -131,16 +135,12 @@ def format_job(
         "station": program.moves_part,
         "cell": check_cell(program.post, CELL, "INFORM"), "tool_variable": TOOL_VARIABLE,
         "user": "///POSTYPE USER" in points,
-        "frame_variable": FRAME_VARIABLE, "tool": _values(place_numbers(program.mounted, "xyz"), 7),
-        "base": _values(place_numbers(program.base_frame, "xyz"), 7), "moves": moves, "parts": parts,
+        "frame_variable": FRAME_VARIABLE, "tool": list_numbers(place_numbers(program.mounted, "xyz"), 7),
+        "base": list_numbers(place_numbers(program.base_frame, "xyz"), 7), "moves": moves, "parts": parts,
         "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
         "mass": "" if program.mass is None else f"{program.mass:.2f}",
     }  # fmt: skip
     return render_post(program, "inform", words)
-
-
-def _values(values: Sequence[float], digits: int) -> str:
-    return ",".join(f"{value + 0.0:.{digits}f}" for value in values)
 
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:

@@ -22,12 +22,10 @@ from compplan.io.tomlfile import (
     StrictTable,
     Vector3,
     Words,
-    check_table,
-    read_toml,
     read_toml_model,
     refuse_other_types,
 )
-from compplan.robot import Joint, Robot
+from compplan.robot import Robot
 from compplan.robot.pose import build_pose
 from compplan.robot.urdf import Urdf, read_urdf
 
@@ -124,34 +122,37 @@ class Counting:
     unchecked: str = ""  #: Why signs and zeros are not known; "" where a controller.toml that is checked states them.
 
 
+def _read_table(robot: Robot) -> tuple[ControllerTable | None, Path]:
+    """Read controller.toml of the robot's folder, None where there is none; its place."""
+    file = (robot.folder or Path()) / "controller.toml"
+    there = robot.folder is not None and file.exists()
+    return read_toml_model(ControllerTable, file) if there else None, file
+
+
 def load_controller(robot: Robot) -> Counting:
     """Read controller.toml of the robot's folder; without one the controller counts as the URDF does.
 
     Raises:
         InputError: If the file is not what it has to be, or does not fit the robot.
     """
-    nq = robot.nq
+    nq, (table, file) = robot.nq, _read_table(robot)
     plain = tuple(f"J{number}" for number in range(1, nq + 1))
-    if robot.folder is None or not (robot.folder / "controller.toml").exists():
+    if table is None:
         return Counting("", plain, robot.prismatic, np.eye(nq), np.zeros(nq), {}, unchecked=NO_FILE)
-    file = robot.folder / "controller.toml"
-    table = read_toml_model(ControllerTable, file)
-    for key, length in (("sign", len(table.sign)), ("zero_deg", len(table.zero_deg))):
-        if length != nq:
-            raise InputError(f"has {length} numbers, expected {nq}, one a joint", file=file, where=key)
     names = table.joint_names or plain
-    if len(names) != nq:
-        raise InputError(f"has {len(names)} names, expected {nq}, one a joint", file=file, where="joint_names")
+    for key, length, what in (("sign", len(table.sign), "numbers"), ("zero_deg", len(table.zero_deg), "numbers"),
+                              ("joint_names", len(names), "names")):  # fmt: skip
+        if length != nq:
+            raise InputError(f"has {length} {what}, expected {nq}, one a joint", file=file, where=key)
     if len(set(names)) < nq or not all(name.isprintable() and 0 < len(name.strip()) <= LONGEST_NAME for name in names):
         message = f"is {list(names)}, expected {nq} different names of 1 to {LONGEST_NAME} letters in one line"
         raise InputError(message, file=file, where="joint_names")
     if max(map(abs, table.zero_deg)) > FARTHEST_ZERO:
         raise InputError(f"is {list(table.zero_deg)}, at most {FARTHEST_ZERO:g} deg or mm", file=file, where="zero_deg")
-    matrix = np.diag(np.array(table.sign, dtype=np.float64))
-    if table.coupling is not None:
-        if len(table.coupling) != nq or any(len(row) != nq for row in table.coupling):
-            raise InputError(f"expected {nq} rows of {nq} numbers", file=file, where="coupling")
-        matrix = matrix + np.array(table.coupling)
+    coupling = table.coupling or ((0.0,) * nq,) * nq
+    if [len(row) for row in coupling] != [nq] * nq:
+        raise InputError(f"expected {nq} rows of {nq} numbers", file=file, where="coupling")
+    matrix = np.diag(np.array(table.sign, float)) + np.array(coupling)
     if abs(np.linalg.det(matrix)) < 1e-9:
         raise InputError("sign and coupling together cannot be inverted", file=file, where="coupling")
     links = [robot.base, *(joint.child for joint in robot.joints)]
@@ -161,10 +162,10 @@ def load_controller(robot: Robot) -> Counting:
             raise UnknownNameError("joint", word.joint, list(robot.joint_names), file=file, where=where)
         if word.joint is None and not {word.point, word.frame} <= set(links):
             raise InputError(f"needs a joint, or a point and a frame from {links}", file=file, where=where)
-    zero = np.array(table.zero_deg, dtype=np.float64)
     turn = Rotation.from_rotvec(np.radians(table.world.rotation_deg))
     world = build_pose(np.array(table.world.position_mm) * 1e-3, turn.as_matrix())
-    words, unchecked = table.configuration, "" if table.checked else NOT_CHECKED
+    zero, words = np.array(table.zero_deg, float), table.configuration
+    unchecked = "" if table.checked else NOT_CHECKED
     return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, unchecked)
 
 
@@ -175,11 +176,9 @@ def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
         InputError: If the file is not what it has to be, or does not fit the robot.
     """
     load_controller(robot)
-    file = None if robot.folder is None else robot.folder / "controller.toml"
-    there = file is not None and file.exists()
-    table = read_toml_model(ControllerTable, file).motion if there and file is not None else None
-    limits = robot.velocity_limits, robot.acceleration_limits
-    return read_motion(table, robot.prismatic, limits, file), list_assumed_motion(table)
+    table, file = _read_table(robot)
+    motion, limits = None if table is None else table.motion, (robot.velocity_limits, robot.acceleration_limits)
+    return read_motion(motion, robot.prismatic, limits, file), list_assumed_motion(motion)
 
 
 def to_controller(controller: Counting, q: Array) -> Array:
@@ -215,8 +214,11 @@ def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Arra
         return found
     for joint in robot.joints:
         pose = pose @ joint.placement
-        value = _joint_value(joint, q, column)
-        if value is not None:
+        driver = joint.name if joint.mimic is None else joint.mimic.joint
+        if driver in column:
+            value = q[:, column[driver]]
+            if joint.mimic is not None:
+                value = joint.mimic.multiplier * value + joint.mimic.offset
             move = np.tile(np.eye(4), (len(q), 1, 1))
             if joint.kind == "prismatic":
                 move[:, :3, 3] = value[:, None] * joint.axis
@@ -242,12 +244,6 @@ def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
     poses = locate_links(robot, q, [joint.child for joint in turning[3:]])
     fourth, fifth, sixth = (poses[joint.child][:, :3, :3] @ joint.axis for joint in turning[3:])
     return np.asarray(np.einsum("ni,ni->n", fifth, np.cross(fourth, sixth)) >= 0.0)
-
-
-def _joint_value(joint: Joint, q: Array, column: Mapping[str, int]) -> Array | None:
-    if joint.mimic is not None:
-        return np.asarray(joint.mimic.multiplier * q[:, column[joint.mimic.joint]] + joint.mimic.offset)
-    return q[:, column[joint.name]] if joint.name in column else None
 
 
 def measure_words(controller: Counting, robot: Robot, q: Array) -> dict[str, tuple[NDArray[np.bool_], Array]]:
@@ -287,15 +283,12 @@ def native_words(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> d
     return translated
 
 
-def krl_status(controller: Counting, robot: Robot, q: Array) -> NDArray[np.int64] | None:
+def krl_status(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> NDArray[np.int64] | None:
     """Return S of KRL positions, or None where controller.toml says nothing of it. Shape (n,)."""
-    if not controller.words or not all(word.status for word in controller.words.values()):
+    status = [(counting.words[key].status, values.tolist()) for key, values in words.items()]
+    if not status or not all(adds for adds, _ in status):
         return None
-    total = np.zeros(len(q), dtype=np.int64)
-    for key, values in name_words(controller, robot, q).items():
-        status = controller.words[key].status
-        total += np.array([status.get(value, 0) for value in values.tolist()], dtype=np.int64)
-    return total
+    return np.sum([[adds.get(value, 0) for value in values] for adds, values in status], axis=0, dtype=np.int64)
 
 
 def believed_robot(robot: Robot) -> Robot:
@@ -328,27 +321,18 @@ class Pendant:
     stated: bool  #: Whether controller.toml says it; else it is the URDF's own tool0.
 
 
-def read_pendant(table: PendantTable) -> Pendant:
-    """Return the frame that a table [pendant] states."""
-    pose, x, z = np.eye(4), np.asarray(table.x), np.asarray(table.z)
-    pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-    pose[:3, 3] = np.asarray(table.position_mm) * 1e-3
-    return Pendant(pose, table.source, table.confirmed, stated=True)
-
-
 def locate_pendant(robot: Robot) -> Pendant | None:
     """Return the maker's flange frame of a robot: as controller.toml states it, else tool0 of a ROS-Industrial URDF.
 
     Raises:
-        InputError: If [pendant] of controller.toml is not what it has to be.
+        InputError: If controller.toml is not what it has to be.
     """
-    file = None if robot.folder is None else robot.folder / "controller.toml"
-    if file is not None and file.exists():
-        table = read_toml(file).get("pendant")
-        if table is not None:
-            if not isinstance(table, dict):
-                raise InputError(f"is {table!r}, expected a table", file=file, where="pendant")
-            return read_pendant(check_table(PendantTable, table, file=file, key="pendant"))
+    table, _ = _read_table(robot)
+    if table is not None and table.pendant is not None:
+        stated = table.pendant
+        axes = np.column_stack([stated.x, np.cross(stated.z, stated.x), stated.z])
+        pose = build_pose(np.asarray(stated.position_mm) * 1e-3, axes)
+        return Pendant(pose, stated.source, stated.confirmed, stated=True)
     turn = find_tool0(robot)
     source = "tool0 of the URDF, the all-zero tool in descriptions of ROS-Industrial"
     return None if turn is None else Pendant(turn, source, confirmed=False, stated=False)

@@ -12,6 +12,7 @@ from compplan.controllers.writers.language import MainForm, ProgramForm, Program
 from compplan.controllers.writers.machine import Phrases
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines
+from compplan.controllers.writers.text import list_numbers
 
 name = "kawasaki_as"
 BRAND = "Kawasaki"
@@ -65,14 +66,14 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
         row, zone, pause = move.row, f"{1e3 * move.zone:.3g}", ["BREAK"] if move.stops else []
         if move.kind == "joint":
             note = ["; the configuration changes: a joint move"] if move.swings else []
-            joints.append(f"#{own}j{row} {_values([*move.arm, *move.outer])}")
+            joints.append(f"#{own}j{row} {list_numbers([*move.arm, *move.outer], 6, ' ')}")
             lines.append([*note, f"SPEED {move.percent:.4f}", f"JMOVE #{own}j{row}", *pause])
             continue
         accuracy = "" if move.stops else usual if move.zone == np.inf else f"ACCURACY {zone} ALWAYS"
-        places.append(f"{own}p{row} {_values([*move.place, *move.outer])}")
+        places.append(f"{own}p{row} {list_numbers([*move.place, *move.outer], 6, ' ')}")
         ends = [f"LMOVE part+{own}p{row}"]
         if move.via:
-            places.append(f"{own}c{row} {_values([*move.via, *move.outer])}")
+            places.append(f"{own}c{row} {list_numbers([*move.via, *move.outer], 6, ' ')}")
             ends = [f"C1MOVE part+{own}c{row}", f"C2MOVE part+{own}p{row}"]
         lines.append([f"SPEED {move.feed:.4f} MM/S", *change(stands, "zone", accuracy), *ends, *pause])
     body = [*part.weave(lines, "  "), *(f"  {line}" for line in change(stands, "zone", usual))]
@@ -83,21 +84,13 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
 def _format_calls(part: ProgramPart) -> dict[str, str]:
     program, load = part.program, ""
     if program.mass is not None:
-        x, y, z = (program.centre * 1e3).tolist()
-        load = f"{program.mass:.3f},{x:.3f},{y:.3f},{z:.3f}"
-    tool, base = (
-        ",".join(f"{value:.7f}" for value in place_numbers(pose, "ZYZ"))
-        for pose in (program.mounted, program.base_frame)
-    )
+        load = list_numbers([program.mass, *program.centre * 1e3], 3)
+    tool, base = (list_numbers(place_numbers(pose, "ZYZ"), 7) for pose in (program.mounted, program.base_frame))
     words = {
         "name": part.name, "parts": [*part.parts], "comments": head_lines(program), "load": load, "accuracy": ACCURACY,
         "cell": check_cell(program.post, CELL, "Kawasaki AS"), "base": base, "tool": tool,
     }  # fmt: skip
     return {f"{part.name}.as": render_post(program, "kawasaki_as", words)}
-
-
-def _values(values: Sequence[float]) -> str:
-    return " ".join(f"{value:.6f}" for value in values)
 
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:

@@ -12,7 +12,6 @@ from compplan.controllers.writers.language import MainForm, ProgramForm, Program
 from compplan.controllers.writers.machine import Phrases
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines, joint_percent, order_joints
-from compplan.io.tables import Array
 
 name = "krl"
 BRAND = "KUKA"
@@ -30,20 +29,19 @@ CELL = CellWords(int, int, {"positioner": 2})
 MOVES_PART = True
 #: How modules begin that the controller itself writes: seen and edited by all, all lines editable.
 HEAD = ("&ACCESS RVP", "&REL 1", "&PARAM EDITMASK = *")
-
-
-def _tell(task: str) -> str:
-    """Return the line that shows a message on the pendant (MsgLib of KSS 8; older controllers have none)."""
-    return f'MsgNotify("{task[:LONGEST_MESSAGE]}")'
-
+#: A place, a frame, joints of the arm, and a message on the pendant (MsgLib of KSS 8; older controllers have none).
+PLACE = "X {:.5f},Y {:.5f},Z {:.5f},A {:.6f},B {:.6f},C {:.6f}"
+FRAME = "{{X {:.7f},Y {:.7f},Z {:.7f},A {:.7f},B {:.7f},C {:.7f}}}"
+JOINTS = "A1 {:.6f},A2 {:.6f},A3 {:.6f},A4 {:.6f},A5 {:.6f},A6 {:.6f}"
+MESSAGE = f'MsgNotify("{{:.{LONGEST_MESSAGE}}}")'
 
 PHRASES = Phrases(
     say=lambda text: [f"; {text}"],
     switch=lambda signal, on: [f"$OUT[{signal}]={'TRUE' if on else 'FALSE'}"],
     wait=lambda seconds: [f"WAIT SEC {seconds:.3f}"],
     expect=lambda signal: [f"WAIT FOR $IN[{signal}]"],
-    pause=lambda task: [_tell(task), "HALT"],
-    pause_if=lambda signal, task: [f"IF $IN[{signal}] THEN", f"  {_tell(task)}", "  HALT", "ENDIF"],
+    pause=lambda task: [MESSAGE.format(task), "HALT"],
+    pause_if=lambda signal, task: [f"IF $IN[{signal}] THEN", f"  {MESSAGE.format(task)}", "  HALT", "ENDIF"],
     call=lambda name, number: [f"{name}({number:.0f})"],
 )
 
@@ -87,9 +85,10 @@ def _format_moves(part: ProgramPart) -> list[str]:
         if move.kind == "joint":
             percent = RAPID_PERCENT if program.rapid[move.row] else int(move.percent + 0.5)
             note = "; the configuration changes: a joint move\n" if move.swings else ""
+            target = JOINTS.format(*program.joints[move.row, columns]) + _format_external(program, move.row)
             lines.append([
                 *([] if part.linear else change(stands, "percent", f"BAS(#VEL_PTP,{percent})")),
-                f"{note}PTP {_axis_point(program, move.row, columns)}{'' if move.stops else ' C_PTP'}",
+                f"{note}PTP {{{target}}}{'' if move.stops else ' C_PTP'}",
             ])  # fmt: skip
             continue
         end = "" if move.stops else " C_DIS"
@@ -104,9 +103,9 @@ def _format_moves(part: ProgramPart) -> list[str]:
 def _format_target(program: Program, move: WrittenMove, columns: list[int]) -> str:
     assert program.status is not None
     turns = turn_bits(program.joints[move.row, columns].tolist())
-    words = f"S {program.status[move.row]},T {turns}{_external(program, move.row)}"
-    target = f"{{{_place(move.place)},{words}}}"
-    return f"CIRC {{{_place(move.via)}}},{target}" if move.via else f"LIN {target}"
+    words = f"S {program.status[move.row]},T {turns}{_format_external(program, move.row)}"
+    target = f"{{{PLACE.format(*move.place)},{words}}}"
+    return f"CIRC {{{PLACE.format(*move.via)}}},{target}" if move.via else f"LIN {target}"
 
 
 def _fold_lines(lines: list[str]) -> list[str]:
@@ -126,7 +125,7 @@ def _fold_lines(lines: list[str]) -> list[str]:
 
 def describe(program: Program) -> list[str]:
     """Return what must be said where joint moves, which know whole percents of the axis rates only, miss the feed."""
-    if not program.writes_joints(linear=program.status is not None):
+    if program.form == "linear" and program.status is not None:
         return []
     percent = joint_percent(program)
     whole = np.maximum(np.round(percent), 1.0)
@@ -143,23 +142,10 @@ def describe(program: Program) -> list[str]:
     ]
 
 
-def _external(program: Program, row: int) -> str:
+def _format_external(program: Program, row: int) -> str:
     """Return the external axes behind a comma; nothing of an arm without."""
-    names = program.joint_names
-    values = [program.joints[row, names.index(name)] if name in names else 0.0 for name in EXTERNAL]
-    return "".join(
-        f",{name} {value:.4f}" for name, value in zip(EXTERNAL, values, strict=True) if {*EXTERNAL} & {*names}
-    )
-
-
-def _axis_point(program: Program, row: int, columns: list[int]) -> str:
-    arm = ",".join(f"{name} {program.joints[row, column]:.6f}" for name, column in zip(ARM, columns, strict=True))
-    return f"{{{arm}{_external(program, row)}}}"
-
-
-def _place(values: list[float]) -> str:
-    x, y, z, a, b, c = values
-    return f"X {x:.5f},Y {y:.5f},Z {z:.5f},A {a:.6f},B {b:.6f},C {c:.6f}"
+    held = dict(zip(program.joint_names, program.joints[row].tolist(), strict=True))
+    return "".join(f",{name} {held.get(name, 0.0):.4f}" for name in EXTERNAL) if {*EXTERNAL} & {*held} else ""
 
 
 def _format_calls(part: ProgramPart) -> dict[str, str]:
@@ -172,16 +158,12 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
     words = {
         "name": part.name, "parts": [*part.parts], "comments": head_lines(program), "load": load,
         "remarks": [] if part.linear else describe(program),
-        "cell": check_cell(program.post, CELL, "KRL"), "base": _frame(program.base_frame),
-        "tool": None if program.tool is None else _frame(program.tool), "rapid_percent": RAPID_PERCENT,
+        "cell": check_cell(program.post, CELL, "KRL"), "base": FRAME.format(*place_numbers(program.base_frame, "ZYX")),
+        "tool": None if program.tool is None else FRAME.format(*place_numbers(program.tool, "ZYX")),
+        "rapid_percent": RAPID_PERCENT,
         "rail": bool(program.prismatic.any()) and not program.moves_part, "carried": program.moves_part,
     }  # fmt: skip
     return {f"{part.name}.src": render_post(program, "krl", words)}
-
-
-def _frame(pose: Array) -> str:
-    values = place_numbers(pose, "ZYX")
-    return "{" + ",".join(f"{name} {value:.7f}" for name, value in zip("XYZABC", values, strict=True)) + "}"
 
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:

@@ -109,7 +109,7 @@ class ProgramForm:
         points = most or self.most
         name = self.name_program(program, points)
         texts: dict[str, str] = {}
-        if program.writes_joints(linear=can):
+        if program.form != "linear" or not can:
             texts |= self.format_kind(program, name, points, format_part, format_main, linear=False)
         if can and program.form != "joint":
             fitted = adjust(fit_moves(program, arcs=self.arcs).program)
@@ -189,7 +189,7 @@ def change(stands: dict[str, str], key: str, word: str) -> list[str]:
 
 def describe_feeds(program: Program, steps: str, state: Callable[[Array], Array]) -> list[str]:
     """Return what must be said where a language states feeds in steps and some [mm/s] are off by more than 1 %."""
-    moves = fit_moves(program).program if program.pieces else program
+    moves = fit_moves(program).program if program.tcp is not None else program
     wrong = ~moves.rapid & (np.abs(state(moves.feed) - moves.feed) > 0.01 * moves.feed)
     if not wrong.any():
         return []

@@ -57,7 +57,10 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
     Raises:
         InputError: If a signal is a name where the language takes numbers only.
     """
-    check_signals(wiring, phrases, language)
+    wired = {key: getattr(wiring, key) for key in ("spindle", "spindle_ready", "coolant", "optional_stop")}
+    for key, signal in {**wired, **wiring.signals}.items():
+        if isinstance(signal, str) and not phrases.named:
+            raise InputError(f"output.io {key} is {signal!r}, {language} numbers its signals; give a number")
     lines: dict[int, list[str]] = {}
     for event in events:
         lines.setdefault(event.place, [])
@@ -91,7 +94,9 @@ def _phrase_event(event: Event, text: str, wiring: Wiring, phrases: Phrases) -> 
     """Return the lines that do an event by the signals of the cell; None where nothing is wired for it."""
     kind = event.kind
     if kind == "spindle_cw" and wiring.spindle is not None:
-        return _start_spindle(wiring.spindle, wiring, phrases)
+        ready = wiring.spindle_ready
+        wait = phrases.wait(SPINDLE_WAIT) if ready is None else phrases.expect(ready)
+        return phrases.switch(wiring.spindle, True) + wait
     if kind == "spindle_off" and wiring.spindle is not None:
         return phrases.switch(wiring.spindle, False)
     if kind in ("coolant", "mist", "coolant_off"):
@@ -105,20 +110,6 @@ def _phrase_event(event: Event, text: str, wiring: Wiring, phrases: Phrases) -> 
     if kind == "output" and event.text in wiring.signals:
         return phrases.switch(wiring.signals[event.text], event.value != 0.0)
     return None
-
-
-def _start_spindle(spindle: Signal, wiring: Wiring, phrases: Phrases) -> list[str]:
-    ready = wiring.spindle_ready
-    return phrases.switch(spindle, True) + (phrases.wait(SPINDLE_WAIT) if ready is None else phrases.expect(ready))
-
-
-def check_signals(wiring: Wiring, phrases: Phrases, language: str) -> None:
-    """Refuse names of signals in a language that numbers them."""
-    single = {name: getattr(wiring, name) for name in
-              ("spindle", "spindle_ready", "coolant", "optional_stop")}  # fmt: skip
-    for key, signal in {**single, **wiring.signals}.items():
-        if isinstance(signal, str) and not phrases.named:
-            raise InputError(f"output.io {key} is {signal!r}, {language} numbers its signals; give a number")
 
 
 def name_signal(signal: Signal, prefix: str) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from compplan.controllers.writers.frames import quaternions
 from compplan.controllers.writers.language import ProgramForm, ProgramPart, WrittenMove
-from compplan.controllers.writers.machine import Phrases, Signal, name_signal
+from compplan.controllers.writers.machine import Phrases, name_signal
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines
 from compplan.errors import InputError
@@ -25,23 +25,23 @@ MOVES_PART = True
 LONGEST_MESSAGE = 80
 #: What RAPID adds up to cfx: wrist centre behind axis 1, behind the lower arm, axis 5 below 0.
 CFX = {"shoulder": {"front": 0, "back": 4}, "elbow": {"up": 0, "down": 2}, "wrist": {"noflip": 0, "flip": 1}}
-
-
-def _tell(task: str) -> str:
-    return f'TPWrite "{task[:LONGEST_MESSAGE]}";'
-
-
-def _switch(signal: Signal, on: bool) -> list[str]:
-    return [f"SetDO {name_signal(signal, 'do')},{int(on)};"]
-
+#: A frame, a zone of one's own [mm], [deg] (z0's ratios of tip, turn and external axes), and a message.
+FRAME = "[[{:.5f},{:.5f},{:.5f}],[{:.9f},{:.9f},{:.9f},{:.9f}]]"
+ZONE = "[FALSE,{0:.3f},{0:.3f},{0:.3f},{1:.4f},{0:.3f},{1:.4f}]"
+MESSAGE = f'TPWrite "{{:.{LONGEST_MESSAGE}}}";'
 
 PHRASES = Phrases(
     say=lambda text: [f"! {text}"],
-    switch=_switch,
+    switch=lambda signal, on: [f"SetDO {name_signal(signal, 'do')},{int(on)};"],
     wait=lambda seconds: [f"WaitTime {seconds:.3f};"],
     expect=lambda signal: [f"WaitDI {name_signal(signal, 'di')},1;"],
-    pause=lambda task: [_tell(task), "Stop;"],
-    pause_if=lambda signal, task: [f"IF {name_signal(signal, 'di')}=1 THEN", f"  {_tell(task)}", "  Stop;", "ENDIF"],
+    pause=lambda task: [MESSAGE.format(task), "Stop;"],
+    pause_if=lambda signal, task: [
+        f"IF {name_signal(signal, 'di')}=1 THEN",
+        f"  {MESSAGE.format(task)}",
+        "  Stop;",
+        "ENDIF",
+    ],
     call=lambda name, number: [f"{name} {number:.0f};"],
     named=True,
 )
@@ -80,7 +80,8 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
     for move in part.moves:
         rapid = move.kind == "joint" and program.rapid[move.row]
         speed = 500.0 if rapid else max(move.feed, 0.01)
-        manner = f"[{speed:.3f},500,5000,1000],{'fine' if move.stops else _state_zone(move.zone)}"
+        zone = "z0" if move.zone == np.inf else ZONE.format(1e3 * move.zone, 1e2 * move.zone)
+        manner = f"[{speed:.3f},500,5000,1000],{'fine' if move.stops else zone}"
         notes = ["! the configuration changes: a joint move"] if move.swings else []
         if move.kind != "joint":
             line = program.write_comment_line(move.row, "!").strip()
@@ -99,13 +100,14 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
 
 def _format_calls(part: ProgramPart) -> dict[str, str]:
     program, name = part.program, part.name
-    cell = check_cell(program.post, CELL, "RAPID")
+    cell, none = check_cell(program.post, CELL, "RAPID"), _format_frame(np.eye(4))
+    base = f'[FALSE,TRUE,"",{_format_frame(program.base_frame)},{none}]'
+    if program.moves_part:
+        base = f'[FALSE,FALSE,"{cell.positioner}",{none},{_format_frame(program.part)}]'
     words = {
         "name": name, "entry": program.post.main or f"run_{name}", "parts": [f"run_{part}" for part in part.parts],
-        "comments": head_lines(program), "cell": cell, "massless": program.mass is None, "tool": _tool(program),
-        "tool_name": cell.tool or f"t_{name}", "base_name": cell.base or f"w_{name}",
-        "base": f'[FALSE,TRUE,"",{_frame(program.base_frame)},{_frame(np.eye(4))}]' if not program.moves_part else
-                f'[FALSE,FALSE,"{cell.positioner}",{_frame(np.eye(4))},{_frame(program.part)}]',
+        "comments": head_lines(program), "cell": cell, "massless": program.mass is None, "tool": _format_tool(program),
+        "tool_name": cell.tool or f"t_{name}", "base_name": cell.base or f"w_{name}", "base": base,
         "unit": cell.positioner if program.moves_part else None,
     }  # fmt: skip
     return {f"{name}.mod": render_post(program, "rapid", words)}
@@ -130,23 +132,13 @@ def find_configuration(program: Program, move: WrittenMove) -> list[int]:
     return [*(int(np.floor(move.arm[axis] / 90.0)) for axis in (0, 3, 5)), cfx]
 
 
-def _state_zone(zone: float) -> str:
-    """Return zonedata: a zone of one's own [m] where it is finite; z0's ratios of tip, turn and external axes."""
-    if zone == np.inf:
-        return "z0"
-    size, turn = f"{1e3 * zone:.3f}", f"{1e2 * zone:.4f}"
-    return f"[FALSE,{size},{size},{size},{turn},{size},{turn}]"
+def _format_frame(pose: Array) -> str:
+    place, turn = np.round(pose[:3, 3] * 1e3, 5), np.round(quaternions(pose[None])[0], 9)
+    return FRAME.format(*place + 0.0, *turn + 0.0)
 
 
-def _frame(pose: Array) -> str:
-    place = ",".join(f"{value:.5f}" for value in np.round(pose[:3, 3] * 1e3, 5) + 0.0)
-    turn = ",".join(f"{value:.9f}" for value in np.round(quaternions(pose[None])[0], 9) + 0.0)
-    return f"[[{place}],[{turn}]]"
-
-
-def _tool(program: Program) -> str:
-    frame = _frame(program.mounted)
-    if program.mass is None:
-        return f"[TRUE,{frame},[1,[0,0,1],[1,0,0,0],0,0,0]]"
-    centre = ",".join(f"{value:.3f}" for value in program.centre * 1e3)
-    return f"[TRUE,{frame},[{program.mass:.3f},[{centre}],[1,0,0,0],0,0,0]]"
+def _format_tool(program: Program) -> str:
+    frame, mass, centre = _format_frame(program.mounted), "1", "0,0,1"
+    if program.mass is not None:
+        mass, centre = f"{program.mass:.3f}", ",".join(f"{value:.3f}" for value in program.centre * 1e3)
+    return f"[TRUE,{frame},[{mass},[{centre}],[1,0,0,0],0,0,0]]"

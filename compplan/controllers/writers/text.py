@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 import unicodedata
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 #: Letters of a comment; controllers cut longer lines or refuse them.
 LONGEST_COMMENT = 100
@@ -33,6 +33,11 @@ def clean_text(text: str, longest: int = LONGEST_COMMENT) -> str:
 def wrap_text(text: str, longest: int) -> list[str]:
     """Return text that is already clean in lines of at most so many letters."""
     return textwrap.wrap(text, longest) or [""]
+
+
+def list_numbers(values: Iterable[float], digits: int, between: str = ",") -> str:
+    """Return numbers with so many decimals, zero without a sign."""
+    return between.join(f"{value + 0.0:.{digits}f}" for value in values)
 
 
 def legal_name(text: str, longest: int, *, reserved: Collection[str] = ()) -> str:

@@ -26,19 +26,17 @@ RESERVED = frozenset(
 #: Accelerations, which the language wants stated: its own defaults. [rad/s^2, m/s^2]
 JOINT_ACCELERATION, TOOL_ACCELERATION = 1.4, 1.2
 RAPID_SHARE, UNKNOWN_SHARE, SLOWEST = 0.2, 0.1, 1e-5
-
-
-def _ask(task: str) -> str:
-    return f'popup("{task}", title="compplan", blocking=True)'
-
+#: A pose [m, rad], and a question.
+POSE = "p[{:.9f}, {:.9f}, {:.9f}, {:.9f}, {:.9f}, {:.9f}]"
+QUESTION = 'popup("{}", title="compplan", blocking=True)'
 
 PHRASES = Phrases(
     say=lambda text: [f"# {text}"],
     switch=lambda signal, on: [f"set_standard_digital_out({signal}, {on})"],
     wait=lambda seconds: [f"sleep({seconds:.3f})"],
     expect=lambda signal: [f"while (not get_standard_digital_in({signal})):", "  sync()", "end"],
-    pause=lambda task: [_ask(task)],
-    pause_if=lambda signal, task: [f"if (get_standard_digital_in({signal})):", f"  {_ask(task)}", "end"],
+    pause=lambda task: [QUESTION.format(task)],
+    pause_if=lambda signal, task: [f"if (get_standard_digital_in({signal})):", f"  {QUESTION.format(task)}", "end"],
     call=lambda name, number: [f"{name}({number:.0f})"],
 )
 
@@ -73,7 +71,7 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
     tool, base = _state_poses(np.stack([program.mounted, program.base_frame])).tolist()
     words = {
         "name": part.name, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "URScript"),
-        "tool": _pose(tool), "base": _pose(base), "load": load,
+        "tool": POSE.format(*tool), "base": POSE.format(*base), "load": load,
         "set_payload": PAYLOAD.get(program.controller, "set_target_payload"),
         "first": part.rows.start == 0, "last": part.rows.stop == len(program), "moves": _format_moves(part),
     }  # fmt: skip
@@ -90,10 +88,12 @@ def _format_moves(part: ProgramPart) -> list[str]:
             target = ", ".join(f"{value:.9f}" for value in np.radians(program.joints[move.row]))
             lines.append([*note, f"movej([{target}], a={JOINT_ACCELERATION}, v={speeds[move.row]:.6f}{end}"])
             continue
-        target = f"pose_trans(part, {_pose(move.place)}), a={TOOL_ACCELERATION}, v={max(move.feed * 1e-3, SLOWEST):.6f}"
+        speed = max(move.feed * 1e-3, SLOWEST)
+        target = f"pose_trans(part, {POSE.format(*move.place)}), a={TOOL_ACCELERATION}, v={speed:.6f}"
         cam = program.write_comment_line(move.row, "#")
         if move.via:
-            lines.append([f"movec(pose_trans(part, {_pose(move.via)}), {target}{end.replace(')', ', mode=0)')}{cam}"])
+            via, arc_end = POSE.format(*move.via), end.replace(")", ", mode=0)")
+            lines.append([f"movec(pose_trans(part, {via}), {target}{arc_end}{cam}"])
         else:
             lines.append([f"movel({target}{end}{cam}"])
     return part.weave(lines, "  ")
@@ -123,7 +123,3 @@ def _blend_radii(part: ProgramPart) -> Array:
     stated = np.array([move.zone for move in part.every])
     radius = np.where(program.corners, stated, np.minimum(radius, stated)) if part.linear else radius
     return np.where([move.stops for move in part.every], 0.0, radius)
-
-
-def _pose(numbers: list[float]) -> str:
-    return "p[" + ", ".join(f"{value:.9f}" for value in numbers) + "]"

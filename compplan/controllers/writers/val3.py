@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import ProgramForm, ProgramPart, change
-from compplan.controllers.writers.machine import Phrases, Signal, name_signal
+from compplan.controllers.writers.machine import Phrases, name_signal
 from compplan.controllers.writers.post import CellWords, check_cell, render_own, render_post
 from compplan.controllers.writers.program import Program, head_lines
 from compplan.controllers.writers.zones import ZONES
@@ -18,6 +18,10 @@ from compplan.errors import InputError
 name = "val3"
 BRAND = "Staubli"
 CELL = CellWords(None, None)
+#: Frames, points with their configuration, and joints in the data of a project.
+FRAME = 'x="{:.7f}" y="{:.7f}" z="{:.7f}" rx="{:.7f}" ry="{:.7f}" rz="{:.7f}" fatherId="{}"'
+POINT = 'x="{:.5f}" y="{:.5f}" z="{:.5f}" rx="{:.6f}" ry="{:.6f}" rz="{:.6f}" {} fatherId="fPart[0]"'
+JOINTS = 'j1="{:.6f}" j2="{:.6f}" j3="{:.6f}" j4="{:.6f}" j5="{:.6f}" j6="{:.6f}"'
 #: Words of a point's configuration, and the word that keeps the one at hand.
 WORDS = {
     "shoulder": ({"righty", "lefty"}, "ssame"),
@@ -30,14 +34,10 @@ def _ask(task: str) -> list[str]:
     return ["userPage()", f'putln("{task}, then press a key")', "l_nKey=get()"]
 
 
-def _switch(signal: Signal, on: bool) -> list[str]:
-    return [f"{name_signal(signal, 'doOut')}={'true' if on else 'false'}"]
-
-
 #: Signals are data of the project: they have to be linked to the cell's.
 PHRASES = Phrases(
     say=lambda text: [f"// {text}"],
-    switch=_switch,
+    switch=lambda signal, on: [f"{name_signal(signal, 'doOut')}={'true' if on else 'false'}"],
     wait=lambda seconds: [f"delay({seconds:.3f})"],
     expect=lambda signal: [f"wait({name_signal(signal, 'diIn')}==true)"],
     pause=_ask,
@@ -70,7 +70,10 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
     number = [*part.parts].index(part.name) + 1
-    events = {row: _wait_for(lines) for row, lines in part.events.items()}
+    events = {  # what does something waits for the arm
+        row: ["waitEndMove()"] * any(not line.startswith("//") for line in lines) + lines
+        for row, lines in part.events.items()
+    }
     code = "".join(f"{line}\n" for line in replace(part, events=events).weave(_format_moves(part, number), "  "))
     return {f"{part.whole}/part{number}.pgx": _format_program(f"part{number}", code)}
 
@@ -123,11 +126,6 @@ def _format_moves(part: ProgramPart, number: int) -> list[list[str]]:
     return lines
 
 
-def _wait_for(lines: list[str]) -> list[str]:
-    """Return lines of what happens beside motion, behind a wait for the arm where they do something."""
-    return ["waitEndMove()"] * any(not line.startswith("//") for line in lines) + lines
-
-
 def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
     """Return the digital inputs and outputs that the programs use, as data of the project."""
     wiring = program.wiring
@@ -141,10 +139,10 @@ def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
 def _list_data(part: ProgramPart) -> list[tuple[str, str, list[str]]]:
     """Return name, type and values of the data of a project: points, feeds, tool, part frame, motion descriptors."""
     program, limits = part.program, 'tmax="99999" rmax="99999"'
-    tool, base = (_place(place_numbers(pose, "XYZ")) for pose in (program.mounted, program.base_frame))
+    tool, base = (place_numbers(pose, "XYZ") for pose in (program.mounted, program.base_frame))
     full = f'accel="100" vel="100" decel="100" {limits}'
     arrays = [
-        ("tTool", "tool", [f'{tool} fatherId="flange[0]"']), ("fPart", "frame", [f'{base} fatherId="world[0]"']),
+        ("tTool", "tool", [FRAME.format(*tool, "flange[0]")]), ("fPart", "frame", [FRAME.format(*base, "world[0]")]),
         ("mPath", "mdesc", [f'{full} blend="joint" leave="0.1" reach="0.1"']),
         ("mEnd", "mdesc", [f'{full} blend="off" leave="0" reach="0"']),
         ("mRapid", "mdesc", [f'accel="50" vel="20" decel="50" {limits} blend="off" leave="0" reach="0"']),
@@ -152,20 +150,14 @@ def _list_data(part: ProgramPart) -> list[tuple[str, str, list[str]]]:
     words = _name_configurations(program)
     for number, rows in enumerate(part.parts.values(), start=1):
         moves = part.every[rows]
-        joints = [" ".join(f'j{k}="{value:.6f}"' for k, value in enumerate(program.joints[move.row].tolist(), 1))
-                  for move in moves if move.kind == "joint"]  # fmt: skip
+        joints = [JOINTS.format(*program.joints[move.row]) for move in moves if move.kind == "joint"]
         arrays += [(f"jPath{number}", "jointRx", joints)] if joints else []
         if part.linear:
-            points = [_state_point(move.place, words[move.row]) for move in moves]
-            vias = [_state_point(move.via, words[move.row]) for move in moves if move.via]
+            points = [POINT.format(*move.place, words[move.row]) for move in moves]
+            vias = [POINT.format(*move.via, words[move.row]) for move in moves if move.via]
             arrays.append((f"pPath{number}", "pointRx", points))
             arrays += [(f"pVia{number}", "pointRx", vias)] if vias else []
     return [*arrays, *_list_signals(program)]
-
-
-def _place(values: list[float]) -> str:
-    names = ("x", "y", "z", "rx", "ry", "rz")
-    return " ".join(f'{name}="{value:.7f}"' for name, value in zip(names, values, strict=True))
 
 
 def _name_configurations(program: Program) -> list[str]:
@@ -176,8 +168,3 @@ def _name_configurations(program: Program) -> list[str]:
         words = native if native and {*native} <= known else [same] * len(program)
         columns.append([f'{key}="{word}"' for word in words])
     return [" ".join(words) for words in zip(*columns, strict=True)]
-
-
-def _state_point(place: list[float], words: str) -> str:
-    x, y, z, rx, ry, rz = place
-    return f'x="{x:.5f}" y="{y:.5f}" z="{z:.5f}" rx="{rx:.6f}" ry="{ry:.6f}" rz="{rz:.6f}" {words} fatherId="fPart[0]"'

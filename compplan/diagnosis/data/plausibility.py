@@ -26,8 +26,7 @@ from compplan.measurement.pooling import LIKE_LOAD
 from compplan.measurement.registration import campaign_gap, fitted_parts
 from compplan.robot import Array, Robot, Spring
 from compplan.robot.mounting import mounted_tool
-from compplan.statics.chain import build_chain, jacobian, locate_frames
-from compplan.statics.elastic import spring_torque
+from compplan.statics.chain import build_chain, jacobian, load_elements, locate_frames
 from compplan.statics.elements import ELASTIC_AXES
 
 #: A gap above this is no effect of the vocabulary: centimetres are frames, tools, units or conventions (assumed). [m]
@@ -451,8 +450,8 @@ def shape_elastics(robot: Robot, campaign: Campaign, register: Sequence[str]) ->
     frames, n = locate_frames(chain, campaign.q), len(campaign.position)
     at = chain.spring_elements
     turn = jacobian(chain, frames)[:, :3, at]
-    weight = spring_torque(chain, frames, np.zeros((n, 6)))[:, at]
-    load = spring_torque(chain, frames, campaign.wrench)[:, at] - weight
+    weight = load_elements(chain, frames, np.zeros((n, 6)))[:, at]
+    load = load_elements(chain, frames, campaign.wrench)[:, at] - weight
     joints = np.array(["." not in name for name in chain.spring_names])
     position, measured = frames.tcp_position, campaign.position
     if register:

@@ -38,7 +38,7 @@ from compplan.effects.forward_model import own_springs
 from compplan.effects.signature import Effect, Signature
 from compplan.measurement.distance import calibrate_band
 from compplan.robot import Array, Robot
-from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, split_unknowns, spread_unknowns
+from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns, spread_unknowns
 from compplan.uncertainty.assumed import free_base
 
 #: Frames of a campaign and of a tool are no causes in a robot.
@@ -91,7 +91,7 @@ def state_uncertainty(
     factor, groups = calibrate_band(left, model[seen] + along, noise[seen][:, None, None] * axes, pose)
     mean = fitted.model.posterior.values(fitted.search.equations.p)
     others = explain_otherwise(fit, state, mean, rivals or {})
-    known, robots = _add_rivals(known, others)
+    known = _add_rivals(known, others)
     unknowns, root = spread_unknowns(known.unknowns, known.moment)
     name = campaign.file.name if campaign.file else "a campaign"
     scatter = fit.problem.robot.repeatability or channel.noise.stay or None
@@ -105,7 +105,6 @@ def state_uncertainty(
         repeatability=scatter,
         calibration=factor,
         groups=groups,
-        rivals=robots,
     )
     frames = state.registration
     adrift = frames is not None and ("base" in frames.parts or campaign.adrift)
@@ -178,8 +177,8 @@ def _collect(fitted: Fit, claims: Sequence[Claim], state: FitState) -> _Known:
     return _Known(tuple(unknowns), np.array(columns, int), moment, missing)
 
 
-def _add_rivals(known: _Known, explanations: Sequence[Explanation]) -> tuple[_Known, tuple[AlternativeRobot, ...]]:
-    """Add what the robot is off under rival explanations: to the second moment, and one by one.
+def _add_rivals(known: _Known, explanations: Sequence[Explanation]) -> _Known:
+    """Add what the robot is off under rival explanations to the second moment.
 
     A cause changes the robot by d, which is d_r with weight w_r and else nothing. The mean that the folder lacks
     becomes m + sum E(d), and its second moment grows by the covariances of all d.
@@ -196,21 +195,18 @@ def _add_rivals(known: _Known, explanations: Sequence[Explanation]) -> tuple[_Kn
     missing = np.pad(known.missing, (0, grown))
     moment = np.pad(known.moment, (0, grown)) - np.outer(missing, missing)
     means: dict[tuple[str, str | None, str | None], Array] = {}
-    others = []
     for one in explanations:
-        shift, change = np.zeros(p), np.zeros(p)
-        for column, off, moved in zip(one.columns, one.shift, one.change, strict=True):
+        change = np.zeros(p)
+        for column, moved in zip(one.columns, one.change, strict=True):
             if column in columns:
-                shift[columns.index(column)], change[columns.index(column)] = off, moved
+                change[columns.index(column)] = moved
         moment += one.weight * np.outer(change, change)
         means[one.instead.place] = means.get(one.instead.place, np.zeros(p)) + one.weight * change
-        name, instead = (" ".join(part for part in s.place if part) for s in (one.signature, one.instead))
-        others.append(AlternativeRobot(name, instead, one.weight, shift))
     for mean in means.values():
         moment -= np.outer(mean, mean)
     missing = missing + sum(means.values(), np.zeros(p))
     moment += np.outer(missing, missing)
-    return _Known(tuple(unknowns), np.array(columns, int), moment, missing), tuple(others)
+    return _Known(tuple(unknowns), np.array(columns, int), moment, missing)
 
 
 def _model_covariance(fitted: Fit, known: _Known) -> Array:
@@ -255,7 +251,6 @@ class Explanation:
         signature: The other effect.
         weight: Its probability, claim and rivals together one.
         columns: Columns that it moves, those of the claim and its own.
-        shift: What it moves them by from what the folder holds. [SI]
         change: What it moves them by from what the claim says. [SI]
     """
 
@@ -263,7 +258,6 @@ class Explanation:
     signature: Signature
     weight: float
     columns: NDArray[np.int_]
-    shift: Array
     change: Array
 
 
@@ -296,8 +290,8 @@ def explain_otherwise(
             if np.intersect1d(own, theirs).size or (signature.positive and (values < 0.0).any()):
                 continue
             columns = np.r_[own, theirs]
-            shift, change = (np.r_[-gone, values] * equations.scale[columns] for gone in (held, claimed))
-            one = Explanation(equations.signatures[number], signature, 0.0, columns, shift, change)
+            change = np.r_[-claimed, values] * equations.scale[columns]
+            one = Explanation(equations.signatures[number], signature, 0.0, columns, change)
             mine.append((one, float(np.exp(-0.5 * left))))
         total = 1.0 + sum(weight for _, weight in mine)
         for one, weight in mine:

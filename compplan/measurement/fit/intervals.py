@@ -134,16 +134,8 @@ def predict_left_out(
     """Refit without each block of rows and predict it.
 
     Each refit is one Gauss-Newton step from the fit of all rows: the model is linear in its parameters far below noise.
-    Row weights are those of the fit of all rows, so that gross outliers count neither in the fit nor in the test.
-
-    Args:
-        system: The linearised problem at the fitted state. Shape (n, m, p).
-        noise: Noise against the stated one, of each block. Shape (3,).
-        weights: Robust weight of each row. Shape (n,).
-        free: Which parameters are refitted. Shape (p,).
-        group: Groups in which rows are compared with each other only; None for absolute values. Shape (n,).
-        fold: Block of each row. Shape (n,).
-        pose: Pose of each row, for the score. Shape (n,).
+    Row weights, (n,), are those of the fit of all rows, so that gross outliers count neither in the fit nor in the
+    test. fold: block of each row; pose: of each row, for the score, (n,); others as of `state_spread`.
     """
     whitener = system.whitener(noise)
     root = np.sqrt(weights)[:, None]
@@ -186,10 +178,8 @@ def distance_rms(residual: Array, rows: NDArray[np.bool_]) -> float:
 def find_free(information: Array, sizes: Array, rank: Sequence[int]) -> NDArray[np.bool_]:
     """Find a largest set of parameters that the data tell apart; the rest has to be held. Shape (p,).
 
-    Args:
-        information: Information matrix A^T W A. Shape (p, p). [per unit squared]
-        sizes: Typical sizes of the parameters. Shape (p,).
-        rank: What is held first where several act alike: the lowest. Shape (p,).
+    information: A^T W A, (p, p); sizes: typical ones of the parameters, (p,); rank: what is held first where several
+    act alike, the lowest, (p,).
     """
     scaled = information * np.outer(sizes, sizes)
     strength = np.sqrt(np.diag(scaled))

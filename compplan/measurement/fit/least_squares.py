@@ -208,10 +208,7 @@ def check_loss(loss: str) -> str:
 def loss_weights(loss: str, distance: Array, count: Array) -> tuple[Array, Array]:
     """Return weights in [0, 1] of rows by how far off they are, and their slopes dw/d(distance). Shape (n,) each.
 
-    Args:
-        loss: "least_squares", "huber" or "tukey".
-        distance: Norm of a row's residuals over their standard deviations. Shape (n,).
-        count: Components of the row that were measured. Shape (n,).
+    distance: norm of a row's residuals over their standard deviations; count: its components that were measured, (n,).
     """
     if check_loss(loss) == "least_squares":
         return np.ones_like(distance), np.zeros_like(distance)

@@ -1,25 +1,65 @@
-"""The widest 95 % band along the path is narrow."""
+"""The part of the 95 % band that motion adds is small along the path."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import casadi as ca
+import numpy as np
+import pinocchio as pin
 
 from compplan.planning.problem import Cost, Station
+from compplan.planning.task import PlanTask
+from compplan.robot import Array
+from compplan.simulation.vibration import build_dynamics
+from compplan.statics.chain import jacobian, locate_frames
 
 
 @dataclass(frozen=True)
 class Band(Cost):
-    """w B / B_0, the epigraph variable of `compplan.planning.limits.band`."""
+    """w / S sum (|d| / d_0)^2 ds, d = A q'' + h(q', q') how far inertia bends the arm if its springs give at once.
 
-    weight: float  #: w against the other costs.
-    stations: int  #: Number of stations, whose sum it is.
+    A and h are of the posture at which the program begins. The rest of the band hardly changes along with the motion.
+    """
+
+    weight: float  #: w / S against the other costs, S the whole programmed time. [1/s]
+    bend: Array  #: A / d_0, then h / d_0 by pairs of joints. Shape (k, 3, nq + nq (nq + 1) / 2).
     name = "band"
+    formula = "w / S sum (|d| / d_0)^2 ds"
+    timed = True
 
-    def __str__(self) -> str:
-        return f"{self.weight:g} B / B_0"
+    @property
+    def numbers(self) -> Array:
+        """Return the bend of every station, column by column. Shape (k, c)."""
+        return np.swapaxes(self.bend, 1, 2).reshape(len(self.bend), -1)
 
     def term(self, station: Station) -> ca.SX:
-        """Return the share of one station."""
-        return self.weight * station.band / self.stations
+        """Return the weighted square of the bend."""
+        nq, rate = station.q.numel(), station.rate
+        pairs = ca.vertcat(*(rate[i] * rate[j] for i, j in combinations_with_replacement(range(nq), 2)))
+        push = 0.5 * (station.push + station.push_before)
+        motion = ca.vertcat(station.change * station.square + rate * push, pairs * station.square)
+        return self.weight * station.step * ca.sumsqr(ca.mtimes(ca.reshape(station.numbers[self.name], 3, -1), motion))
+
+
+def measure_bend(task: PlanTask, q: Array) -> Array:
+    """Measure how far the springs give at once to joint accelerations, then to products of the rates of two joints.
+
+    Shape (k, 3, nq + nq (nq + 1) / 2). [m per rad/s^2 and per rad^2/s^2, or with m]
+    """
+    robot, nq, unit = build_dynamics(task.robot).standing, q.shape[1], np.eye(q.shape[1])
+    columns = jacobian(task.chain, locate_frames(task.chain, q))[:, :3, task.chain.spring_elements]
+    columns, data, none = columns @ task.chain.compliance, robot.model.createData(), np.zeros(robot.model.nv)
+    both = list(combinations_with_replacement(range(nq), 2))
+    rates = [(unit[i] + (i != j) * unit[j]) @ robot.commanded.T for i, j in both]
+    moves = [*((none, change) for change in robot.commanded.T), *((rate, none) for rate in rates)]
+    loads = np.empty((len(q), len(moves), len(robot.elastic)))
+    for row, place in zip(loads, q @ robot.commanded.T + robot.shift, strict=True):
+        for load, (rate, change) in zip(row, moves, strict=True):
+            load[:] = pin.rnea(robot.model, data, place, rate, change)[robot.elastic]
+    own = {i: nq + k for k, (i, j) in enumerate(both) if i == j}
+    for k, (i, j) in enumerate(both):  # of the square of a sum of rates the mixed part is left
+        if i != j:
+            loads[:, nq + k] -= loads[:, own[i]] + loads[:, own[j]]
+    return np.asarray(columns @ np.swapaxes(loads, 1, 2))

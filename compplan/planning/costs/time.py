@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
 from compplan.planning.problem import Cost, Station
 
@@ -19,13 +18,11 @@ class Time(Cost):
 
     weight: float  #: w against the other costs.
     reference: float  #: T_0. [s]
-    most: float = np.inf  #: Bound of w T / T_0.
     name = "time"
     timed = True
 
     def __str__(self) -> str:
-        bound = "" if np.isinf(self.most) else f" (<= {self.most:g})"
-        return f"{self.weight:g} T / T_0{bound}"
+        return f"{self.weight:g} T / T_0"
 
     def term(self, station: Station) -> ca.SX:
         """Return the share of the time to the next station."""

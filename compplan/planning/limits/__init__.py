@@ -6,7 +6,6 @@ A new limit is one file with a class derived from `Limit`, and one entry in `LIM
 from __future__ import annotations
 
 from compplan.planning.limits.acceleration import AccelerationLimit
-from compplan.planning.limits.band import BandLimit
 from compplan.planning.limits.clearance import ClearanceLimit
 from compplan.planning.limits.correction import CorrectionLimit
 from compplan.planning.limits.joint_range import JointRange
@@ -17,6 +16,6 @@ from compplan.planning.limits.velocity import VelocityLimit
 #: Every limit by its name.
 LIMITS = {
     limit.name: limit
-    for limit in (PoseEquation, JointRange, CorrectionLimit, VelocityLimit, AccelerationLimit, BandLimit,
-                  ClearanceLimit, TorqueLimit)
+    for limit in (PoseEquation, JointRange, CorrectionLimit, VelocityLimit, AccelerationLimit, ClearanceLimit,
+                  TorqueLimit)
 }  # fmt: skip

@@ -90,15 +90,11 @@ class IsfRegressionProcess(PathForceTable):
         read, other = (float(steady_axial_force(*sheet, np.array(size), np.array(wall))) for size in (height, step))
         aside, strip = read * radial_ratio(height, self.tool_diameter_mm, wall), read * np.tan(0.5 * wall)
         notes = [
-            f"Forming force by the regression of Aerens and others (2010): scallop {height:.2g} mm (step-down "
-            f"{step:.3g} mm), wall angle {typical:.3g} deg, tensile strength {self.tensile_N_mm2:.4g} "
-            f"N/mm2: {read:.0f} N along the tool. Were its height the step-down, {other:.0f} N; quotes of it do not "
-            f"settle which, the spread of the force (+- {100 * self.uncertainty:g} %, assumed) holds both. Radial "
-            f"part, {aside:.0f} N (second opinion, a sheet of even tension: {strip:.0f} N; no published record was "
-            f"found), friction {FRICTION:g} and build-up over the first contours are assumed."
+            f"Forming force by the regression of Aerens and others (2010): {read:.0f} N along the tool at scallops of "
+            f"{height:.2g} mm (step-down {step:.3g} mm) and a wall of {typical:.3g} deg; were its height the "
+            f"step-down, {other:.0f} N. +- {100 * self.uncertainty:g} %, the radial part of {aside:.0f} N (a sheet of "
+            f"even tension: {strip:.0f} N), friction {FRICTION:g} and build-up over the first contours are assumed."
         ]
-        if other > read * (1.0 + 1.96 * self.uncertainty):
-            notes.append("The step-down is so large against the scallop that this spread does not hold both readings.")
         if outside:
             notes.append(f"Outside the range of the regression: {', '.join(outside)}.")
         return notes

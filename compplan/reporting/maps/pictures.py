@@ -24,19 +24,12 @@ WRENCH = {"fx": "N", "fy": "N", "fz": "N", "mx": "Nm", "my": "Nm", "mz": "Nm"}
 
 @dataclass(frozen=True)
 class Panel:
-    """One map of a figure.
+    """One map of a figure."""
 
-    Attributes:
-        title: What is shown.
-        values: Shape (b, a); NaN is left blank.
-        unit: Unit of the values.
-        high_is_good: Whether a high value is good; of deflections it is not.
-    """
-
-    title: str
-    values: Array
-    unit: str
-    high_is_good: bool = False
+    title: str  #: What is shown.
+    values: Array  #: Shape (b, a); NaN is left blank.
+    unit: str  #: Unit of the values.
+    high_is_good: bool = False  #: Whether a high value is good; of deflections it is not.
 
 
 def deflection_panels(deflection: DeflectionMap, quality: Array | None = None) -> list[Panel]:

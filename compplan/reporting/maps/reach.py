@@ -27,36 +27,22 @@ ON_LIMIT = 1e-6
 
 @dataclass(frozen=True)
 class Plane:
-    """A grid of points.
+    """A grid of points."""
 
-    Attributes:
-        name: "horizontal" or "vertical".
-        u: First coordinate: x of a horizontal plane, distance from axis 1 of a vertical one. Shape (a,). [m]
-        v: Second coordinate: y of a horizontal plane, z of a vertical one. Shape (b,). [m]
-        level: Height of a horizontal plane [m], direction of a vertical one about the base's z axis [rad].
-        position: Points in the base frame. Shape (b, a, 3). [m]
-    """
-
-    name: str
-    u: Array
-    v: Array
-    level: float
-    position: Array
+    name: str  #: "horizontal" or "vertical".
+    u: Array  #: First coordinate: x of a horizontal plane, distance from axis 1 of a vertical one. Shape (a,). [m]
+    v: Array  #: Second coordinate: y of a horizontal plane, z of a vertical one. Shape (b,). [m]
+    level: float  #: Height of a horizontal plane [m], direction of a vertical one about the base's z axis [rad].
+    position: Array  #: Points in the base frame. Shape (b, a, 3). [m]
 
 
 @dataclass(frozen=True)
 class ReachedPlane:
-    """Joint positions on a plane; NaN where there is none inside the limits.
+    """Joint positions on a plane; NaN where there is none inside the limits."""
 
-    Attributes:
-        plane: The plane.
-        posture: How the tool points.
-        q: Candidates of joint positions at each point. Shape (b, a, k, nq). [rad or m]
-    """
-
-    plane: Plane
-    posture: str
-    q: Array
+    plane: Plane  #: The plane.
+    posture: str  #: How the tool points.
+    q: Array  #: Candidates of joint positions at each point. Shape (b, a, k, nq). [rad or m]
 
 
 def make_plane(name: str, u: Array, v: Array, level: float, centre: Array | None = None) -> Plane:

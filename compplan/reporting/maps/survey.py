@@ -26,37 +26,24 @@ from compplan.reporting.maps.reach import (
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
-from compplan.statics.ik import build_arm, middle_of_limits
-from compplan.statics.quality import DexterityMap, map_dexterity, natural_length, quality_of_poses
+from compplan.statics.ik import build_arm
+from compplan.statics.quality import natural_length, quality_of_poses
 from compplan.statics.stiffness import worst_unit_force
 from compplan.toolpath.toolpath import WRENCH_HEADERS
-
-WRIST_FOR_QUALITY_DEG = 45.0
 
 
 @dataclass(frozen=True)
 class DeflectionMap:
-    """Deflection of a robot over a plane, in the stiffest posture at each point; NaN where the robot does not reach.
+    """Deflection of a robot over a plane, in the stiffest posture at each point; NaN where the robot does not reach."""
 
-    Attributes:
-        plane: The plane.
-        posture: How the tool points.
-        wrench: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
-        q: Joint positions. Shape (b, a, nq). [rad or m]
-        worst: Deflection under the worst unit force. Shape (b, a). [m/N]
-        force: Direction of that force, base axes. Shape (b, a, 3).
-        under_wrench: Deflection under the given wrench, against the arm without it. Shape (b, a). [m]
-        reduced_gap: Length of full minus reduced deflection under the full model's worst unit force. Shape (b, a).
-            [m/N]
-    """
-
-    plane: Plane
-    posture: str
-    wrench: Array
-    q: Array
-    worst: Array
-    force: Array
-    under_wrench: Array
+    plane: Plane  #: The plane.
+    posture: str  #: How the tool points.
+    wrench: Array  #: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
+    q: Array  #: Joint positions. Shape (b, a, nq). [rad or m]
+    worst: Array  #: Deflection under the worst unit force. Shape (b, a). [m/N]
+    force: Array  #: Direction of that force, base axes. Shape (b, a, 3).
+    under_wrench: Array  #: Deflection under the given wrench, against the arm without it. Shape (b, a). [m]
+    #: Length of full minus reduced deflection under the full model's worst unit force. Shape (b, a). [m/N]
     reduced_gap: Array
 
     @property
@@ -108,44 +95,27 @@ def deflection_under(chain: Chain, q: Array, wrench: Array) -> Array:
 
 @dataclass(frozen=True)
 class MapSettings:
-    """What is mapped.
+    """What is mapped."""
 
-    Attributes:
-        posture: How the tool points: straight, down or outward.
-        wrench: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
-        height: Height of the horizontal plane. [m]
-        azimuth: Direction of the vertical plane. [rad]
-        points: Grid points along each side.
-    """
-
-    posture: str = "down"
+    posture: str = "down"  #: How the tool points: straight, down or outward.
+    #: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
     wrench: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1000.0, 0.0, 0.0, 0.0]))
-    height: float = 0.5
-    azimuth: float = 0.0
-    points: int = 100
+    height: float = 0.5  #: Height of the horizontal plane. [m]
+    azimuth: float = 0.0  #: Direction of the vertical plane. [rad]
+    points: int = 100  #: Grid points along each side.
 
 
 @dataclass(frozen=True)
 class RobotMaps:
-    """Maps of a robot.
+    """Maps of a robot."""
 
-    Attributes:
-        robot: The robot.
-        settings: What was mapped.
-        planes: Deflection over the horizontal and the vertical plane.
-        quality: Inverse condition number at the postures of `planes`, by plane. Shape (b, a).
-        dexterity: Inverse condition number over joints two and three of the arm.
-        reach: Greatest distance from axis 1, lowest and highest TCP. [m]
-        seconds: Time that the maps took, pictures apart. [s]
-    """
-
-    robot: Robot
-    settings: MapSettings
-    planes: dict[str, DeflectionMap]
-    quality: dict[str, Array]
-    dexterity: DexterityMap
-    reach: tuple[float, float, float]
-    seconds: float
+    robot: Robot  #: The robot.
+    settings: MapSettings  #: What was mapped.
+    planes: dict[str, DeflectionMap]  #: Deflection over the horizontal and the vertical plane.
+    quality: dict[str, Array]  #: Inverse condition number at the postures of `planes`, by plane. Shape (b, a).
+    length: float  #: Characteristic length of the dexterity. [m]
+    reach: tuple[float, float, float]  #: Greatest distance from axis 1, lowest and highest TCP. [m]
+    seconds: float  #: Time that the maps took, pictures apart. [s]
 
     def summary(self) -> dict[str, Any]:
         """Sum the maps up, units in the keys."""
@@ -155,7 +125,7 @@ class RobotMaps:
             "wrench": dict(zip(WRENCH_HEADERS, self.settings.wrench.tolist(), strict=True)),
             "poses": int(sum(plane.worst.size for plane in self.planes.values())), "map_time_s": round(self.seconds, 3),
             "reach": {name: round(value * 1e3, 1) for name, value in reach},
-            "characteristic_length_mm": round(self.dexterity.length * 1e3, 1),
+            "characteristic_length_mm": round(self.length * 1e3, 1),
             "planes": {name: _sum_up(m, self.quality[name]) for name, m in self.planes.items()},
         }  # fmt: skip
 
@@ -196,20 +166,14 @@ def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
     for name, plane in planes.items():
         if not (plane.reached & np.isfinite(plane.under_wrench)).any():
             raise InputError(f"robot {robot.name!r} reaches no place of the {name} plane; ask for another one")
-    first, second = int(arm.arm[1]), int(arm.arm[2])  # dexterity over the second and third joint of the arm
-    q, wrist = middle_of_limits(robot), np.radians(WRIST_FOR_QUALITY_DEG)
-    q[second + 1 :] = np.clip(wrist, robot.lower[second + 1 :], robot.upper[second + 1 :])
-    lower, upper = np.maximum(robot.lower, -1.5 * np.pi), np.minimum(robot.upper, 1.5 * np.pi)
-    sides = [np.linspace(lower[j], upper[j], 90) for j in (first, second)]
     length = natural_length(chain, (robot.lower, robot.upper))
-    dexterity = map_dexterity(chain, q, (first, second), sides[0], sides[1], length)
     quality = {}
     for name, plane in planes.items():
         quality[name], reached = np.full(plane.worst.shape, np.nan), plane.reached
         if reached.any():
             quality[name][reached] = quality_of_poses(chain, plane.q[reached], length)
     seconds = time.perf_counter() - start
-    return RobotMaps(robot, settings, planes, quality, dexterity, (radius, lowest, highest), seconds)
+    return RobotMaps(robot, settings, planes, quality, length, (radius, lowest, highest), seconds)
 
 
 def _sum_up(plane: DeflectionMap, quality: Array) -> dict[str, Any]:

@@ -9,6 +9,8 @@
   // Between the margins of A4, in CSS pixels.
   const PAPER_WIDTH = 680;
   const PAPER_HEIGHT = 900;
+  // Share of its size that a scene has on a phone.
+  const NARROW_SCENE = 0.7;
   let chosen = null;
 
   const element = (number) => document.getElementById(`chart-${number}`);
@@ -39,12 +41,21 @@
     if (narrow()) {
       layout.margin = { ...layout.margin, l: Math.min((layout.margin || {}).l ?? 48, 48), r: 8 };
       if (sideBySide(chart.layout)) node.style.minWidth = `${PAPER_WIDTH}px`;
+      else shrinkScenes(layout);
     }
     if (touched()) holdStill(layout);
     Plotly.newPlot(node, chart.data, layout, { ...setup, displayModeBar: narrow() ? false : "hover" });
     if (touched()) offerTurning(node);
     if (chart.linked) linkScenes(node);
     if (chart.along) linkWaypoints(number, node);
+  }
+
+  // On a phone a scene is drawn smaller, so that the width holds it beside its colour bar.
+  function shrinkScenes(layout) {
+    Object.keys(layout).filter((key) => key.startsWith("scene")).forEach((key) => {
+      const { x, y, z } = layout[key].aspectratio;
+      layout[key] = { ...layout[key], aspectratio: { x: x * NARROW_SCENE, y: y * NARROW_SCENE, z: z * NARROW_SCENE } };
+    });
   }
 
   // Under a finger the page scrolls, also over charts; scenes are turned after a tap on their button.

@@ -23,17 +23,11 @@ WAYS = ("uncorrected", "planned", "softer")
 
 @dataclass(frozen=True, eq=False)
 class ViewCell:
-    """What stands in the cell, and how the arm moves.
+    """What stands in the cell, and how the arm moves."""
 
-    Attributes:
-        joints: From the base to the TCP.
-        solids: Shapes, in the frames of their links, or in the base frame.
-        facts: All that cell.json says.
-    """
-
-    joints: tuple[Joint, ...]
-    solids: tuple[Shape, ...]
-    facts: Mapping[str, Any]
+    joints: tuple[Joint, ...]  #: From the base to the TCP.
+    solids: tuple[Shape, ...]  #: Shapes, in the frames of their links, or in the base frame.
+    facts: Mapping[str, Any]  #: All that cell.json says.
 
     @property
     def base(self) -> str:
@@ -62,39 +56,23 @@ class ViewCell:
 
 @dataclass(frozen=True, eq=False)
 class PlanRecording:
-    """A plan as its folder tells it; n rows of joints.csv, base frame.
+    """A plan as its folder tells it; n rows of joints.csv, base frame."""
 
-    Attributes:
-        cell: The cell.
-        name: Name of the job.
-        tolerance: Greatest deviation that counts as within tolerance. [m]
-        time: Shape (n,). [s]
-        q: Commanded joints. Shape (n, nq). [rad or m]
-        tip: Wanted tip. Shape (n, 3). [m]
-        wrench: Predicted wrench of the environment on the tool. Shape (n, 6). [N, N m]
-        move: "cut", "rapid", "approach" or "retract". Shape (n,).
-        deviation: Attained minus wanted tip by way, NaN where it is not known. Shape (n, 3) each. [m]
-        error_band: Distance that holds the true tip with 95 %, NaN where none is stated. Shape (n,). [m]
-    """
-
-    cell: ViewCell
-    name: str
-    tolerance: float
-    time: Array
-    q: Array
-    tip: Array
-    wrench: Array
-    move: NDArray[np.str_]
+    cell: ViewCell  #: The cell.
+    name: str  #: Name of the job.
+    tolerance: float  #: Greatest deviation that counts as within tolerance. [m]
+    time: Array  #: Shape (n,). [s]
+    q: Array  #: Commanded joints. Shape (n, nq). [rad or m]
+    tip: Array  #: Wanted tip. Shape (n, 3). [m]
+    wrench: Array  #: Predicted wrench of the environment on the tool. Shape (n, 6). [N, N m]
+    move: NDArray[np.str_]  #: "cut", "rapid", "approach" or "retract". Shape (n,).
+    #: Attained minus wanted tip by way, NaN where it is not known. Shape (n, 3) each. [m]
     deviation: Mapping[str, Array]
-    error_band: Array
+    error_band: Array  #: Distance that holds the true tip with 95 %, NaN where none is stated. Shape (n,). [m]
 
 
 def read_recording(folder: Path) -> PlanRecording:
-    """Read a folder that `compplan plan` wrote.
-
-    Raises:
-        InputError: If it is none, or what it holds is not what it has to be.
-    """
+    """Read a folder that `compplan plan` wrote."""
     if not folder.is_dir():
         raise InputError("is no folder; name one that compplan plan wrote", file=folder)
     missing = [name for name in ("joints.csv", "deviation.csv", "cell.json") if not (folder / name).is_file()]
@@ -127,11 +105,7 @@ def read_recording(folder: Path) -> PlanRecording:
 
 
 def read_cell(file: Path) -> ViewCell:
-    """Read cell.json.
-
-    Raises:
-        InputError: If it is not what compplan writes.
-    """
+    """Read cell.json."""
     try:
         cell = build_cell(json.loads(read_text(file)))
         links = {cell.base, "", *(joint.child for joint in cell.joints)}

@@ -20,8 +20,8 @@ Bytes = NDArray[np.uint8]
 Rows = NDArray[np.int_] | slice | int
 #: Deviation that gets the last colour, in tolerances; the middle one is one tolerance.
 LAST = 2.0
-#: Points of a path that are drawn at most, rings of the band, and corners of a ring.
-POINTS, RINGS, CORNERS = 20_000, 300, 16
+#: Points of a path that are drawn at most.
+POINTS = 20_000
 #: The way of showing the tip that is a band.
 ERROR_BAND = "error_band"
 #: A length of deviation.csv that reads 0 is below this. [m]
@@ -48,8 +48,8 @@ def paint_sizes(size: Array, tolerance: float) -> Bytes:
     place = np.clip(np.nan_to_num(size) / (LAST * tolerance), 0.0, 1.0)
     stops = [stop for stop, _ in SEQUENTIAL]
     shades = np.stack([read_colour(colour) for _, colour in SEQUENTIAL]).astype(float)
-    told = np.column_stack([np.interp(place, stops, shade) for shade in shades.T])
-    return np.where(np.isfinite(size)[:, None], told, read_colour(NEUTRAL)).astype(np.uint8)
+    colours = np.column_stack([np.interp(place, stops, shade) for shade in shades.T])
+    return np.where(np.isfinite(size)[:, None], colours, read_colour(NEUTRAL)).astype(np.uint8)
 
 
 def join_rows(points: Array, colours: Bytes) -> Lines:
@@ -65,14 +65,6 @@ def pick_point(points: Array, origin: Array, direction: Array) -> int:
     along, across = away @ unit, np.linalg.norm(np.cross(away, unit), axis=1)
     angle = np.where(along > 0, across / np.maximum(along, 1e-9), np.inf)
     return int(np.argmin(np.where(np.isfinite(angle), angle, np.inf)))
-
-
-def stand_aside(along: Array) -> Array:
-    """Return a direction across each of some directions, as long as they are. Shape (n, 3) both."""
-    size = np.linalg.norm(along, axis=1, keepdims=True)
-    upright = np.abs(along[:, 2:]) >= 0.9 * size
-    aside = np.cross(along, np.where(upright, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]))
-    return np.asarray(aside * size / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-12))
 
 
 def locate_chain(cell: ViewCell, q: Array) -> dict[str, Array]:
@@ -133,17 +125,9 @@ class PlanScene:
         extent = float(np.ptp(self.recording.tip[self.cut], axis=0).max())
         return float(np.clip(round(MAGNIFIED * extent / size), 1.0, MOST_MAGNIFIED))
 
-    def worst(self, way: str, count: int = 5) -> list[int]:
-        """List the rows where a way strays most, the worst first, no two of them near each other."""
-        size = np.nan_to_num(self.sizes[way], nan=-1.0)
-        apart = max(len(size) // 20, 1)
-        found: list[int] = []
-        for row in np.argsort(-size).tolist():
-            if size[row] <= 0.0 or len(found) == count:
-                break
-            if all(abs(row - other) >= apart for other in found):
-                found.append(row)
-        return found
+    def find_worst(self, way: str) -> int:
+        """Return the row where a way strays most."""
+        return int(np.argmax(np.nan_to_num(self.sizes[way], nan=-1.0)))
 
     @cached_property
     def length(self) -> Array:
@@ -151,7 +135,7 @@ class PlanScene:
         return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.recording.tip, axis=0), axis=1))]
 
     def name_row(self, row: int, way: str) -> str:
-        """Name a row as the list of worst places does."""
+        """Name a row by its deviation and its length along the path."""
         return f"{_describe_length(self.sizes[way][row])} at {1e3 * self.length[row]:.4g}\u00a0mm"
 
     def place(self, way: str, magnify: float, rows: Rows = slice(None)) -> Array:
@@ -175,20 +159,6 @@ class PlanScene:
         """Draw the wanted path in grey."""
         return join_rows(self.recording.tip[self.rows], paint_sizes(np.full(len(self.rows), np.nan), 1.0))
 
-    def draw_error_band(self, magnify: float) -> Lines:
-        """Draw rings about the path that hold the true tip with 95 %, magnified."""
-        radius, tip = self.recording.error_band, self.recording.tip
-        known = np.flatnonzero(np.isfinite(radius))
-        rows = known[np.unique(np.linspace(0, len(known) - 1, RINGS).astype(int))] if len(known) else known
-        along = np.gradient(tip, axis=0)[rows]
-        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-        aside, angle = stand_aside(along), np.linspace(0.0, 2 * np.pi, CORNERS + 1)[:, None, None]
-        ring = np.cos(angle) * aside + np.sin(angle) * np.cross(along, aside)
-        points = tip[rows] + magnify * radius[rows][:, None] * ring
-        ends = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3).astype(np.float32)
-        colours = np.tile(paint_sizes(radius[rows], self.top(ERROR_BAND) / LAST), (CORNERS, 1))
-        return Lines(ends, np.repeat(colours[:, None], 2, axis=1))
-
     def pose_links(self, row: int) -> dict[str, Array]:
         """Locate every link as commanded. Shape (4, 4) each. [m]"""
         return locate_chain(self.recording.cell, self.recording.q[row])
@@ -210,8 +180,8 @@ class PlanScene:
         lines += [f"| {name} | {_describe_length(self.sizes[way][row])} |" for way, name in self.ways.items()]
         lines += [f"| tolerance | {format_length(record.tolerance)} |", "", "| joint | |", "|---|---|"]
         for joint, value in zip(record.cell.actuated, record.q[row], strict=True):
-            said = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
-            lines.append(f"| {joint.name} | {said} |")
+            position = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
+            lines.append(f"| {joint.name} | {position} |")
         force = ", ".join(format_number(float(value)) for value in record.wrench[row, :3])
         x, y, z = (format_number(1e3 * float(value), 5) for value in record.tip[row])
         words = ", ".join(f"{name} {word}" for name, word in record.cell.facts.get("configuration", {}).items())

@@ -34,16 +34,10 @@ FLOOR, CELL = 6.0, 0.5
 PICTURES, PANEL = 30.0, 5.0
 #: Length of the longest force arrow, as a share of the arm's reach.
 FORCE_LENGTH = 0.12
-#: Worst places that are listed.
-WORST = 5
 
 
 def start_server(folder: Path, port: int) -> PlanViewer:
-    """Show a folder of results on loopback; return the viewer, which goes on until it is stopped.
-
-    Raises:
-        InputError: If viser is not installed, the folder holds nothing to show, or the port is taken.
-    """
+    """Show a folder of results on loopback; return the viewer, which goes on until it is stopped."""
     try:
         import viser
     except ImportError:
@@ -135,7 +129,7 @@ class PlanViewer:
         return np.asarray(points @ self.carried[:3, :3].T + self.carried[:3, 3])
 
     def look_at(self, points: Array, poses: dict[str, Array]) -> None:
-        """Frame the whole arm and the path, points (n, 3) [m], the path in front; offer to come nearer."""
+        """Frame the whole arm and the path, points (n, 3) [m], the path in front."""
         corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
                    for solid in self.cell.solids if solid.link in poses]  # fmt: skip
         points, everything = self.see(points), self.see(np.concatenate([*corners, np.zeros((1, 3)), points]))
@@ -147,16 +141,9 @@ class PlanViewer:
         aside /= float(np.linalg.norm(aside))
         right = np.cross(-aside, [0.0, 0.0, 1.0])
         middle = middle + BESIDE_PANEL * radius * right / max(float(np.linalg.norm(right)), 1e-9)
-        centre = points.mean(axis=0)
         self.near = (1.5 * float(np.ptp(points, axis=0).max()) + 0.05) * aside
-        views = {"whole arm": (middle, middle + FRAMED * radius * aside), "path": (centre, centre + self.near)}
-        self.server.initial_camera.position, self.server.initial_camera.look_at = views["whole arm"][1], middle
-        buttons = self.server.gui.add_button_group("look at", list(views))
-
-        @buttons.on_click
-        def _(event: Any) -> None:
-            if event.client is not None:
-                event.client.camera.look_at, event.client.camera.position = views[buttons.value]
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = middle + FRAMED * radius * aside, middle
 
     def _build_panel(self) -> None:
         gui, scene, facts = self.server.gui, self.scene, self.scene.recording.cell.facts
@@ -170,15 +157,13 @@ class PlanViewer:
         self.play = gui.add_checkbox("play", initial_value=False)
         self.slider = gui.add_slider("waypoint", min=0, max=scene.count - 1, step=1, initial_value=self.row)
         self.speed = gui.add_slider("speed, times real", min=0.1, max=20.0, step=0.1, initial_value=1.0)
-        with gui.add_folder("worst places, click to go there"):
-            self.worst = [gui.add_button("-") for _ in range(WORST)]
+        self.worst = gui.add_button("worst place")
         with gui.add_folder("this waypoint"):
             self.text = gui.add_markdown("")
         self.way.on_update(self._choose)
         self.magnify.on_update(lambda _: self.redraw())
         self.slider.on_update(self._slide)
-        for number, button in enumerate(self.worst):
-            button.on_click(lambda event, number=number: self._go(event, number))
+        self.worst.on_click(self._go_to_worst)
 
     def _choose(self, event: Any) -> None:
         """Show another way of the tip, magnified so that it is seen."""
@@ -186,14 +171,13 @@ class PlanViewer:
             self.magnify.value = int(self.scene.magnification(self.chosen))
         self.redraw()
 
-    def _go(self, event: Any, number: int) -> None:
-        """Go to one of the worst places, and bring the eyes there."""
-        rows = self.scene.worst(self.chosen, WORST)
-        if number < len(rows):
-            self._stop_at(rows[number])
-            if event.client is not None:
-                point = self.see(self.scene.recording.tip[rows[number]])
-                event.client.camera.position, event.client.camera.look_at = point + 0.6 * self.near, point
+    def _go_to_worst(self, event: Any) -> None:
+        """Go to the worst place, and bring the eyes there."""
+        row = self.scene.find_worst(self.chosen)
+        self._stop_at(row)
+        if event.client is not None:
+            point = self.see(self.scene.recording.tip[row])
+            event.client.camera.position, event.client.camera.look_at = point + 0.6 * self.near, point
 
     @property
     def chosen(self) -> str:
@@ -205,16 +189,8 @@ class PlanViewer:
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
             self.draw("/path", self.scene.draw_path(way, magnify), 6.0)
-            if way == ERROR_BAND:
-                self.draw("/error_band", self.scene.draw_error_band(magnify), 1.5)
-            else:
-                self.server.scene.remove_by_name(f"{self.root}/error_band")
             self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)
-            rows = self.scene.worst(way, WORST)
-            for number, button in enumerate(self.worst):
-                button.visible = number < len(rows)
-                if number < len(rows):
-                    button.label = self.scene.name_row(rows[number], way)
+            self.worst.label = f"worst place: {self.scene.name_row(self.scene.find_worst(way), way)}"
             self.show_row(self.row)
 
     def show_row(self, row: int) -> None:

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.writers import Program
-from compplan.controllers.writers.fit import LINE
-from compplan.controllers.writers.program import Pieces, Post
+from compplan.controllers.writers.program import Post
 from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
@@ -310,19 +309,8 @@ def make_program(plan: Plan) -> Program:
     return replace(
         program, tolerance=output.bound_fit(plan.task.tolerance), coarser=coarser, corner_shift=shift, asked=asked,
         cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines,
-        pieces=_shift_pieces(plan, before, after), **zones,
+        **zones,
     )  # fmt: skip
-
-
-def _shift_pieces(plan: Plan, before: int, after: int) -> Pieces:
-    """Return the moves that were fitted where the executed path was judged, at the rows of the whole program."""
-    if plan.executed is None or plan.executed.pieces is None:
-        return {}
-    ends, kind = plan.executed.pieces
-    last = before + len(plan.task)
-    whole = np.r_[np.arange(before), ends + before, last + np.arange(after)]
-    kinds = np.r_[np.full(before, LINE), np.where(kind >= 0, kind + before, kind), np.full(after, LINE)]
-    return {True: (whole, kinds)}
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:

@@ -28,9 +28,6 @@ def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None
     """Write a robot folder, read it as every command does and solve its equilibrium in the middle of its joint ranges.
 
     Returns the robot as read; `before`: the robot before it was measured, as `write_robot_folder` takes it.
-
-    Raises:
-        InputError: If the folder cannot be read, or its robot finds no equilibrium.
     """
     write_robot_folder(robot, folder, before)
     read = read_robot_folder(folder)
@@ -45,11 +42,7 @@ def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None
 
 
 def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]:
-    """Read a controller's calibration; write DIR/robot and calibration.json, and return what that holds.
-
-    Raises:
-        InputError: If the file is none that is known, is faulty, or is of another robot; nothing is written then.
-    """
+    """Read a controller's calibration; write DIR/robot and calibration.json, and return what that holds."""
     robot, form = read_calibration(read_text(file), file, nominal)
     robot = replace(robot, sources={**robot.sources, "geometry": f"calibration of the controller, {file.name}"})
     summary = {"schema": 1, "robot": nominal.name, "format": form, "made_by": describe_origin()}
@@ -60,11 +53,7 @@ def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]
 
 
 def write_controller_file(robot: Robot, nominal: Robot, file: Path) -> dict[str, Any]:
-    """Write calibration.conf of Universal Robots from a measured robot folder; return what it cannot hold.
-
-    Raises:
-        InputError: If the robots are of different kinds, or are no Universal Robots arms.
-    """
+    """Write calibration.conf of Universal Robots from a measured robot folder; return what it cannot hold."""
     if robot.joint_names != nominal.joint_names:
         raise InputError(f"robot {robot.name!r} has other joints than {nominal.name!r}, expected a folder made from it")
     check_file(file)

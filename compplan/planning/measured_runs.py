@@ -1,0 +1,234 @@
+"""Runs of a start, timed by TOPP-RA and measured by their widest 95 % band, vibration included, nothing corrected.
+
+Beside another run they also go slower where the arm vibrates most, as long as they take no longer than that. With f_i a
+factor by which waypoint i is slower, what vibration adds to the band falls about with f_i^2; f follows a target B of
+the band, halved in between what takes too long and what does not:
+
+    f_i <- max(1, f_i (v_i / sqrt(B^2 - s_i^2))^g),    v and s what vibration and all else have of the band.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import ConvergenceError
+from compplan.planning.deflection import DAMPING, measure_motion
+from compplan.planning.feed import time_run
+from compplan.planning.fixed_point import resolve_starts
+from compplan.planning.posture.summary import Easing, Start
+from compplan.planning.redundancy import Measured, PathRequest, Shaped
+from compplan.planning.task import PlanTask
+from compplan.planning.timing import INERTIA_WINDOWS, time_rapids
+from compplan.robot import Array
+from compplan.simulation.vibration import Dynamics, build_dynamics
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import Slopes, band_radius, split_covariance
+from compplan.uncertainty.sensitivities import (
+    ForceSpread,
+    build_path_model,
+    measure_force_slopes,
+    measure_slopes,
+    pick_rows,
+    unload_model,
+)
+from compplan.uncertainty.touch_off import subtract_touch
+
+LOG = logging.getLogger(__name__)
+
+#: Shortest windows of smoothing, as a share of those that plans have.
+SHORT = 0.7
+#: Gain that a posture is changed for, and difference of the band that counts as none.
+LEAST_GAIN, SAME = 0.01, 1e-3
+#: Rows of the cut at which the band of a run is measured.
+BAND_ROWS = 120
+#: Eased runs that are tried at most, and waypoints times runs.
+ROUNDS, WORK = 14, 40_000
+#: Share of the time beside which a run has to leave for slower ones.
+SPARE = 1e-3
+#: Target of the band from one pair of rounds to the next until it takes too long, and its least share for vibration.
+LOWER, LEAST_ROOM = 0.86, 0.2
+#: Targets whose ratio is less are one.
+NEAR = 1.02
+#: Exponent g, and the least and greatest change of a factor in one round.
+GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
+
+
+class TimedStart(NamedTuple):
+    """A run of a start, nothing corrected."""
+
+    start: Start  #: The start, with its pace.
+    time: float  #: The whole run. [s]
+    band: float  #: Widest 95 % band along the cut. [m]
+    still: float  #: The same, vibration left out. [m]
+    bend: float  #: Greatest displacement of the tip by inertia if the springs gave at once, along the cut. [m]
+    spare: float  #: Time that the shortest windows of smoothing spare. [s]
+    quiet: Array  #: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
+    task: PlanTask  #: The task, with the usual windows.
+    passing: Array  #: Time at each of its waypoints. Shape (n,). [s]
+    origin: str = "search"  #: Where it comes from: "search" or "programmed".
+    shaped: Shaped | None = None  #: What the program did, None for nothing.
+
+
+def measure_runs(
+    start: Start, request: PathRequest, *, window: float = 1.0, beside: TimedStart | None = None,
+    known: TimedStart | None = None,
+) -> list[TimedStart]:  # fmt: skip
+    """Measure the fastest run of a start; beside another run, slower ones too, each with a narrower band.
+
+    Args:
+        start: The start, without a pace.
+        request: What is asked of the path.
+        window: Windows of smoothing, share of those that plans have.
+        beside: A run whose time is not to be passed, or None.
+        known: A run of the same posture, where one has been measured.
+    """
+    found = list[TimedStart]()
+    try:
+        whole = resolve_starts(request.state(start), request.feed_request) if known is None else known.task
+        task, spare = replace(whole, smoothing=window * whole.smoothing), (1.0 - SHORT) * smoothing_time(whole)
+        slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
+        kept, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
+        dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
+        still = spread_tip(task, request.force, rows) if known is None else known.quiet
+        calm = band_radius(still, mean=aside)
+        for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
+            eased = start if count == 0 and window == 1.0 else replace(
+                start, pace=Easing(window, task.origin, slower))  # fmt: skip
+            run = replace(task, start=eased)
+            time = time_run(run, run.q_start, request.feed_request)[1].time
+            rings, bend = _spread_vibration(run, time, rows, dynamics)
+            band = band_radius(still + rings, mean=aside)
+            widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
+            found.append(TimedStart(eased, float(time[-1]), widest, least, bend, spare, still, whole, time))
+            if beside is None or not rings.any():
+                break
+            if count % 2 == 0:  # two rounds bring the run near to a target, then the time says which way it goes on
+                late = time[-1] > beside.time
+                if count == 0 and time[-1] > (1.0 - SPARE) * beside.time:
+                    break
+                low, high = (target, high) if late else (low, min(target, widest))
+                kept = kept if late else (slower, band, time)
+                slower, band, time = kept
+                if high < NEAR * low:
+                    break
+                target = 0.5 * (low + high) if low > 0.0 else LOWER * high
+            room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
+            use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / room
+            wide = _widen(np.interp(np.arange(len(task)), rows, use), time, task.smoothing)
+            slower = np.maximum(slower * np.clip(wide**GAIN, EASIER, SLOWER), 1.0)
+    except ConvergenceError:
+        pass
+    return found
+
+
+def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
+    """Return the covariance of the tip at some waypoints, before correction and vibration. Shape (k, 3, 3). [m^2]."""
+    known = robot_uncertainty(task.robot)
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+    rest = unload_model(scene, rows)
+    shared, local = measure_force_slopes(scene, rows, force, rest)
+    model = subtract_touch(measure_slopes(scene, known.unknowns, rows, rest), rest.position, task.touched,
+                           known.unknowns)  # fmt: skip
+    if task.touched is not None:
+        shared = np.concatenate([shared, task.touched.spread_part(rest.position)], axis=2)
+    slopes = Slopes(rows, rest.position, model, shared, local, touched=task.touched)
+    return np.asarray(sum(split_covariance(slopes, known).values()))
+
+
+def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynamics: Dynamics) -> tuple[Array, float]:
+    """Return the covariance of the tip by its vibration at some waypoints of a run, and its greatest bend at once.
+
+    Shape (k, 3, 3). [m^2, m]
+    """
+    motion = measure_motion(task, time, dynamics, DAMPING)
+    if motion is None:
+        return np.zeros((len(rows), 3, 3)), 0.0
+    away = motion.error[:, rows] - motion.error[:, rows].mean(axis=0)
+    spread = np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1)
+    return spread, float(np.linalg.norm(motion.static[rows], axis=1).max(initial=0.0))
+
+
+def _widen(use: Array, time: Array, reach: float) -> Array:
+    """Return the greatest value within a reach of time [s] on either side, its steps smoothed. Shape (n,)."""
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    span = time[-1] - time[0]
+    if not (span > 0.0 and reach > 0.0):
+        return use
+    grid = np.linspace(time[0], time[-1], int(np.clip(8.0 * span / reach, 16, 20_000)))
+    size = max(int(reach / (grid[1] - grid[0])), 1)
+    wide = maximum_filter1d(np.interp(grid, time, use), 2 * size + 1, mode="nearest")
+    smooth = uniform_filter1d(wide, size // 2 * 2 + 1, mode="nearest")  # a running sum: rounding may make it negative
+    return np.interp(time, grid, np.clip(smooth, use.min(), use.max()))
+
+
+def ease_run(preset: str, run: TimedStart, base: TimedStart, request: PathRequest) -> TimedStart:
+    """Return the best of a run and of those of its posture that go slower where the arm vibrates, beside a base."""
+    beside, runs, windows = (None if preset == "fast" else base), [run], [SHORT]
+    late = max(run.time - base.time, 0.0) / run.spare
+    if beside is not None and late < 1.0:
+        windows = [1.0 - (1.0 - SHORT) * late, SHORT]
+    for window in windows:
+        eased = measure_runs(run.start, request, window=window, beside=beside, known=run)
+        runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
+    for each in runs:
+        LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", run.origin, ", program" if run.shaped else "",
+                  base.time, each.time, 1e3 * base.band, 1e3 * each.band)  # fmt: skip
+    return choose_run(preset, runs, base)
+
+
+def choose_run(preset: str, runs: list[TimedStart], base: TimedStart) -> TimedStart:
+    """Choose the run that a preset is for, of those that differ from it by less than counts the shortest."""
+    gains = [compute_gain(preset, run, base) for run in runs]
+    alike = [run for run, gain in zip(runs, gains, strict=True) if gain <= min(gains) + LEAST_GAIN]
+    return min(alike, key=lambda run: run.time)
+
+
+def band_beside(run: TimedStart, base: TimedStart) -> float:
+    """Return the band of a run at the time of the base, infinite where it takes longer however short its window. [m]
+
+    What vibration adds falls with the square of the time.
+    """
+    ring = (run.band**2 - run.still**2) * (run.time / base.time) ** 4
+    return float(np.sqrt(run.still**2 + max(ring, 0.0))) if run.time - run.spare <= base.time else np.inf
+
+
+def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
+    """Return what a preset ("" for none) makes less, as a share; infinite where that is bought with what it may not."""
+    time, band, still = run.time / base.time, run.band / base.band, run.still / base.still
+    if preset == "fast":
+        return time
+    if time > 1.0 or band > 1.0 + SAME:
+        return np.inf
+    if preset == "error_band":
+        return band
+    return 0.5 * (band + still) if preset else 0.5 * (time + band)
+
+
+def least_time(task: PlanTask) -> float:
+    """Return the time of the programmed feed, of rapid moves, and of smoothing. [s]"""
+    rapid = task.nominal.rapid[1:]
+    moves = np.abs(np.diff(task.q_start, axis=0))[rapid]
+    between = time_rapids(moves, task.velocity_limits, task.acceleration_limits).sum()
+    return float(task.step_time[~rapid].sum() + between + smoothing_time(task))
+
+
+def measure_beside(base: TimedStart, origin: TimedStart, task: PlanTask) -> Measured:
+    """Say in what the program counts time and bend: those of a run, were all of its band of motion.
+
+    origin: the run that it begins with, of a task.
+    """
+    motion = np.sqrt(max(base.band**2 - base.still**2, 0.0))
+    bend = base.bend * base.band / motion if motion > 0.0 else 0.0
+    passing = np.interp(task.origin, origin.task.origin, origin.passing)
+    return Measured(base.time - smoothing_time(base.task), bend, passing)
+
+
+def smoothing_time(task: PlanTask) -> float:
+    """Return the time by which smoothing makes the runs of a path longer, each by its windows. [s]"""
+    return len(task.runs) * task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
