@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from compplan.effects import EFFECTS, Effect, fold_effects
     from compplan.errors import CompplanError, InfeasibleError, InputError
     from compplan.identification.campaign import Identification, identify_campaign
-    from compplan.job.force_prediction import ForcePrediction, predict_forces
     from compplan.job.job import Job, check_job, load_job
+    from compplan.job.loading import ForcePrediction, predict_forces
     from compplan.job.operations import split_job
     from compplan.learning.campaign import design_campaign
     from compplan.learning.part import LearnedPart, learn_from_part

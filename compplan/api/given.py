@@ -53,12 +53,12 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
         more["part"] = {"rotation_deg": [0.0, 0.0, 0.0], **more["part"]}
     toolpath, data, file = _read_source(source)
     held = source if isinstance(source, Job) else None
-    toolpath = toolpath if held is None else held.given
+    toolpath = toolpath if held is None else held.context.given
     mounted = robot if isinstance(robot, Robot) else None
     if robot is not None:
         data["robot"] = robot.name if mounted is not None else str(find_robot_folder(str(robot)).resolve())
     elif held is not None:
-        mounted = held.mounted
+        mounted = held.context.mounted
     if "robot" not in data:
         raise InputError("a path needs a robot: robot = the name of a shipped robot, a folder, or a Robot")
     if "part" not in {**data, **more} and not _is_job(source):
@@ -84,7 +84,8 @@ def _read_source(source: Any) -> tuple[Toolpath | None, dict[str, Any], Path]:
     """Return the path in memory or None, the tables of the job, and the file that it stands in."""
     if isinstance(source, Job):
         tables = source.model_dump(exclude_unset=True, by_alias=True)
-        return source.given, {**tables, **({"tool": source.data["tool"]} if source.tools else {})}, source.file
+        numbered = {"tool": source.context.data["tool"]} if source.context.tools else {}
+        return source.context.given, {**tables, **numbered}, source.file
     if is_file_name(source) and Path(source).suffix.lower() == ".toml":
         return None, read_toml(source), Path(source)
     if isinstance(source, Mapping) and "toolpath" in source:

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.io.tomlfile import StrictTable, Vector3
+from compplan.io.tomlfile import StrictTable
 from compplan.robot import Robot
 from compplan.robot.pose import build_pose
 
@@ -42,13 +42,8 @@ def make_pose(position_mm: Sequence[float], rotation: Rotation) -> Array:
     return build_pose(np.asarray(position_mm) * 1e-3, rotation.as_matrix())
 
 
-def _check_near(value: Vector3) -> Vector3:
-    if max(map(abs, value)) > FARTHEST_MM:
-        raise ValueError(f"is {list(value)}, at most {FARTHEST_MM:g}")
-    return value
-
-
-Place = Annotated[Vector3, AfterValidator(_check_near)]
+Coordinate = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM)]
+Place = Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)]
 Places = Annotated[tuple[Place, ...], Field(strict=False)]
 Quaternion = Annotated[tuple[float, float, float, float], Field(strict=False)]
 
@@ -95,19 +90,16 @@ class FittedFrame:
     """A part frame found from points."""
 
     pose: Array  #: Pose of the part frame seen from the base. Shape (4, 4). [m]
-    residual: Array  #: Residual distance of each point; empty without redundancy. [mm]
-    method: str  #: How it was found.
+    residual: Array  #: Residual distance of each point. [mm]
 
     def tell(self) -> str:
         """Return a sentence with the frame and the residuals of the points."""
         z = ", ".join(f"{value:.4g}" for value in np.round(self.pose[:3, 2], 4) + 0.0)
         at = ", ".join(f"{value:.3f}" for value in 1e3 * self.pose[:3, 3])
-        found = f"The part frame is found from points ({self.method}): origin [{at}] mm, its z along ({z}) of the base"
-        if not len(self.residual):
-            return f"{found}; the points leave no residual to check."
-        rms, worst = float(np.sqrt(np.mean(self.residual**2))), int(self.residual.argmax())
-        return (f"{found}; they are {rms:.3g} mm (rms) from where it has them, at most {self.residual[worst]:.3g} mm, "
-                f"point {worst + 1} of {len(self.residual)}.")  # fmt: skip
+        rms, worst, count = float(np.sqrt(np.mean(self.residual**2))), int(self.residual.argmax()), len(self.residual)
+        return (f"The part frame is found from points (best fit of {count}): origin [{at}] mm, its z along ({z}) of "
+                f"the base; they are {rms:.3g} mm (rms) from where it has them, at most {self.residual[worst]:.3g} mm, "
+                f"point {worst + 1} of {count}.")  # fmt: skip
 
 
 class PointPairs(StrictTable):
@@ -133,11 +125,10 @@ class PointPairs(StrictTable):
         """Fit the frame by least squares [Kabsch1976]."""
         nominal, measured = np.asarray(self.nominal), np.asarray(self.measured)
         middle, seen = nominal.mean(axis=0), measured.mean(axis=0)
-        u, _, vt = np.linalg.svd((nominal - middle).T @ (measured - seen))
-        turn = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
+        turn = Rotation.align_vectors(measured - seen, nominal - middle)[0].as_matrix()
         left = np.linalg.norm(measured - seen - (nominal - middle) @ turn.T, axis=1)
         pose = make_pose(seen - turn @ middle, Rotation.from_matrix(turn))
-        return FittedFrame(pose, left, f"best fit of {len(nominal)}")
+        return FittedFrame(pose, left)
 
 
 class PartTable(PoseTable):

@@ -9,6 +9,7 @@ import json
 import re
 import tomllib
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,7 +25,6 @@ from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
 from compplan.job.profile import apply_profile
-from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.process.force_law import Process, turns_with_travel
 from compplan.process.force_models.columns import ColumnsProcess
@@ -83,6 +83,15 @@ class PlanTable(StrictTable):
         if not np.linalg.norm(value) > 0.0:
             raise ValueError("has length 0, expected a direction")
         return value
+
+
+class ToleranceTable(StrictTable):
+    """[tolerance]: use of plan.tolerance_mm.
+
+    tube: Share of the tolerance by which a plan may leave the path for a shorter run or a narrower band.
+    """
+
+    tube: float = Field(default=0.0, ge=0.0, le=0.9)
 
 
 class SamplingTable(StrictTable):
@@ -153,6 +162,22 @@ class CollisionTable(StrictTable):
     without_shapes: Words = ()
 
 
+@dataclass(frozen=True)
+class JobContext:
+    """What a job comes with beside its tables."""
+
+    file: Path = Path()  #: The job file.
+    own_robot: str | None = None  #: The robot in the file where another one replaces it, or None.
+    given: Toolpath | None = None  #: The toolpath in memory, part frame, or None.
+    mounted: Robot | None = None  #: The robot in memory, or None.
+    tools: tuple[NumberedTool, ...] = ()  #: [[tool]]: the numbered tools.
+    data: dict[str, Any] = field(default_factory=dict)  #: The tables of the file.
+    label: str = ""  #: Short name of its operation in a CAM file of several tools.
+    before: tuple[Job, ...] = ()  #: The jobs of earlier operations with described tools, in order.
+    #: The force learned from parts; None where the robot folder holds it.
+    force: tuple[LearnedForce | None] | None = None
+
+
 class Job(StrictTable):
     """A job; `load_job` reads it, `load_nominal` its toolpath."""
 
@@ -177,15 +202,7 @@ class Job(StrictTable):
     place: PlaceTable = PlaceTable()
     noise: NoiseTable = NoiseTable()
     collision: CollisionTable | None = None
-    _file: Path = PrivateAttr(default=Path())
-    _own_robot: str | None = PrivateAttr(default=None)
-    _given: Toolpath | None = PrivateAttr(default=None)
-    _mounted: Robot | None = PrivateAttr(default=None)
-    _tools: tuple[NumberedTool, ...] = PrivateAttr(default=())
-    _data: dict[str, Any] = PrivateAttr(default_factory=dict)
-    _label: str = PrivateAttr(default="")
-    _before: tuple[Job, ...] = PrivateAttr(default=())
-    _force: tuple[LearnedForce | None] | None = PrivateAttr(default=None)
+    _context: JobContext = PrivateAttr(default_factory=lambda: JobContext())
 
     @field_validator("robot")
     @classmethod
@@ -195,50 +212,25 @@ class Job(StrictTable):
         return value
 
     @property
+    def context(self) -> JobContext:
+        """What the job comes with beside its tables."""
+        return self._context
+
+    def with_context(self, **changes: Any) -> Job:
+        """Return the job with some of its context changed."""
+        job = self.model_copy()
+        job._context = replace(self._context, **changes)
+        return job
+
+    @property
     def file(self) -> Path:
         """The job file."""
-        return self._file
-
-    @property
-    def given(self) -> Toolpath | None:
-        """The toolpath in memory, part frame, or None."""
-        return self._given
-
-    @property
-    def mounted(self) -> Robot | None:
-        """The robot in memory, or None."""
-        return self._mounted
-
-    @property
-    def stated_force(self) -> tuple[LearnedForce | None] | None:
-        """The force learned from parts, or None where the robot folder holds it."""
-        return self._force
-
-    def with_force(self, force: LearnedForce | None) -> Job:
-        """Return the job with a force learned from parts, in place of that of the robot folder."""
-        job = self.model_copy()
-        job._force = (force,)
-        return job
+        return self._context.file
 
     @property
     def folder(self) -> Path:
         """The folder of the job file; file names in the job are relative to it."""
-        return self._file.parent
-
-    @property
-    def own_robot(self) -> str:
-        """The robot in the file, whichever replaces it."""
-        return self.robot if self._own_robot is None else self._own_robot
-
-    @property
-    def tools(self) -> tuple[NumberedTool, ...]:
-        """[[tool]]: the numbered tools; empty where the job has one [tool] or none."""
-        return self._tools
-
-    @property
-    def data(self) -> dict[str, Any]:
-        """The tables of the file."""
-        return self._data
+        return self._context.file.parent
 
     @property
     def corner_tolerance(self) -> float:
@@ -249,23 +241,13 @@ class Job(StrictTable):
         if self.feed.corner_tolerance_mm is not None:
             return 1e-3 * self.feed.corner_tolerance_mm
         jumps = self.feed.mode == "constant" and turns_with_travel(self.process)
-        rounds = self._given is None and isinstance(self.toolpath, str) and not jumps
-        return ROUNDED * self.strictest_tolerance * rounds
-
-    @property
-    def strictest_tolerance(self) -> float:
-        """The least tolerance of any part of the path. [m]."""
-        return 1e-3 * self.tolerance.strictest(self.plan.tolerance_mm)
+        rounds = self._context.given is None and isinstance(self.toolpath, str) and not jumps
+        return ROUNDED * 1e-3 * self.plan.tolerance_mm * rounds
 
     @property
     def label(self) -> str:
         """Short name of the operation of this job in a CAM file of several tools, or ""."""
-        return self._label
-
-    @property
-    def before(self) -> tuple[Job, ...]:
-        """The jobs of earlier operations with described tools, in order."""
-        return self._before
+        return self._context.label
 
     @property
     def T_base_part(self) -> Array:
@@ -323,9 +305,7 @@ def check_job(
         noise = job.noise.model_copy(update={"wrench_level": level})
         noise.model_fields_set.discard("wrench_level")  # the model's, not the job's
         job = job.model_copy(update={"noise": noise})
-    job._file, job._given, job._mounted = Path(file), toolpath, robot
-    job._tools, job._data = tools, plain
-    return job
+    return job.with_context(file=Path(file), given=toolpath, mounted=robot, tools=tools, data=plain)
 
 
 def _refuse_removed(data: dict[str, Any], file: str | Path) -> None:
@@ -381,9 +361,7 @@ def load_job(path: str | Path, robot: str | None = None, keep: str | None = None
         if any(re.match(rf"{re.escape(key)}(?![\w])", str(error.where or "")) for key in changed):
             raise InputError(error.message, where=f"--set {error.where}") from None
         raise
-    if robot is not None and isinstance(own, str):
-        job._own_robot = own
-    return job
+    return job.with_context(own_robot=own) if robot is not None and isinstance(own, str) else job
 
 
 def _change_key(data: dict[str, Any], change: str) -> str:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.job.job import Job, check_job, load_job
+from compplan.job.job import Job, check_job
 from compplan.job.loading import job_toolpath_file
 from compplan.job.tool_tables import read_tool_library
 from compplan.job.tools import Described, called_speed, fill_process, find_listed, find_numbered
@@ -23,7 +22,7 @@ def split_job(job: Job) -> tuple[Job, ...]:
         InputError: If a tool that cuts is not described.
 
     """
-    if not job.tools and job.tool_table is None:
+    if not job.context.tools and job.tool_table is None:
         return (job,)
     operations = _read_operations(job)
     wanted = range(1, len(operations) + 1) if job.cam.operation is None else (job.cam.operation,)
@@ -42,19 +41,18 @@ def split_job(job: Job) -> tuple[Job, ...]:
             if number in wanted:
                 raise
             continue  # its earlier cuts are unknown
-        one._before = tuple(made)
-        made.append(one)
+        made.append(one.with_context(before=tuple(made)))
     return tuple(made) if job.cam.operation is None else (made[-1],)
 
 
 def _read_operations(job: Job) -> tuple[Operation, ...]:
     """Return the operations of the job's CAM file, or of the toolpath in memory."""
-    if job.given is not None:
-        return split_operations(job.given)
+    if job.context.given is not None:
+        return split_operations(job.context.given)
     file = job_toolpath_file(job) if isinstance(job.toolpath, str) else None
     if file is None or file.suffix.lower() == ".csv":
         message = "describes tools by number, and the toolpath is no CAM file that calls any: write [tool]"
-        raise InputError(message, file=job.file, where="tool" if job.tools else "tools")
+        raise InputError(message, file=job.file, where="tool" if job.context.tools else "tools")
     cam = job.cam.model_copy(update={"operation": None})
     feed = None if job.feed.constant_mm_s is None else job.feed.constant_mm_s * 1e-3
     return split_operations(read_toolpath(file, cam=cam, feed=feed))
@@ -68,16 +66,6 @@ def label_operations(operations: tuple[Operation, ...]) -> list[str]:
         times = sum(other == label or other.startswith(f"{label}_run") for other in labels)
         labels.append(f"{label}_run{times + 1}" if times else label)
     return labels
-
-
-def load_one_job(path: str | Path, robot: str | None = None, keep: str | None = None) -> Job:
-    """Read a job file as the job of its only operation, or of [cam] operation.
-
-    Raises:
-        InputError: As `load_job` and `split_job`, and if none of several operations is selected.
-
-    """
-    return settle_job(load_job(path, robot, keep))
 
 
 def settle_job(job: Job) -> Job:
@@ -109,7 +97,7 @@ def _describe(job: Job, operation: Operation) -> Described:
             message = f"the CAM file cuts with {operation.tool}, and {job.tool_table.file} has no such tool"
             raise InputError(f"{message}; add it there", file=job.file, where="tools.file")
         return found
-    found = find_numbered(job.tools, operation)
+    found = find_numbered(job.context.tools, operation)
     if found is None:
         key = f'name = "{operation.name}"' if operation.name else f"number = {operation.number}"
         start = "" if operation.name or operation.number else " before it calls any tool (T0)"
@@ -120,23 +108,21 @@ def _describe(job: Job, operation: Operation) -> Described:
 
 def _make_job(job: Job, number: int | None, operation: Operation, described: Described, label: str) -> Job:
     """Return the job of one operation."""
-    data: dict[str, Any] = {key: value for key, value in job.data.items() if key != "tools"}
+    data: dict[str, Any] = {key: value for key, value in job.context.data.items() if key != "tools"}
     data["tool"] = described.tool
     if number is not None:
         data["cam"] = {**data.get("cam", {}), "operation": number}
         data["name"] = f"{job.name or job.file.stem}, {label}"
-    given = None if job.given is None else operation.toolpath
+    given = None if job.context.given is None else operation.toolpath
     try:
-        process = fill_process(job.data.get("process", {}), described, called_speed(operation))
+        process = fill_process(job.context.data.get("process", {}), described, called_speed(operation))
         if process is not None:
             data["process"] = process
-        made = check_job(data, job.file, toolpath=given, robot=job._mounted)
+        made = check_job(data, job.file, toolpath=given, robot=job.context.mounted)
     except InputError as error:
         where = str(error.where or "")
         if where.startswith(("process", "tool")):
             message = f"{error.message} ({operation.tool}: {described.where})"
             raise InputError(message, file=error.file or job.file, where=where) from None
         raise
-    made._label = label if number is not None else ""
-    made._own_robot = job._own_robot
-    return made
+    return made.with_context(label=label if number is not None else "", own_robot=job.context.own_robot)

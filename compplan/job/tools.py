@@ -69,17 +69,13 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
 
     """
     tools: list[NumberedTool] = []
-    seen: dict[tuple[int | None, str | None], int] = {}
     for k, entry in enumerate(entries):
         if not isinstance(entry, Mapping):
             raise InputError(f"is {entry!r}, expected a table", file=file, where=f"tool[{k}]")
         tool = check_table(NumberedTool, entry, file=file, key=f"tool[{k}]")
-        key = (tool.number, tool.name)
-        if key in seen:
-            call = _call(tool.number or 0, tool.name or "")
-            message = f"describes {call} again, tool[{seen[key]}] describes it already"
-            raise InputError(message, file=file, where=f"tool[{k}]")
-        seen[key] = k
+        if (tool.number, tool.name) in [(other.number, other.name) for other in tools]:
+            call = repr(tool.name) if tool.name else f"T{tool.number}"
+            raise InputError(f"describes {call} again", file=file, where=f"tool[{k}]")
         tools.append(tool)
     return tuple(tools)
 
@@ -165,7 +161,3 @@ def called_speed(operation: Operation) -> float | None:
     """Return the only spindle speed of an operation in the file, or None. [1/min]"""
     speeds = {event.value for event in operation.toolpath.events if event.kind in ("spindle_cw", "spindle_ccw")}
     return speeds.pop() if len(speeds) == 1 and min(speeds) > 0.0 else None
-
-
-def _call(number: int, name: str) -> str:
-    return repr(name) if name else f"T{number}"

@@ -179,7 +179,7 @@ def learn_from_part(
     points = read_measured_points(measured)
     robot = robot_name if isinstance(robot_name, Robot) else load_robot(robot_name)
     old = read_residual(residual_file(robot, job), robot)
-    job = job.with_force(read_learned_force(robot.folder, job.process))
+    job = job.with_context(force=(read_learned_force(robot.folder, job.process),))
     announce("the plan that was cut")
     wanted, before = plan_learned(job, robot, old)
     matched = match_points(
@@ -213,7 +213,7 @@ def learn_from_part(
     if told:
         residual, model_update = add_residual(old, model_update, cut, before.task, others)
     announce("the plan that follows")
-    job = job.with_force(others.force)
+    job = job.with_context(force=(others.force,))
     after = plan_learned(job, others.robot, residual)[1] if told else before
     after = with_band(after, model_update, slopes, known) if residual is not None else after
     return LearnedPart(

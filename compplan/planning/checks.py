@@ -21,10 +21,10 @@ from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED, Bending
 from compplan.planning.evaluate import Evaluation, Margins, find_part
-from compplan.planning.executed import ExecutedPath, bound_executed
+from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
 from compplan.planning.stability import find_buckling
-from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows
+from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
 from compplan.planning.timing import Timing, find_slowdown
 from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot, hold_load
@@ -49,8 +49,8 @@ from compplan.toolpath.toolpath import pick_even
 
 #: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
 ROUNDING, ROUNDED = 1.001, 1.002
-#: Moves that are checked between waypoints where there are more: the worst by the planner's model, even ones.
-WORST, EVEN = 1500, 1500
+#: Moves and loads that are checked where there are more: the worst by the planner's model, and even ones.
+LOOKED_INTO = 3000
 #: Planner and check place the loaded tip within a micrometre and this share of the tolerance; waypoints compared.
 AGREED, AGREED_SHARE, COMPARED = 1e-6, 0.02, 400
 #: How readers note drilling cycles that they do not cut.
@@ -114,7 +114,7 @@ class Bench:
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
     """Read robot and tool a second time; a robot or a path in memory is taken as it is."""
-    if job is None or task.robot.folder is None or job.mounted is not None:
+    if job is None or task.robot.folder is None or job.context.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
     tool = job.model_dump(by_alias=True, exclude_unset=True).get("tool")
@@ -161,7 +161,7 @@ def run_checks(
 
 def _check_tip(task: PlanTask, after: Evaluation) -> Check:
     """The loaded tip of the independent check is within its tolerance."""
-    use = np.where(after.cut, task.use_tolerance(after.deviation), 0.0)
+    use = np.where(after.cut, after.distance, 0.0) / task.tolerance
     worst = int(use.argmax())
     sentence = (
         f"the independent check finds the loaded tip {_mm(after.distance[worst])} off the path at waypoint {worst}"
@@ -184,12 +184,11 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
 def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[Check, ...]:
     """The loaded tip stays within the tolerance of each move."""
     found, move = evaluate_between(task, q, between, bench)
-    use = found / float(task.move_tolerance[move]) if move >= 0 else 0.0
     sentence = f"the independent check finds the loaded tip {_mm(found)} off the path after waypoint {move}"
-    own = between.most / task.move_tolerance
+    own = between.driven / task.tolerance
     worst = int(own.argmax())
-    stray = f"between waypoints the tip strays by {_mm(between.most[worst])}, after waypoint {worst}"
-    first = Check("tip between waypoints, share of the tolerance", use, 1.0, sentence)
+    stray = f"between waypoints the tip strays by {_mm(between.driven[worst])}, after waypoint {worst}"
+    first = Check("tip between waypoints, share of the tolerance", found / task.tolerance, 1.0, sentence)
     value = 0.0 if first.fails else float(own[worst])
     return first, Check("tip between waypoints by the planner, share of the tolerance", value, 1.0, stray)
 
@@ -219,7 +218,7 @@ def _check_correction(task: PlanTask, position: Array) -> Check:
 
 def _check_executed(task: PlanTask, executed: ExecutedPath) -> Check:
     """The executed path stays within the tolerance."""
-    use = executed.near / bound_executed(task)
+    use = executed.near / task.tolerance
     worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
     sentence = (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
                 f"waypoint {worst}; lower the feed there")  # fmt: skip
@@ -279,9 +278,6 @@ def _check_each_joint(name: str, joints: JointTable, use: Array, limit: float, s
 def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
     """Joints stay within the limits that the robot folder states, in place and in time."""
     limits, step = job.limits, np.diff(time)
-    if len(joints.names) != q.shape[1]:
-        sentence = f"the robot folder has {len(joints.names)} joints, the program commands {q.shape[1]}"
-        return [Check("number of joints", np.inf, 0.0, sentence)]
     over = np.maximum(joints.lower - q, q - joints.upper).max(axis=0)
     checks = [
         Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its limits in robot.urdf by "
@@ -343,12 +339,10 @@ def _check_inertia(task: PlanTask, time: Array, bending: Bending, moving: ExactR
 def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
     """Bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
 
-    Returns the greatest distance from the moves [m], against the tolerance of each, and where that move starts.
+    Returns the greatest distance from the moves [m], and where that move starts.
     """
     moves = judged_moves(task)
-    if len(moves) > WORST + EVEN:
-        worst = moves[np.argsort((between.most / task.move_tolerance)[moves])[-WORST:]]
-        moves = np.union1d(worst, pick_even(moves, EVEN))
+    moves = pick_worst(moves, between.most[moves], LOOKED_INTO)
     if not len(moves):
         return 0.0, -1
     half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, task.wrench)]
@@ -363,7 +357,7 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
         tip = run_simulated_robot(bench.cell, half[0], half[1], bias=bias).position
     path = task.programmed
     distance = distance_to_moves(tip, path[moves], path[moves + 1])
-    worst_of = int((distance / task.move_tolerance[moves]).argmax())
+    worst_of = int(distance.argmax())
     return float(distance[worst_of]), int(moves[worst_of])
 
 
@@ -383,9 +377,7 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
     if not np.isfinite(efforts).any():
         return {}
     rows = np.flatnonzero(task.compensated)
-    if len(rows) > WORST + EVEN:
-        heavy = rows[np.argsort(np.linalg.norm(task.wrench[rows, :3], axis=1))[-WORST:]]
-        rows = np.union1d(heavy, pick_even(rows, EVEN))
+    rows = pick_worst(rows, np.linalg.norm(task.wrench[rows, :3], axis=1), LOOKED_INTO)
     share = np.abs(hold_load(bench.cell.exact_robot, q[rows], task.wrench[rows])) / np.maximum(efforts, 1e-9)
     found = {}
     for k in np.flatnonzero((share > ROUNDING).any(axis=1)).tolist():

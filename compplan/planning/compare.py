@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -137,16 +137,13 @@ class Comparison(Shown):
 
 
 def compare_task(
-    task: PlanTask, *, name: str = "path", strategies: Sequence[str] | None = None,
-    cells: Sequence[SimulatedRobot] | None = None, announce: Callable[[str], None] = lambda text: None,
-) -> Comparison:  # fmt: skip
-    """Let every strategy command a task, and run every command in every cell.
+    task: PlanTask, *, name: str = "path", announce: Callable[[str], None] = lambda text: None
+) -> Comparison:
+    """Let every strategy that a robot can carry out command a task, and run every command in every cell.
 
-    Strategies left out are all that the robot can carry out; cells left out are as modelled, and with compliances that
-    differ. Strategies that read sensors read them without error here.
+    Cells are as modelled, and with compliances that differ. Strategies that read sensors read them without error here.
     """
-    cells = tuple(cells) if cells is not None else standard_variants(task.robot)
-    names = list_strategies(task.robot) if strategies is None else strategies
+    cells, names = standard_variants(task.robot), list_strategies(task.robot)
     online = prepare_answers(task, [strategy for strategy in names if strategy in ONLINE])
     commands = {}
     for strategy in names:

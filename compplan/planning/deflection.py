@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.planning.posture.follow import reach_tip_and_axis
 from compplan.planning.posture.settings import PostureSettings
-from compplan.planning.task import PlanTask
+from compplan.planning.task import PlanTask, pick_worst
 from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
@@ -60,18 +60,16 @@ class Bending:
         }
 
 
-def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = DAMPING) -> Bending:
-    """Measure what bends the arm along a command (n, nq); `damping` of its modes is a share of the critical one."""
+def measure_bending(task: PlanTask, q: Array, timing: Timing) -> Bending:
+    """Measure what bends the arm along a command (n, nq)."""
     rows = np.flatnonzero(task.compensated)
-    if len(rows) > LOOKED_AT:
-        push = np.abs(timing.acceleration[rows] / np.maximum(task.acceleration_limits, 1e-9)).max(axis=1)
-        fast = rows[np.argsort(push)[-LOOKED_AT // 2 :]]
-        rows = np.union1d(fast, pick_even(rows, LOOKED_AT // 2))
+    push = np.abs(timing.acceleration[rows] / np.maximum(task.acceleration_limits, 1e-9)).max(axis=1)
+    rows = pick_worst(rows, push, LOOKED_AT)
     dynamics, still = build_dynamics(task.robot), np.zeros((len(rows), 6))
     stiff = locate_frames(task.chain, q[rows]).tcp_position
     free = solve_equilibrium(task.chain, q[rows], still, tolerance=1e-10).position
     loaded = solve_equilibrium(task.chain, q[rows], task.wrench[rows], tolerance=1e-10).position
-    motion = measure_motion(task, timing.time, dynamics, damping)
+    motion = measure_motion(task, timing.time, dynamics)
     inertia, at_once, rings = float("nan"), float("nan"), np.full(2, np.nan)
     if motion is not None:
         inertia, at_once = _greatest(motion.answer[task.cut]), _greatest(motion.static)
@@ -82,11 +80,8 @@ def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = D
                    at_once)  # fmt: skip
 
 
-def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: float) -> Motion | None:
-    """Let the arm answer to the load of its motion with its own modes; None without masses on springs.
-
-    `time` (n,) [s] is that of each waypoint, `damping` of the modes a share of the critical one.
-    """
+def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics) -> Motion | None:
+    """Let the arm answer to the load of its motion, times (n,) [s], with its modes; None without masses on springs."""
     if not dynamics.known:
         return None
     loads = load_motion(build_moving_chain(task.robot), task.q_links, time, find_inside(task))
@@ -99,10 +94,10 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: flo
     still, moving = locate(None), locate(loads)
     moved = locate(held) if held.any() else still
     width, masses = know_masses(task.robot, robot_uncertainty(task.robot))
-    source = f"{masses}, damping of the modes {damping:g} of critical (assumed)"
+    source = f"{masses}, damping of the modes {DAMPING:g} of critical (assumed)"
     return swing_arm(
         dynamics, task.q_links, time, Push(loads, moving - still), Push(held, moved - still), width=width,
-        damping=damping, source=source,
+        damping=DAMPING, source=source,
     )  # fmt: skip
 
 

@@ -103,15 +103,13 @@ def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:
     return touch_cell(cell, task.touched.q, task.touched.shown)
 
 
-def evaluate_run(
-    task: PlanTask, q: Array, cell: SimulatedRobot, wrench: Array | None = None, bias: Array | None = None
-) -> Evaluation:
+def evaluate_run(task: PlanTask, q: Array, cell: SimulatedRobot, bias: Array | None = None) -> Evaluation:
     """Run a command (n, nq) in a cell and compare the loaded tool with the nominal path.
 
-    Wrench (n, 6) [N, N m] and load of inertia on each elastic coordinate (n, s) are the task's if left out.
+    The load of inertia on each elastic coordinate (n, s) is the task's if left out.
     """
-    load, more = task.wrench if wrench is None else wrench, task.bias if bias is None else bias
-    return _compare(task, cell.name, run_simulated_robot(find_part(task, cell), q, load, task.step_time, more))
+    more = task.bias if bias is None else bias
+    return _compare(task, cell.name, run_simulated_robot(find_part(task, cell), q, task.wrench, task.step_time, more))
 
 
 def evaluate_model(task: PlanTask, q: Array) -> Evaluation:

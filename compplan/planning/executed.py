@@ -97,26 +97,6 @@ class ExecutedPath:
         return f"{left}; a lead by their lag is not written, it does not help or a limit of a joint forbids it."
 
 
-def describe_floor(task: PlanTask, q: Array) -> str:
-    """Say where the whole correction of a command (n, nq) is below what the robot can move (resolution_mm), else ""."""
-    floor = load_motion(task.robot)[0].resolution
-    if not floor or not task.cut.any():
-        return ""
-    away = locate_frames(task.chain, q[task.cut]).tcp_position - task.position[task.cut]
-    most = float(np.linalg.norm(away, axis=1).max())
-    if not 1e-9 < most <= floor:
-        return ""
-    return (f"The whole correction, {1e3 * most:.3g} mm at most, is below the motion resolution of the robot "
-            f"({1e3 * floor:g} mm, controller.toml): it is not written.")  # fmt: skip
-
-
-def describe_unfollowed(output: OutputTable, *, carries: bool) -> list[str]:
-    """Say which written moves the executed path leaves out; `carries`: whether joints carry the part."""
-    carried = "Executed path: written moves are not followed where joints carry the part."
-    moves = carries and output.form != "joint" and set(output.programs) - {"csv"}
-    return [carried] * bool(moves)
-
-
 class ReachedPath(NamedTuple):
     """What a controller makes of a command; the last three as of `ExecutedPath`."""
 
@@ -124,11 +104,6 @@ class ReachedPath(NamedTuple):
     place: Array  #: The place of each in the waypoints. Shape (k,).
     duration: float
     smaller: int = 0
-
-
-def bound_executed(task: PlanTask) -> Array:
-    """Return how far the executed tip may be off across the path at each waypoint. Shape (n,). [m]"""
-    return np.full(len(task), task.tolerance) if task.allowed is None else task.allowed.normal
 
 
 def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
@@ -227,7 +202,7 @@ def _write_follower(
         program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
                                 exact=exact, events=nominal.events)  # fmt: skip
         tolerance = output.bound_fit(task.tolerance)
-        program = replace(program, tolerance=tolerance, coarser=task.coarser, cycle=motion.cycle, free=task.lead,
+        program = replace(program, tolerance=tolerance, cycle=motion.cycle, free=task.lead,
                           form=output.form, arc_of=nominal.arc, asked=1e3 * nominal.feed,
                           **bound_zones(task, motion))  # fmt: skip
         assert program.tcp is not None and program.corner is not None
@@ -255,7 +230,8 @@ def _write_follower(
 
 def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
     """Return how far zones may lead beside the path of a task, and how its controller blends, as a `Program` has it."""
-    return {"corner": ROUNDED * bound_executed(task), "blend_share": motion.blend_share, "smoothing": motion.smoothing}
+    corner = np.full(len(task), ROUNDED * task.tolerance)
+    return {"corner": corner, "blend_share": motion.blend_share, "smoothing": motion.smoothing}
 
 
 def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, float, float]:

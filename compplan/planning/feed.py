@@ -28,17 +28,6 @@ class FeedRequest:
     torque: bool = False  #: Whether joint torques have to stay within the robot's efforts.
 
 
-@dataclass(frozen=True)
-class ConstantFeed:
-    """The highest feed that holds along the whole cut."""
-
-    feed: float  #: The feed. [m/s]
-    programmed: float  #: The lowest programmed feed of the cut, which bounds it. [m/s]
-    waypoint: int  #: Waypoint that limits it, -1 where the programmed feed does.
-    joint: str  #: Name of the joint that limits it, or "".
-    kind: str  #: "velocity" or "acceleration".
-
-
 def time_run(
     task: PlanTask, q: Array, feed_request: FeedRequest, slow: Array | None = None
 ) -> tuple[PlanTask, Timing, tuple[str, ...]]:
@@ -49,26 +38,25 @@ def time_run(
     """
     notes, rules = list[str](), None
     if feed_request.constant:
-        found = find_constant_feed(task, q)
-        if found.waypoint >= 0:
-            notes.append(
-                f"One feed for the whole cut: {1e3 * found.feed:.4g} mm/s instead of {1e3 * found.programmed:.4g}, "
-                f"held down by the {found.kind} limit of {found.joint} at waypoint {found.waypoint}."
-            )
-        task = program_feed(task, found.feed)
+        feed, note = find_constant_feed(task, q)
+        notes += [note] if note else []
+        task = program_feed(task, feed)
     if feed_request.torque:
         rules = TorqueRules(task.robot, q, task.wrench)
         notes += rules.notes
     return task, time_command(task, q, rules=rules, slow=slow, keep=feed_request.constant), tuple(notes)
 
 
-def find_constant_feed(task: PlanTask, q: Array) -> ConstantFeed:
-    """Find the highest feed that every waypoint of a command (n, nq) holds, the programmed one at most."""
+def find_constant_feed(task: PlanTask, q: Array) -> tuple[float, str]:
+    """Find the highest feed [m/s] that every waypoint of a command (n, nq) holds, the lowest programmed one at most.
+
+    Returns the feed, and a sentence on the limit that holds it down, "" where none does.
+    """
     cutting = ~task.nominal.rapid & (task.nominal.feed > 0)
     cutting[0] = False
     programmed = float(task.nominal.feed[cutting].min())
     even = program_feed(task, programmed)
-    best = ConstantFeed(programmed, programmed, -1, "", "")
+    best, note = programmed, ""
     apart = even.nominal.rapid | even.lead  # what leads in or out stands still
     apart[0] = False
     for start, end in cutting_runs(apart):
@@ -82,10 +70,12 @@ def find_constant_feed(task: PlanTask, q: Array) -> ConstantFeed:
         }
         for kind, share in shares.items():
             k, j = np.unravel_index(int(np.argmin(share)), share.shape)
-            if programmed * share[k, j] < best.feed:
-                joint = task.robot.joint_names[int(j)]
-                best = ConstantFeed(float(programmed * share[k, j]), programmed, int(start + k), joint, kind)
-    return best
+            if programmed * share[k, j] < best:
+                best = float(programmed * share[k, j])
+                note = (f"One feed for the whole cut: {1e3 * best:.4g} mm/s instead of {1e3 * programmed:.4g}, held "
+                        f"down by the {kind} limit of {task.robot.joint_names[int(j)]} at waypoint {start + k}."
+                        )  # fmt: skip
+    return best, note
 
 
 def program_feed(task: PlanTask, feed: float) -> PlanTask:

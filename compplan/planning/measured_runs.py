@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import ConvergenceError
-from compplan.planning.deflection import DAMPING, measure_motion
+from compplan.planning.deflection import measure_motion
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.posture.summary import Easing, Start
@@ -145,7 +145,7 @@ def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynam
 
     Shape (k, 3, 3). [m^2, m]
     """
-    motion = measure_motion(task, time, dynamics, DAMPING)
+    motion = measure_motion(task, time, dynamics)
     if motion is None:
         return np.zeros((len(rows), 3, 3)), 0.0
     away = motion.error[:, rows] - motion.error[:, rows].mean(axis=0)

@@ -1,8 +1,7 @@
-"""Notes of a plan: where the feed is lowered and why, where the arm swings over, what is assumed."""
+"""Notes of a plan: where the feed is lowered and why, what is assumed."""
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,10 @@ from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
-from compplan.planning.checks import REMARK, SETTLE, Check, state_notes
+from compplan.planning.checks import REMARK, Check, state_notes
 from compplan.planning.deflection import Bending
 from compplan.planning.stability import describe_depth_limit
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.task import Command, PlanTask, group_waypoints
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot
 from compplan.robot.mounting import name_axis, outward_axis
@@ -24,15 +23,13 @@ from compplan.robot.mounting import name_axis, outward_axis
 WORTH_A_NOTE = 0.1
 #: Force models of a turning tool.
 TURNING = ("milling", "end_mill", "drill")
-#: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
-SWING = 0.5
 
 
 def list_notes(
     task: PlanTask, command: Command, timing: Timing, bending: Bending, job: Job | None
 ) -> tuple[Check, ...]:
     """Return what a user should know of a plan, as checks that failed."""
-    first = [*task.nominal.notes, "" if task.law is None else task.law.note, *_describe_positioner(task.robot, job)]
+    first = [*task.nominal.notes, "" if task.law is None else task.law.note]
     if job is not None:
         first += [*describe_spindle(task, job), *describe_frames(task, job)]
         if job.tool is not None and job.tool.mass_kg is None:
@@ -46,7 +43,7 @@ def list_notes(
     if conflict := command.nlp.get("conflict"):
         last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     last.append(describe_depth_limit(task, command.q))
-    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task), _check_swing(task)]
+    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task)]
     return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
 
 
@@ -81,14 +78,6 @@ def _check_limit_margin(task: PlanTask) -> list[Check]:
     return [Check("joint limit nearer than asked for, rad", asked - kept, 0.01 * asked, sentence, REMARK)]
 
 
-def _check_swing(task: PlanTask) -> Check:
-    """No joint swings over in a move of the cut."""
-    move = np.where(task.nominal.rapid[1:], 0.0, np.abs(np.diff(task.q_start, axis=0)).max(axis=1))
-    worst = int(move.argmax())
-    sentence = f"The posture swings over in the move to waypoint {worst + 1}: near a singularity."
-    return Check("swing in a move of the cut, rad or m", float(move[worst]), SWING, sentence, SETTLE)
-
-
 def describe_spindle(task: PlanTask, job: Job) -> list[str]:
     """Say that nothing turns the spindle of a cut that comes from a CAM file."""
     if job.process.model not in TURNING or not isinstance(job.toolpath, str) or job.output.templates:
@@ -103,19 +92,6 @@ def describe_spindle(task: PlanTask, job: Job) -> list[str]:
     ]  # fmt: skip
 
 
-def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
-    """Say what carries the part, what holds still, and what is taken for granted of it."""
-    if not robot.ground:
-        return []
-    names = [joint.name for joint in robot.actuated[: int(robot.carriers.sum())]]
-    held = [] if job is None else list(job.positioner.hold_deg)
-    stays = f" (held: {', '.join(held)})" if held else ""
-    return [
-        f"The part is carried by {', '.join(names)}{stays}: poses and deviations count from {robot.base}. It is taken "
-        "as rigid and exact; the weight of the part is unknown."
-    ]
-
-
 #: Angle between tool and flange from which on the tool is asked about. [deg]
 SIDEWAYS = 60.0
 #: A tip nearer to the flange than this says nothing of a direction. [m]
@@ -128,7 +104,7 @@ def describe_frames(task: PlanTask, job: Job) -> list[str]:
     """Ask about a tool across the flange or too long and a spindle below the part; say how a part frame was fitted."""
     notes = [] if job.part.fit is None else [job.part.fit.tell()]
     if job.tool is not None:
-        notes += ask_about_tool(job, job.mounted or load_robot(job.robot, relative_to=job.folder))
+        notes += ask_about_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
     return [*notes, *look_at_spindle(task.nominal.axis, job)]
 
 
@@ -194,18 +170,10 @@ def describe_outside(job: Job) -> str:
     return Stop(f"Templates outside the job's folder go into the programs: {listed}.") if listed else ""
 
 
-#: Times of smoothing around a rest in which the tool gains its speed, and around a limit to which that reaches.
-FROM_REST, FROM_LIMIT = 3.0, 1.0
-#: The same around both ends of a cut, where starting up and coming to rest do not count.
+#: Times of smoothing around both ends of a cut, where starting up and coming to rest do not count.
 FROM_END = 4.0
 #: Stretches that a sentence lists.
 LISTED = 5
-
-
-def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
-    """Group waypoints into spans (first, last)."""
-    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
-    return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
 
 
 def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
@@ -219,52 +187,20 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
     return np.asarray(slow & beside)
 
 
-def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.int_]]]:
-    """Sort the slow waypoints by what slows them; each cause in words, with its waypoints.
-
-    Near a rest within the cut the tool starts up or stops, and nearly so near a rounded corner; near a waypoint where a
-    joint is at its limit, that limit holds. What is left is slower for the joints' motion to follow the corrections
-    where these follow the feed, and for the run's smoothness elsewhere.
-    """
-    left, reach = mark_slow(task, timing), FROM_REST * task.smoothing
-    causes: list[tuple[str, NDArray[np.bool_]]] = []
-    curved = np.zeros(len(task), bool) if task.nominal.rounded is None else task.nominal.rounded > 0.0
-    for words, marked in (("at corners, where the tool comes to rest", task.rests & ~task.nominal.rapid),
-                          ("at rounded corners", curved)):  # fmt: skip
-        near = left & (_distance(timing.time, marked) <= reach)
-        causes, left = [*causes, (words, near)], left & ~near
-    if (limited := timing.limiting >= 0).any():
-        own = _find_nearest(timing.time, limited, timing.time)
-        near = left & (np.abs(timing.time - timing.time[own]) <= FROM_LIMIT * task.smoothing)
-        joint, by_velocity = timing.limiting[own], timing.by_velocity[own]
-        for number, fast in sorted({(int(joint[i]), bool(by_velocity[i])) for i in np.flatnonzero(near)}):
-            words = f"by the {'velocity' if fast else 'acceleration'} limit of {task.robot.joint_names[number]}"
-            causes.append((words, near & (joint == number) & (by_velocity == fast)))
-        left = left & ~near
-    if left.any():
-        follows = task.follows_feed or task.inertia
-        words = "so that the joints can follow the corrections" if follows else "to keep the run smooth around limits"
-        causes.append((words, left))
-    return [(text, np.flatnonzero(rows)) for text, rows in causes if rows.any()]
-
-
 def describe_causes(task: PlanTask, timing: Timing) -> str:
-    """Say at which waypoints the feed is lowered, why, and how far; "" where it is not."""
-    slow = np.flatnonzero(mark_slow(task, timing)).tolist()
-    if not slow:
+    """Say at which waypoints the feed is lowered, how far, and which limits are reached there; "" where it is not."""
+    slow = np.flatnonzero(mark_slow(task, timing))
+    if not len(slow):
         return ""
-    spans, count = group_waypoints(slow), len(slow)
+    spans, least = group_waypoints(slow.tolist()), int(slow[timing.share[slow].argmin()])
     listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
-    reasons = []
-    for words, rows in list_causes(task, timing):
-        least = int(rows[timing.share[rows].argmin()])
-        reasons.append(f"{words}, down to {100 * timing.share[least]:.3g} % at waypoint {least}")
-    return f"The feed is lowered at {count} waypoints ({listed}): {'; '.join(reasons)}."
-
-
-def _distance(time: Array, marked: NDArray[np.bool_]) -> Array:
-    """Return the time from each waypoint to the nearest marked one, infinite without any. Shape (n,). [s]"""
-    return np.abs(time - time[_find_nearest(time, marked, time)]) if marked.any() else np.full(len(time), np.inf)
+    reached = {(int(timing.limiting[k]), bool(timing.by_velocity[k])) for k in slow if timing.limiting[k] >= 0}
+    causes = [f"by the {'velocity' if fast else 'acceleration'} limit of {task.robot.joint_names[joint]}"
+              for joint, fast in sorted(reached)]  # fmt: skip
+    causes += ["at corners, where the tool comes to rest"] if task.rests.any() else []
+    return (f"The feed is lowered at {len(slow)} waypoints ({listed}), down to {100 * timing.share[least]:.3g} % at "
+            f"waypoint {least}: {', '.join([*causes, 'to keep the run smooth'])}."
+            )  # fmt: skip
 
 
 def _find_nearest(time: Array, marked: NDArray[np.bool_], when: Array) -> NDArray[np.int_]:

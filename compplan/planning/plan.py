@@ -235,7 +235,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
 def job_robot(job: Job) -> Robot:
     """Load the robot of a job, with the tool that the job mounts."""
     try:
-        robot = job.mounted or load_robot(job.robot, relative_to=job.folder)
+        robot = job.context.mounted or load_robot(job.robot, relative_to=job.folder)
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
     refuse_unsettled(job)
@@ -251,7 +251,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         strategy=table.strategy,
         spin_free=table.rotate_about_tool_axis,
         max_correction=table.max_correction_mm * 1e-3,
-        tolerance=job.strictest_tolerance,
+        tolerance=1e-3 * job.plan.tolerance_mm,
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,

@@ -278,16 +278,13 @@ def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
 def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[str, Array]:
     """Return how far the tip may go each way at the stations, nowhere in rapid moves and at rest. Shapes (k,). [m]
 
-    Of what is allowed across the travel, both ways there have an even part of the square.
+    Both ways across the travel have an even part of the square.
     """
     names = ("ahead", "left", "up")
     if share <= 0.0 or not len(rows):
         return {name: np.zeros(len(rows)) for name in names}
-    allowed, inside = task.allowed, task.cut.copy()
+    inside = task.cut.copy()
     for first, last in task.runs:
         inside[[first, last]] = False
-    across = share * inside * (task.tolerance if allowed is None else allowed.normal) / np.sqrt(2.0)
-    along = np.zeros(len(task))
-    if allowed is not None and allowed.apart.any():
-        along = np.where(allowed.apart, share * inside * np.nan_to_num(allowed.tangential, posinf=0.0), 0.0)
-    return dict(zip(names, (along[rows], across[rows], across[rows]), strict=True))
+    across = share * inside[rows] * task.tolerance / np.sqrt(2.0)
+    return dict(zip(names, (0.0 * across, across, across), strict=True))

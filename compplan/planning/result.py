@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,10 +21,9 @@ from compplan.planning.checks import STOP, Check
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, evaluate_mismatch
 from compplan.planning.executed import ExecutedPath
-from compplan.planning.notes import group_waypoints
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.task import Command, PlanTask, group_waypoints
 from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot
@@ -34,6 +34,9 @@ from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.uncertainty.touch_off import read_touch, touch_part
 
+#: Words from the best to the worst.
+STATUSES = ("solved", "not_confirmed", "infeasible")
+VERDICTS = ("keeps", "not_known", "may_not_keep")
 #: Stretches and limits that a sentence lists, and its letters at most.
 LISTED, LONGEST = 3, 300
 
@@ -134,7 +137,7 @@ class Plan(Shown):
         if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
-        bow = max(float(self.between.most.max(initial=0.0)) - self.after.max_deviation, 0.0)
+        bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
         scene = build_path_model(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output
@@ -145,7 +148,6 @@ class Plan(Shown):
         followed = self.executed is not None and self.executed.zone is not None  # as written: that counts already
         if output is not None and output.programs and output.form != "joint" and not followed:
             bow += output.bound_fit(task.tolerance)
-            left = left + output.bound_fit(task.tolerance) * (task.coarser - 1.0)
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
@@ -256,7 +258,7 @@ class Plan(Shown):
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
     failures, margins, between, worst = plan.command.failures, plan.margins, plan.between, plan.mismatch
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
     learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
     summary: dict[str, Any] = {
         "schema": 1,
@@ -275,32 +277,15 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
-        "under_mismatch": [
-            {
-                "cell": worst.cell,
-                "rms_mm": worst.figures["rms"],
-                "max_mm": worst.figures["max"],
-                "waypoints": int(worst.cut.sum()),
-            }
-        ],
+        "under_mismatch": [{"cell": worst.cell, **{f"{key}_mm": worst.figures[key] for key in ("rms", "max")},
+                            "waypoints": int(worst.cut.sum())}],
         "between_waypoints_mm": {"max": between.max_deviation * 1e3}
         | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
-        **(
-            {}
-            if learned is None
-            else {
-                "process_force": {
-                    "level": learned.level,
-                    "turn_deg": np.degrees(learned.turn).tolist(),
-                    "source": learned.source,
-                }
-            }
-        ),
         **plan.bending.describe(),
         **summarise_band(plan.error_band),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
-        "within_tolerance": float((plan.task.use_tolerance(plan.after.deviation)[plan.after.cut] <= 1.0).mean()),
+        "within_tolerance": plan.after.share_within(plan.task.tolerance),
         "correction_mm": {"max": margins.max_correction * 1e3},
         "margins": {
             "position_limit_deg": float(np.degrees(margins.position)),
@@ -314,7 +299,10 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "notes": [*plan.reasons, *plan.notes],
         "stops": list_stops([*plan.reasons, *plan.notes]),
         "made_by": describe_origin(),
-    }
+    }  # fmt: skip
+    if learned is not None:
+        turn = np.degrees(learned.turn).tolist()
+        summary["process_force"] = {"level": learned.level, "turn_deg": turn, "source": learned.source}
     start = plan.task.start
     if start is not None and start.posture_choice is not None:
         program = {} if start.program is None else {"program": dict(start.program)}
@@ -358,4 +346,70 @@ def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
             "leading": [{"unknown": name, "share_of_variance": share} for name, share in error_band.leading],
             "assumed": list(error_band.assumed),
         },
+    }  # fmt: skip
+
+
+def worst_status(plans: Sequence[Plan]) -> str:
+    """Return the status of several plans as one: the worst."""
+    return max((plan.status for plan in plans), key=STATUSES.index)
+
+
+def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
+    """Return what plan.json says of the plans of a job of several tools: the worst of each figure, and each one's own.
+
+    Root mean squares and means go over the waypoints of all cuts.
+    """
+    parts = [summarise_plan(plan) for plan in plans]
+    cuts = np.array([np.count_nonzero(plan.task.cut) for plan in plans], float)
+    share, verdicts = cuts / max(cuts.sum(), 1.0), [part["verdict"] for part in parts]
+    beyond = [verdict.get("beyond_share") for verdict in verdicts]  # of all cuts; None where one does not know it
+    labels = ["" if plan.job is None else plan.job.label for plan in plans]
+
+    def worst(table: str, key: str = "max") -> float:
+        return max(float(part[table][key]) for part in parts)
+
+    def join_errors(key: str) -> dict[str, float]:
+        rms, mean = (np.array([part[key][name] for part in parts]) for name in ("rms", "mean"))
+        return {"rms": float(np.sqrt(share @ rms**2)), "mean": float(share @ mean), "max": worst(key)}
+
+    kept = ("schema", "strategy", "robot", "robot_grade", "configuration", "judge", "made_by")
+    whole: dict[str, Any] = {
+        **{key: parts[0][key] for key in kept},
+        "name": name,
+        "status": worst_status(plans),
+        "verdict": {
+            **max(verdicts, key=lambda verdict: VERDICTS.index(verdict["word"])),
+            "beyond_share": None if None in beyond else float(share @ np.array(beyond, float)),
+        },
+        "waypoints": sum(part["waypoints"] for part in parts),
+        "solve_time_s": round(sum(part["solve_time_s"] for part in parts), 4),
+        "duration_s": sum(part["duration_s"] for part in parts),
+        **{key: join_errors(key) for key in ("error_before_mm", "error_after_mm")},
+        **{key: {"max": worst(key)} for key in ("between_waypoints_mm", "correction_mm")},
+        "margins": {
+            "position_limit_deg": min(part["margins"]["position_limit_deg"] for part in parts),
+            **{key: worst("margins", key) for key in ("velocity_ratio", "acceleration_ratio")},
+        },
+        "notes": list(dict.fromkeys(
+            note if note in plan.task.nominal.notes else type(note)(f"{label}: {note}")
+            for plan, label in zip(plans, labels, strict=True) for note in (*plan.reasons, *plan.notes)
+        )),
+        "tools": [_summarise_operation(plan, part, label)
+                  for plan, part, label in zip(plans, parts, labels, strict=True)],
+    }  # fmt: skip
+    if all("error_band_mm" in part for part in parts):
+        whole["error_band_mm"] = {"p95_max": worst("error_band_mm", "p95_max")}
+    failing = [f"{label}: {part['failure']}" for part, label in zip(parts, labels, strict=True) if "failure" in part]
+    if failing:
+        whole["failure"] = "; ".join(failing)
+    return whole
+
+
+def _summarise_operation(plan: Plan, part: dict[str, Any], label: str) -> dict[str, Any]:
+    """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
+    kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
+    length = 1e3 * float(np.linalg.norm(plan.robot.joints[-1].placement[:3, 3]))
+    return {
+        "operation": None if plan.job is None else plan.job.cam.operation, "label": label, "folder": label,
+        "length_mm": round(length, 6), **{key: part[key] for key in (*kept, "error_band_mm") if key in part},
     }  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.deflection import DAMPING
-from compplan.planning.task import PlanTask
+from compplan.planning.task import PlanTask, pick_worst
 from compplan.process.cutting import edge_wrenches
 from compplan.process.engagement import Engagement
 from compplan.process.force_models.end_mill import EndMillProcess
@@ -29,9 +29,7 @@ def find_buckling(task: PlanTask, q: Array) -> dict[int, str]:
     rows = np.flatnonzero(task.compensated)
     if not len(rows) or not task.chain.n_springs:
         return {}
-    size = np.linalg.norm(task.wrench[rows, :3], axis=1)
-    heavy = rows[np.argsort(size)[-TRIED // 2 :]]
-    rows = np.union1d(heavy, pick_even(rows, TRIED // 2))
+    rows = pick_worst(rows, np.linalg.norm(task.wrench[rows, :3], axis=1), TRIED)
     share, spring = measure_buckling(task.chain, q[rows], task.wrench[rows])
     return {
         int(rows[k]): f"buckling of {task.chain.spring_names[spring[k]]} (load {share[k]:.3g} of the critical one)"

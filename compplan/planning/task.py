@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
-from compplan.planning.allowed import Allowed, find_allowed
 from compplan.planning.posture.motion import MotionFigures, list_plays
 from compplan.planning.posture.summary import Start
 from compplan.process.force_law import ForceLaw
@@ -60,7 +60,7 @@ class PlanTask:
     velocity_limits: Array  #: Velocity limits. Shape (nq,). [rad/s or m/s]
     acceleration_limits: Array  #: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
     max_correction: float  #: Greatest distance of the unloaded tip from the path. [m]
-    #: Greatest deviation of the loaded tip that counts as on the path, the strictest of all parts. [m]
+    #: Greatest deviation of the loaded tip that counts as on the path. [m]
     tolerance: float
     spin_free: bool  #: Whether the rotation about the tool axis is free.
     start: Start | None = None  #: How q_start was found, or None.
@@ -69,7 +69,7 @@ class PlanTask:
     lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     #: Waypoints within a cut at which the tool comes to rest. Shape (n,).
     rests: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    #: How far the loaded tip may stray from the path between waypoints, where the tolerance is strictest. [m]
+    #: How far the loaded tip may stray from the path between waypoints. [m]
     chord: float = np.inf
     smoothing: float = SMOOTHING  #: Time over which the motion is smoothed. [s]
     inertia: bool = False  #: Whether the inertia of the motion counts as a load.
@@ -179,32 +179,6 @@ class PlanTask:
         last = np.maximum.accumulate(np.where(self.lead, 0, np.arange(len(self))))
         return np.asarray(self.lead & ~self.nominal.rapid[last])
 
-    @cached_property
-    def allowed(self) -> Allowed | None:
-        """The tolerance of each part of the path; None where one is for all."""
-        return find_allowed(self.nominal)
-
-    @property
-    def move_tolerance(self) -> Array:
-        """How far the tip may stray from each move. Shape (n - 1,). [m]."""
-        return np.full(len(self) - 1, self.tolerance) if self.allowed is None else self.allowed.moves
-
-    @property
-    def move_chord(self) -> Array | float:
-        """How far it may before the move is divided, as much more as its tolerance is. Shape (n - 1,). [m]."""
-        return self.chord if self.allowed is None else self.chord * self.coarser[1:]
-
-    @property
-    def coarser(self) -> Array:
-        """How much more the move that ends at each waypoint may stray than the strictest one. Shape (n,)."""
-        return np.r_[1.0, self.move_tolerance / self.tolerance]
-
-    def use_tolerance(self, away: Array) -> Array:
-        """Return the share of its tolerance that a deviation (n, 3) [m] uses at each waypoint. Shape (n,)."""
-        if self.allowed is None:
-            return np.asarray(np.linalg.norm(away, axis=1) / self.tolerance)
-        return self.allowed.use(away)
-
     @property
     def stays(self) -> NDArray[np.bool_]:
         """Joints that keep q_start: rails and what carries the part, whose small motions are lost. Shape (nq,)."""
@@ -252,6 +226,19 @@ def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = Non
     breaks = np.flatnonzero(new)
     firsts, lasts = np.r_[moves[0], moves[breaks + 1]], np.r_[moves[breaks], moves[-1]]
     return [(int(first) - 1, int(last)) for first, last in zip(firsts, lasts, strict=True)]
+
+
+def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
+    """Group waypoints into spans (first, last)."""
+    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
+    return [(waypoints[a], waypoints[b - 1]) for a, b in pairwise(breaks) if b > a]
+
+
+def pick_worst(rows: NDArray[np.int_], score: Array, most: int) -> NDArray[np.int_]:
+    """Pick at most so many rows (k,): half of them those of the greatest scores (k,), the others evenly."""
+    if len(rows) <= most:
+        return rows
+    return np.union1d(rows[np.argsort(score)[-most // 2 :]], pick_even(rows, most // 2))
 
 
 def count_equations(chain: Chain, *, spin_free: bool) -> int:

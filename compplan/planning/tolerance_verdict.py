@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.task import PlanTask
+from compplan.planning.task import PlanTask, group_waypoints
 from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
 from compplan.uncertainty.ladder import DO
@@ -42,27 +42,17 @@ CHANGES = {
 }
 
 
-class Stretch(NamedTuple):
-    """A stretch of the cut beyond the tolerance: its waypoints, where they lie along the path [m], widest band [m]."""
-
-    first: int
-    last: int
-    start: float
-    end: float
-    most: float
-
-
 @dataclass(frozen=True)
 class ToleranceVerdict:
     """Whether the part may be expected within its tolerance."""
 
     word: str  #: "keeps", "may_not_keep" or "not_known".
     sentence: str  #: The same for people, with what to do about it.
-    tolerance: float  #: Greatest deviation that counts as within tolerance, the strictest of all parts. [m]
+    tolerance: float  #: Greatest deviation that counts as within tolerance. [m]
     band: float | None  #: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
     #: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
     beyond_share: float | None
-    where: tuple[Stretch, ...]  #: Stretches of the cut beyond the tolerance.
+    where: tuple[dict[str, Any], ...]  #: Stretches of the cut beyond the tolerance: waypoints, place, widest band.
     largest_cause: str  #: What makes the band widest where it is widest, or what is not known.
     change: str  #: What would change the verdict, one sentence, "" where nothing has to.
     basis: str  #: What the band rests on.
@@ -79,11 +69,7 @@ class ToleranceVerdict:
             "largest_cause": self.largest_cause,
             "change": self.change,
             "basis": self.basis,
-            "where": [
-                {"waypoints": [one.first, one.last], "s_mm": [1e3 * one.start, 1e3 * one.end],
-                 "band_mm": 1e3 * one.most}
-                for one in self.where[:LISTED]
-            ],
+            "where": list(self.where[:LISTED]),
             "stretches": len(self.where),
             "left_out": list(self.left_out),
         }  # fmt: skip
@@ -115,14 +101,14 @@ def check_tolerance(
         compensates: Whether the job lets the plan compensate the inertia of the motion.
         traced: Whether it is identified how the drives follow.
     """
-    wanted, known = describe_tolerance(task), bool(np.isfinite(inertia))
+    wanted, known = _mm(task.tolerance), bool(np.isfinite(inertia))
     error_band = None if status == "infeasible" else error_band
     band, basis = (None, "") if error_band is None else (error_band.whole, describe_basis(error_band))
     aside = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
     left_out = list_left_out(task.robot, error_band, inertia_known=known, traced=traced)
 
     def state(
-        word: str, sentence: str, cause: str, change: str, share: float | None, where: tuple[Stretch, ...] = ()
+        word: str, sentence: str, cause: str, change: str, share: float | None, where: tuple[dict[str, Any], ...] = ()
     ) -> ToleranceVerdict:
         return ToleranceVerdict(
             word, sentence.strip(), task.tolerance, band, share, where, cause, change, basis, left_out
@@ -144,21 +130,23 @@ def check_tolerance(
         return state(MAY_NOT_KEEP, sentence, cause, change, None)
     if error_band is None:
         return withhold("no robot within the uncertainty has an equilibrium under this load", MEASURE, None)
-    use, length = np.where(task.cut, use_tolerance(task, error_band), 0.0), task.nominal.arc_length
+    use, length = np.where(task.cut, error_band.along, 0.0) / task.tolerance, task.nominal.arc_length
     beyond = use > 1.0
     share, cause = share_length(length, task.cut, beyond), find_cause(error_band, left)
     if beyond.any():
         change = find_change(error_band, cause, compensates=compensates)
-        widest = error_band.widest if task.allowed is None else int(use.argmax())
-        own = ("" if task.allowed is None
-               else f" (band {_mm(error_band.along[widest])}, {use[widest]:.2g} times its tolerance)")  # fmt: skip
+        worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
         off = (f"May not keep {wanted}: the tip may be up to {_mm(error_band.whole)} off the path (95 %). Beyond the "
-               f"tolerance: {_percent(share)} of the cut, most of all {1e3 * length[widest]:.4g} mm along the path{own}"
-               f". Largest cause: {cause}.")  # fmt: skip
+               f"tolerance: {_percent(share)} of the cut, most of all {worst}. Largest cause: {cause}.")  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
             change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
-        return state(MAY_NOT_KEEP, sentence, cause, change, share, find_stretches(beyond, length, error_band.along))
+        where = tuple(
+            {"waypoints": [a, b], "s_mm": [1e3 * float(length[a]), 1e3 * float(length[b])],
+             "band_mm": 1e3 * float(error_band.along[a : b + 1].max())}
+            for a, b in group_waypoints(np.flatnonzero(beyond).tolist())
+        )  # fmt: skip
+        return state(MAY_NOT_KEEP, sentence, cause, change, share, where)
     if status == "not_confirmed":
         return withhold(f"the plan is {failure}", SETTLE, share)
     if task.robot.uncertainty is None and task.robot.grade == "placeholder":
@@ -166,41 +154,21 @@ def check_tolerance(
     if not known:
         missing = "the robot folder has no masses or no springs, so inertia is not counted"
         return withhold(missing, "State them in its folder.", share)
-    most = "" if task.allowed is None else f", and uses {_percent(float(use.max()))} of the tolerance at most"
     sentence = (f"Keeps {wanted}: with 95 % the tip stays within {_mm(error_band.whole)} along the"
-                f" whole cut{most} ({basis}).{aside}")  # fmt: skip
+                f" whole cut ({basis}).{aside}")  # fmt: skip
     return state(KEEPS, sentence, cause, "", share)
-
-
-def use_tolerance(task: PlanTask, error_band: ErrorBand) -> Array:
-    """Return the share of its tolerance that the band of the whole path uses at each waypoint. Shape (n,)."""
-    if task.allowed is None:
-        return error_band.along / task.tolerance
-    mean = None if error_band.motion is None else error_band.motion.mean
-    return task.allowed.use_of_band(error_band.along, error_band.covariance, mean)
-
-
-def describe_tolerance(task: PlanTask) -> str:
-    """Say the tolerance, or the range of those across the travel where parts of the cut have their own."""
-    if task.allowed is None:
-        return _mm(task.tolerance)
-    sizes = task.allowed.normal[task.cut]
-    span = "" if np.ptp(sizes) == 0.0 else f"{_mm(sizes.min())} to "
-    along = task.allowed.tangential[task.cut & task.allowed.apart]
-    more = f" across the travel, {_mm(along.min())} along it" if len(along) else ""
-    return f"{span}{_mm(sizes.max())}{more}"
 
 
 def find_cause(error_band: ErrorBand, left: Array) -> str:
     """Name the cause whose measurement narrows the band most, otherwise what makes it widest where it is widest."""
     causes = {**error_band.causes, "what the plan itself leaves": float(left[error_band.widest])}
-    largest = max(causes, key=lambda name: causes[name])
     alone = {rung.step: rung.alone for rung in error_band.ladder}
-    if largest not in (*CAUSES, FORCE) or not {"force_log", "poses"} <= set(alone):
-        return largest
-    if alone["force_log"] < alone["poses"]:
-        return FORCE
-    return max((name for name in causes if name in CAUSES), key=lambda name: causes[name])
+    largest = max(causes, key=causes.__getitem__)
+    if largest in (*CAUSES, FORCE) and {"force_log", "poses"} <= set(alone):
+        if alone["force_log"] < alone["poses"]:
+            return FORCE
+        return max(set(causes) & set(CAUSES), key=causes.__getitem__)
+    return largest
 
 
 def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) -> str:
@@ -220,13 +188,12 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
 
 def describe_basis(error_band: ErrorBand) -> str:
     """Say what the band rests on, in a few words."""
-    measured, assumed = error_band.known.grade == "measured", "assumed" in error_band.force.source
-    said = "the robot is measured" if measured else "the robot is assumed, not measured"
+    robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
     if not np.any(error_band.parts["force"]):
-        return said
-    if assumed and not measured:
-        return "robot and force are assumed, not measured"
-    return f"{said}; the force is {'assumed' if assumed else 'stated'}"
+        return f"the robot is {robot}"
+    force = "assumed" if "assumed" in error_band.force.source else "stated"
+    both = robot.startswith("assumed") and force == "assumed"
+    return f"robot and force are {robot}" if both else f"the robot is {robot}; the force is {force}"
 
 
 def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:
@@ -251,15 +218,6 @@ def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_
     if not weight.any():
         weight = cut.astype(float)
     return float(weight[chosen].sum() / weight.sum()) if weight.sum() > 0.0 else 0.0
-
-
-def find_stretches(beyond: NDArray[np.bool_], length: Array, band: Array) -> tuple[Stretch, ...]:
-    """Return the runs of waypoints beyond the tolerance, in order."""
-    edge = np.flatnonzero(np.diff(np.r_[False, beyond, False].astype(int)))
-    return tuple(
-        Stretch(a, b - 1, float(length[a]), float(length[b - 1]), float(band[a:b].max()))
-        for a, b in zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True)
-    )
 
 
 def _mm(length: float) -> str:

@@ -19,7 +19,7 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_number
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import replace_folder
-from compplan.job.force_prediction import ForcePrediction
+from compplan.job.loading import ForcePrediction
 from compplan.process.engagement import Engagement
 from compplan.process.fit import ForceFit
 from compplan.process.force_models import name_force_model

@@ -109,13 +109,8 @@ def _show_strategies(result: JobStudy, best: str) -> Section:
         "strategy", "rms, mean", "95 % interval", "rms, median", "rms, 95 %", "greatest, median", "greatest, 95 %",
         "of uncorrected", f"parts within {format_set_value(result.summary['tolerance_mm'])} mm", "waypoints within",
     ]  # fmt: skip
-    about = [
-        [Cell(name_strategy(name), "strong"), answer.knows, answer.measures, answer.commands]
-        for name, answer in result.run.study.answers.items()
-    ]
-    known = DataTable(["strategy", "knows", "measures", "commands"], about)
     table = DataTable(columns, rows, "Deviation of the loaded tool tip from the path.")
-    return Section("Strategies", [table, Fold("What each strategy knows, measures and commands", [known])])
+    return Section("Strategies", [table])
 
 
 def _show_path(run: Run) -> Section:

@@ -21,8 +21,7 @@ from compplan.io.palette import BAND, BEFORE
 from compplan.io.quantities import format_length, format_mm, format_mm_change
 from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
-from compplan.planning.operations import summarise_operations
-from compplan.planning.result import Plan
+from compplan.planning.result import Plan, summarise_operations
 from compplan.reporting.charts import Bars, draw_bars
 from compplan.reporting.page import Cell, Chart, DataTable, Provenance, Section, Summary, render_page
 from compplan.reporting.plan_summary import TONES

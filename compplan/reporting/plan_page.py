@@ -24,7 +24,6 @@ from compplan.io.quantities import (
 from compplan.io.tables import write_text
 from compplan.planning.notes import describe_causes, mark_slow
 from compplan.planning.posture.costs import ASSUMED
-from compplan.planning.tolerance_verdict import describe_tolerance
 from compplan.process.force_models import name_force_model
 from compplan.reporting.along_path import (
     FLOOR,
@@ -141,14 +140,10 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     rows: list[list[Any]] = [
         [words, *(format_length(1e-3 * side.figures[name]) for side in sides)] for name, words in names.items()
     ]
-    uses = [task.use_tolerance(side.deviation)[side.cut] for side in sides]
-    within = format_set_length(task.tolerance) if task.allowed is None else describe_tolerance(task)
-    rows.append([f"within {within}", *(format_percent(float((use <= 1.0).mean())) for use in uses)])
-    if task.allowed is not None:
-        worst = [format_percent(float(use.max())) for use in uses]
-        rows.append(["worst, in shares of its tolerance", *worst])
+    shares = (format_percent(side.share_within(task.tolerance)) for side in sides)
+    rows.append([f"within {format_set_length(task.tolerance)}", *shares])
     rows.append(["tool axis off by up to", *(format_angle(side.max_tilt) for side in sides)])
-    ways = {"joints linear": between.joint, "tip linear": between.cartesian}
+    ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:
         drives = "drives as identified" if plan.executed.known else "drives not known"
@@ -198,9 +193,7 @@ def _show_deviation(plan: Plan, stations: Stations) -> Section:
     evaluated = np.where(plan.after.cut, 1e3, np.nan)
     series = {name: np.maximum(side.distance, FLOOR) * evaluated for name, side in zip(names, sides, strict=True)}
     series[plan.mismatch.cell] = np.maximum(plan.mismatch.distance, FLOOR) * evaluated
-    limit: tuple[float, str] | None = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
-    if plan.task.allowed is not None:
-        limit, series["tolerance here"] = None, plan.task.allowed.normal * evaluated
+    limit = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
     caption = (
         f"Distance of the loaded tool tip from the path, logarithmic. {plan.mismatch.cell.capitalize()} (assumed): "
     )

@@ -23,7 +23,7 @@ from compplan.io.quantities import (
     format_set_length,
 )
 from compplan.planning.notes import describe_part_frame, mark_slow
-from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN, describe_tolerance
+from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.charts import draw_curves
 from compplan.reporting.page import Block, Cell, Chart, DataTable, Section, Summary
@@ -258,8 +258,7 @@ def wrap(first: str, second: str) -> list[str]:
 
 def _format_verdict(plan: Plan) -> str:
     """Return the verdict on one line; what it does not say is in the lines below, or on stderr."""
-    verdict, tolerance = plan.verdict, describe_tolerance(plan.task)
-    tolerance = tolerance if len(tolerance) < WIDTH // 3 else "its tolerances"
+    verdict, tolerance = plan.verdict, f"{1e3 * plan.task.tolerance:.3g} mm"
     if plan.status == "infeasible":
         return f"Do not start: no solution. Waypoints out of reach or beyond a limit: {len(plan.command.failures)}."
     if plan.status == "not_confirmed":

@@ -62,8 +62,6 @@ class Toolpath(Shown):
         notes: What was assumed or read past when it was read, one sentence each.
         events: What happens beside motion, in order.
         rounded: How far each waypoint was moved off the programmed path to round a corner, or None. Shape (n,). [m]
-        tolerance: How far the tip may be off the move that ends here, across and along the travel; nan along it where
-            the whole distance counts. None where one tolerance is for all. Shape (n, 2). [m]
         arc: Number of the arc of the file that the move that ends here is a chord of, 0 for none; or None. Shape (n,).
         line: Line of the file, from 1, that the move that ends here stands on, 0 where that is not known; or None.
             Shape (n,).
@@ -83,14 +81,13 @@ class Toolpath(Shown):
     notes: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
     rounded: Array | None = None
-    tolerance: Array | None = None
     arc: NDArray[np.int_] | None = None
     line: NDArray[np.int_] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.position)
         needed = {"position": (n, 3), "axis": (n, 3), "feed": (n,), "rapid": (n,)}
-        shapes = {**needed, "wrench": (n, 6), "rounded": (n,), "tolerance": (n, 2), "arc": (n,), "line": (n,)}
+        shapes = {**needed, "wrench": (n, 6), "rounded": (n,), "arc": (n,), "line": (n,)}
         for name, shape in shapes.items():
             array = getattr(self, name)
             if array is None and name not in needed:
@@ -252,7 +249,7 @@ def place_toolpath(toolpath: Toolpath, T_base_part: Array) -> Toolpath:
 
 def _take_moves(toolpath: Toolpath, index: NDArray[np.int_]) -> dict[str, Any]:
     """Return what belongs to moves, of those that end at waypoints."""
-    columns = {name: getattr(toolpath, name) for name in ("feed", "rapid", "tolerance", "arc", "line")}
+    columns = {name: getattr(toolpath, name) for name in ("feed", "rapid", "arc", "line")}
     return {name: None if values is None else values[index] for name, values in columns.items()}
 
 

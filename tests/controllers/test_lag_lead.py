@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import tomli_w
-from commandline import run_command
 from executed_emulator import STEP, SimulatedRobot, drive, measure_beside
 
 import compplan as cp
@@ -105,15 +104,3 @@ def test_a_plan_whose_identified_drives_leave_the_tolerance_is_not_confirmed(tmp
     plan = cp.plan_job(cp.load_job(job))
     assert plan.executed is not None and 1e3 * plan.executed.most > 0.02 and plan.status == "not_confirmed"
     assert any("the controller, drives as identified, takes" in text for text in plan.breaches)
-
-
-def test_a_correction_below_the_motion_resolution_is_not_written(tmp_path, monkeypatch, capsys) -> None:
-    for resolution, strategy in ((0.5, "none"), (1e-4, "nlp")):
-        robot = folder_with(tmp_path / f"robot_{strategy}", "staubli_tx200", resolution_mm=resolution)
-        job = write_job(tmp_path, robot, "1400.0, 0.0, 300.0")
-        job.write_text(job.read_text().replace("urscript", "csv"))
-        answer = run_command(["plan", job, "--out", tmp_path / strategy, "--json"], monkeypatch, capsys)
-        said = json.loads(answer.out)
-        assert said["strategy"] == strategy
-        assert any("motion resolution" in note for note in said["notes"]) == (strategy == "none")
-        assert (said["correction_mm"]["max"] < 1e-6) == (strategy == "none")

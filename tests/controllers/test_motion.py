@@ -24,8 +24,6 @@ from compplan.controllers.shapes import MoveArc
 from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, write_program
 from compplan.controllers.writers.motion_table import MotionTable, read_motion
 from compplan.controllers.writers.zones import ZONES, find_zones, widest_zone
-from compplan.job.output import OutputTable
-from compplan.planning.executed import describe_unfollowed
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, refine_ik
@@ -262,10 +260,3 @@ def test_a_corner_has_a_smaller_zone_or_an_exact_stop_and_is_read_back(
     main = next(file for file in sorted((tmp_path / "bound").iterdir()) if not file.stem[-1].isdigit())
     moves = [move for move in read(main) if move.kind != "act"]
     assert len(moves) == 3 and moves[1].stops == (language == "inform")
-
-
-def test_the_page_says_which_written_moves_are_not_followed() -> None:
-    plain = OutputTable(programs=("sinumerik", "krl"))
-    assert describe_unfollowed(plain, carries=False) == []
-    (said,) = describe_unfollowed(OutputTable(programs=("krl",)), carries=True)
-    assert "where joints carry the part" in said

@@ -83,7 +83,7 @@ def test_few_waypoints_far_apart_are_divided_until_the_tip_stays_on_the_straight
     coarse = measure_between(task, task.q_start, bow=True).max_deviation
     plan = cp.plan_job(job)
     assert coarse > 1e-4
-    assert max(plan.between.joint.max(), plan.between.cartesian.max()) < 1e-5
+    assert max(plan.between.joint.max(), plan.between.cartesian.max()) < 1e-5 and plan.between.spline.max() < 7e-5
     assert plan.status == "solved" and len(plan.task) > len(task)
 
 
@@ -125,11 +125,12 @@ def test_a_verdict_speaks_of_ways_that_programs_take_and_of_no_cubic_through_the
 
     def say(way):
         far = np.zeros(len(plan.task) - 1)
-        far[move] = 2.0 * plan.task.move_tolerance[move]
+        far[move] = 2.0 * plan.task.tolerance
         between = plan.between._replace(**{way: far})
         given = plan.task, plan.command, plan.timing, between, plan.after, plan.margins, bench
         return [check.sentence for check in run_checks(*given) if check.fails and "strays" in check.sentence]
 
+    assert not say("spline")
     for way in ("joint", "cartesian"):
         assert [text.endswith(f"after waypoint {move}") for text in say(way)] == [True]
 

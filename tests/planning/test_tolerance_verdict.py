@@ -13,7 +13,8 @@ from commandline import run_command
 
 from compplan.job.job import check_job
 from compplan.planning.plan import plan_compensation, plan_job, prepare_job
-from compplan.planning.tolerance_verdict import find_stretches, share_length
+from compplan.planning.task import group_waypoints
+from compplan.planning.tolerance_verdict import share_length
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import widen_to_path
 
@@ -99,8 +100,7 @@ def test_the_share_of_a_cut_goes_by_length() -> None:
 
 
 def test_stretches_are_the_runs_beyond() -> None:
-    found = find_stretches(np.array([0, 1, 1, 0, 1], bool), np.arange(5.0), np.arange(5.0))
-    assert [(one.first, one.last, one.most) for one in found] == [(1, 2, 2.0), (4, 4, 4.0)]
+    assert group_waypoints([1, 2, 4]) == [(1, 2), (4, 4)] and group_waypoints([]) == []
 
 
 def test_the_whole_path_is_never_promised_less_than_its_widest_point() -> None:

@@ -77,11 +77,9 @@ def write_bracket(folder: Path, more: str = "") -> Path:
 
 def test_a_drill_finds_the_pocket_that_the_tool_before_it_cut(tmp_path: Path) -> None:
     pocket, hole = split_job(load_job(write_bracket(tmp_path)))
-    assert hole.before == (pocket,)
+    assert hole.context.before == (pocket,)
     axial = {}
-    for name, job in (("after", hole), ("alone", hole.model_copy())):
-        if name == "alone":
-            job._before = ()
+    for name, job in (("after", hole), ("alone", hole.with_context(before=()))):
         nominal, law = load_path(job)
         assert law.cutting is not None
         tip = nominal.position[law.cutting.engagement.touches & ~nominal.rapid, 2] * 1e3 - 700.0

@@ -81,7 +81,7 @@ def make_plan(n: int = 400, name: str = "kuka_kr270") -> Plan:
     return Plan(
         name="Circle <test>", task=task, strategy="nlp", command=Command(q), timing=timing, before=before, after=after,
         margins=measure_margins(task, q, timing), approach=nowhere, retract=nowhere,
-        between=Between(*np.zeros((2, n - 1))),
+        between=Between(*np.zeros((3, n - 1))),
         bending=Bending(1e-3, 0.0, np.nan, False, np.full(2, np.nan), "assumed"),
     )  # fmt: skip
 

@@ -53,8 +53,7 @@ def run_plan(job: Job, folder: Path) -> CommandResult:
 def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     """Plan a job, a plan for each tool that it calls, and write what came of it; `note` is added to the first."""
     from compplan.api.verbs import plan_operations
-    from compplan.planning.operations import summarise_operations
-    from compplan.planning.result import summarise_plan
+    from compplan.planning.result import summarise_operations, summarise_plan
     from compplan.reporting.operations import describe_operations, describe_order
     from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
 
@@ -81,7 +80,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
 
 def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
     """Return which waypoints and limits stop plans that are not solved; None where all are."""
-    from compplan.planning.operations import worst_status
+    from compplan.planning.result import worst_status
 
     failing = [plan for plan in plans if plan.status != "solved"]
     if not failing:
@@ -226,7 +225,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
 
     Example: compplan forces examples/forces/pocket.toml --out out
     """
-    from compplan.job.force_prediction import predict_forces
+    from compplan.job.loading import predict_forces
     from compplan.process.learned_force import FILE as LESSON
     from compplan.reporting.forces import write_coefficients, write_forces, write_level
 

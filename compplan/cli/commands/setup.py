@@ -33,8 +33,6 @@ from compplan.toolpath.readers import find_reader, list_suffixes
 if TYPE_CHECKING:
     from compplan.cli.doctor.installation import Remark
 
-#: Pitch of the example cone that shows what force the arm bears. [mm]
-FEW_TURNS_MM = 5.0
 #: What is written by the first word: how that is called, and its options; any other first word is the file of a job.
 FORMS = {
     "robot": ("robot URDF", ("tcp", "tool_axis", "controller", "payload", "reach", "mass", "out")),
@@ -139,8 +137,14 @@ def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
 
 
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
-    from compplan.job.called_tools import read_called_tools
-    from compplan.job.commented_job import choose_process, mount_tool, number_tools, shorten_job, write_job_text
+    from compplan.job.commented_job import (
+        choose_process,
+        mount_tool,
+        number_tools,
+        read_called_tools,
+        shorten_job,
+        write_job_text,
+    )  # fmt: skip
 
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":
@@ -166,9 +170,7 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
         with show_progress() as announce:
             announce("place of the part")
             text, place = _place_part(text, file)
-            if toolpath is None:
-                announce("force that the arm can carry")
-                text = _ease_force(text, file)
+        text = _ease_force(text, robot) if toolpath is None else text
     write_text(file, shorten_job(text) if short else text)
     return [*filter(None, (place, assumed)), f"wrote {file}; next: compplan plan {file} --out out"]
 
@@ -196,24 +198,16 @@ def _place_part(text: str, file: Path) -> tuple[str, str]:
     return set_place(text, position, f"assumed: {why}; put yours"), f"the part stands at {position} mm (assumed: {why})"
 
 
-def _ease_force(text: str, file: Path) -> str:
-    """Lower the force of a job's text to what its arm bears; it stays where the path cannot be followed."""
+def _ease_force(text: str, robot: Robot) -> str:
+    """Lower the force of a job's text to half of what the strongest joint holds with the arm stretched out."""
     from compplan.job.commented_job import set_force
-    from compplan.job.job import check_job
-    from compplan.planning.first_force import bearable_share
-    from compplan.process.force_models.isf import IsfProcess
 
-    try:
-        tables = tomllib.loads(text)
-        tables["toolpath"]["pitch_mm"] = FEW_TURNS_MM
-        job = check_job(tables, file)
-        share = bearable_share(job)
-    except CompplanError:
+    process, most = tomllib.loads(text)["process"], float(robot.effort_limits[~robot.prismatic].max(initial=0.0))
+    share = 0.5 * most / robot.longest_reach / process["axial_N"]
+    if not 0.0 < share < 1.0:
         return text
-    if share == 1.0 or not isinstance(job.process, IsfProcess):
-        return text
-    axial, lateral = (_round_down(share * force) for force in (job.process.axial_N, job.process.lateral_N))
-    return set_force(text, axial, lateral, "assumed: what this arm can carry there; put yours")
+    axial, lateral = (_round_down(share * process[key]) for key in ("axial_N", "lateral_N"))
+    return set_force(text, axial, lateral, "assumed: half of what this arm holds stretched out; put yours")
 
 
 def _round_down(value: float) -> float:
@@ -223,7 +217,7 @@ def _round_down(value: float) -> float:
 
 
 def _check_toolpath(path: Path) -> None:
-    """Refuse what is no toolpath; it is not read, for it may need what the job says of it."""
+    """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
     from compplan.toolpath.readers.lines import read_bounded
 
     if not path.is_file():

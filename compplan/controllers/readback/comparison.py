@@ -246,7 +246,7 @@ class _Rows:
         kept[:-1] |= wanted.feed[rows][1:] <= 0.0
         kept[-1] = True
         return PlannedRows(
-            self.position, self.rotation, wanted.time[rows], kept, wanted.free, wanted.fit * wanted.coarser[rows],
+            self.position, self.rotation, wanted.time[rows], kept, wanted.free, np.full(len(rows), wanted.fit),
             self.cycle, wanted.asked, np.abs(wanted.corner).max(axis=1) > 0.0,
         )  # fmt: skip
 

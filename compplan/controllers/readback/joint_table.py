@@ -38,14 +38,13 @@ class Commanded:
     #: Whether the speed of the move to each row that programs hold is of no account. Shape (m,).
     free: NDArray[np.bool_]
     table: NDArray[np.bool_]  #: Rows that joints.csv holds. Shape (n,).
-    coarser: Array  #: How much more than the strictest tolerance the move to each row may take. Shape (n,).
     sent: Array  #: Joint positions that programs hold: q, or what leads by the lag of drives. Shape (n, nq). [rad or m]
     asked: Array  #: Feed that the CAM file asks for in the move to each row that programs hold. Shape (m,). [mm/s]
     beside: Array  #: How far zones may lead beside a corner. Shape (m,). [m]
     #: From a row that programs hold to the corner that moves of the tool state in its place, nan at rows of a rounded
     #: corner that they leave out, 0 elsewhere. Shape (m, 3). [m]
     corner: Array
-    #: How far rows may lie beside moves of the tool that stand for them, where the tolerance is strictest. [mm]
+    #: How far rows may lie beside moves of the tool that stand for them. [mm]
     fit: float
 
     def take(self, kept: NDArray[np.int_]) -> Commanded:

@@ -112,7 +112,6 @@ class _Track:
         self.x, self.turn = 1e3 * poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3])
         self.tolerance, self.arcs = np.full(len(program), tolerance), arcs
         self.cycle = program.cycle
-        self.tolerance *= 1.0 if program.coarser is None else program.coarser
         self.step = np.linalg.norm(np.diff(self.x, axis=0, prepend=self.x[:1]), axis=1)
         self.along = np.cumsum(self.step)
         lasts = np.diff(program.time, prepend=program.time[0])

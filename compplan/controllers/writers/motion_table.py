@@ -29,7 +29,6 @@ class MotionTable(StrictTable):
     cycle_ms: step of the interpolator. blend_share: length of a corner's blend over its zone.
     acceleration_mm_s2: of the tip. smoothing_ms: time over which speed is averaged (S-shape).
     lag_ms, acceleration_lag_ms2, lost_motion_deg: one number a joint; lost motion of a slide in mm.
-    resolution_mm: steps of the tip below this do nothing; 0: none is known.
     """
 
     cycle_ms: Annotated[float, Field(ge=0.1, le=100.0)] = 4.0
@@ -39,7 +38,6 @@ class MotionTable(StrictTable):
     lag_ms: Numbers | None = None
     acceleration_lag_ms2: Numbers | None = None
     lost_motion_deg: Numbers | None = None
-    resolution_mm: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     source: str = ASSUMED
 
 
@@ -57,7 +55,6 @@ class ServoMotion:
     velocity_limits: Array  #: Shape (nq,). [rad/s or m/s]
     acceleration_limits: Array  #: Shape (nq,). [rad/s^2 or m/s^2]
     source: str = ASSUMED  #: Who says so, or "assumed".
-    resolution: float = 0.0  #: Smallest step of the tip that moves anything, 0 where none is known. [m]
 
 
 def read_motion(
@@ -90,7 +87,7 @@ def read_motion(
     return ServoMotion(
         1e-3 * table.cycle_ms, table.blend_share, 1e-3 * table.acceleration_mm_s2, 1e-3 * table.smoothing_ms,
         1e-3 * lists["lag_ms"], 1e-6 * lists["acceleration_lag_ms2"], lists["lost_motion_deg"] * unit,
-        velocity, acceleration, table.source, 1e-3 * table.resolution_mm,
+        velocity, acceleration, table.source,
     )  # fmt: skip
 
 
@@ -109,7 +106,6 @@ def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mappin
         "lag_ms": plain(1e3 * motion.lag),
         "acceleration_lag_ms2": plain(1e6 * motion.acceleration_lag),
         "lost_motion_deg": plain(motion.lost_motion * unit),
-        **({"resolution_mm": float(f"{1e3 * motion.resolution:.6g}")} if motion.resolution else {}),
         "source": motion.source,
     }
 
@@ -119,4 +115,4 @@ def list_assumed_motion(table: MotionTable | None) -> list[str]:
     stated = set() if table is None else table.model_fields_set
     if table is not None and table.source == ASSUMED:
         stated = set()
-    return [name for name in MotionTable.model_fields if name not in {*stated, "source", "resolution_mm"}]
+    return [name for name in MotionTable.model_fields if name not in {*stated, "source"}]

@@ -33,7 +33,7 @@ ZERO = 5e-7
 #: What a program holds row by row, joints and words aside: shape of a row of each.
 BY_ROW: dict[str, tuple[int, ...]] = {
     "feed": (), "rapid": (), "exact": (), "time": (), "tcp": (4, 4), "status": (), "bent": (), "free": (),
-    "coarser": (), "arc_of": (), "line_of": (), "corner": (), "corner_shift": (3,), "asked": (), "via": (4, 4),
+    "arc_of": (), "line_of": (), "corner": (), "corner_shift": (3,), "asked": (), "via": (4, 4),
 }  # fmt: skip
 
 
@@ -94,7 +94,6 @@ class Program:
     wiring: Wiring = field(default_factory=Wiring)  #: Signals of the cell that do it.
     post: Post = field(default_factory=Post)  #: How the job wants it written around the moves.
     tolerance: float = 0.0  #: How far written lines and arcs may lie beside the tip; 0: one move a waypoint. [m]
-    coarser: Array | None = None  #: Factor on it for the move that ends at each row, or None for 1. Shape (n,).
     cycle: float = 0.0  #: Least time of a written move. [s]
     #: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
     free: NDArray[np.bool_] | None = None

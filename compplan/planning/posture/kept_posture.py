@@ -61,7 +61,7 @@ def read_lock(job: Job, robot: Robot) -> Robot | Kept | None:
     if keep != KEEP_ROBOT:
         return read_program(job.folder / keep, robot)
     try:
-        folder = find_robot_folder(job.own_robot, job.folder)
+        folder = find_robot_folder(job.context.own_robot or job.robot, job.folder)
     except CompplanError:
         return None  # another robot stands in for one that is not there
     if robot.folder is None or folder.resolve() == robot.folder.resolve():

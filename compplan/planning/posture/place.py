@@ -257,9 +257,7 @@ def _move_job(job: Job, place: Array, turn: float) -> Job:
     """Return the job with its part elsewhere."""
     x, y, z = (1e3 * float(v) for v in place)
     part = PartTable(position_mm=(x, y, z), rotation_deg=_turned_rotation(job, turn))
-    moved = job.model_copy(update={"part": part})
-    moved._file = job.file
-    return moved
+    return job.model_copy(update={"part": part})
 
 
 #: Distances and heights of the path's middle that are tried, as shares of the length of the stretched links.

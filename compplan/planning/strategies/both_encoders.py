@@ -31,9 +31,6 @@ def prepare(task: PlanTask) -> Answer:
         total[task.robot.joint_names.index(spring.joint)] = spring.compliance
     return Answer(
         name="both_encoders",
-        knows="geometry, compliance of each gear and of gear and links about each axis",
-        measures="motor-side and link-side encoders",
-        commands="the nominal path, held by link side plus a share of the gear's deflection",
         q=task.q_start,
         feedback="combined",
         beta=combined_gain(gear_compliance(task.chain), total),

@@ -23,9 +23,6 @@ def prepare(task: PlanTask) -> Answer:
     gain = -(inverse @ loaded_compliance(task.chain, q, task.wrench))
     return Answer(
         name="force_sensor",
-        knows="the full stiffness model",
-        measures="wrench at the tip",
-        commands="the path corrected for the measured wrench",
         q=q,
         gain=gain * task.compensated[:, None, None],
         expected=task.wrench,

@@ -60,10 +60,7 @@ def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> 
         if name in ONLINE:
             answers[name] = ONLINE[name].prepare(task)
         elif name in STRATEGIES:
-            knows = "geometry" if name == "none" else "the full stiffness model and the predicted wrench"
-            answers[name] = Answer(
-                name, knows, "nothing", "a joint program made beforehand", command_path(task, name).q
-            )
+            answers[name] = Answer(name, command_path(task, name).q)
         else:
             raise UnknownNameError("strategy", name, list(list_strategies()))
     return {name: replace(answer, touched=task.touched) for name, answer in answers.items()}
@@ -74,9 +71,6 @@ class Answer:
     """A strategy at work; n waypoints, nq joints."""
 
     name: str  #: Name of the strategy.
-    knows: str  #: What it knows, in words.
-    measures: str  #: What it measures, in words.
-    commands: str  #: What it commands, in words.
     q: Array  #: Command at the expected reading. Shape (n, nq). [rad or m]
     #: Which reading the axes are held by: "motor", "link" or "combined" (`compplan.statics.encoders`).
     feedback: str = "motor"

@@ -15,9 +15,6 @@ def prepare(task: PlanTask) -> Answer:
     """Command the nominal path, held by the link-side encoders."""
     return Answer(
         name="secondary_encoder",
-        knows="geometry",
-        measures="link-side encoders",
-        commands="the nominal path, held by the link side",
         q=task.q_start,
         feedback="link",
     )

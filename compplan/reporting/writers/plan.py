@@ -21,7 +21,7 @@ from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
-from compplan.planning.executed import bound_zones, describe_unfollowed
+from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan, summarise_plan
 from compplan.reporting.writers.recording import write_plan_cell
 from compplan.robot import Array
@@ -84,7 +84,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     from compplan.simulation.inertia import solve_rigid
 
     job, robot = plan.job, plan.robot.folder
-    if job is None or robot is None or job.mounted is not None:
+    if job is None or robot is None or job.context.mounted is not None:
         return plan
     way, back, n = plan.approach, plan.retract, len(plan.task)
     first, last = len(way.q), len(way.q) + n
@@ -97,7 +97,6 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
-    coarser = np.r_[np.ones(first), plan.task.coarser, np.ones(len(back.q))]
     sent = np.vstack([way.q, plan.sent, back.q])
     program = make_program(plan)
     stops = STOPPING.intersection(job.output.programs)
@@ -108,7 +107,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     asked = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        q, time, tip, rows, feed, stands, may_stop, free, table, coarser, sent, asked, beside, corner,
+        q, time, tip, rows, feed, stands, may_stop, free, table, sent, asked, beside, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 
@@ -261,7 +260,6 @@ def note_programs(plan: Plan) -> Plan:
     posts = {language: make_post(plan.job, language) for language in plan.job.output.programs}
     notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
     notes += [note] if plan.executed is not None and (note := plan.executed.say()) else []
-    notes += describe_unfollowed(plan.job.output, carries=bool(plan.task.robot.carrying))
     return plan.add_checks(state_notes(notes))
 
 
@@ -292,7 +290,6 @@ def make_program(plan: Plan) -> Program:
     if plan.job is None:
         return program
     output, motion = plan.job.output, load_motion(plan.robot)[0]
-    coarser = np.r_[np.ones(before), plan.task.coarser, np.ones(after)]
     zones = bound_zones(plan.task, motion)
     drawn, lines = (
         None if marks is None else np.r_[np.zeros(before, int), marks, np.zeros(after, int)]
@@ -307,7 +304,7 @@ def make_program(plan: Plan) -> Program:
     zones["corner"] = np.r_[np.ones(before), zones["corner"], np.ones(after)]
     asked = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
     return replace(
-        program, tolerance=output.bound_fit(plan.task.tolerance), coarser=coarser, corner_shift=shift, asked=asked,
+        program, tolerance=output.bound_fit(plan.task.tolerance), corner_shift=shift, asked=asked,
         cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines,
         **zones,
     )  # fmt: skip
