@@ -5,7 +5,7 @@ joint zero, a soft link, lost motion and small errors of every axis. A tracker o
 without load, with 60 kg at the tool and with pulls of 1200 N. A force sensor logs one part: gain error 1 % and cross
 talk 0.3 deg (one standard deviation), noise 2 N. Nothing of this was measured on a real robot.
 
-Run in the repository, three minutes: python -m examples.measured_robot.measure_robot
+Run in the repository, two minutes: python -m examples.measured_robot.measure_robot
 """
 
 from __future__ import annotations
