@@ -186,9 +186,9 @@ def _write_policy(script: str, library: bytes) -> str:
 
 
 def _add_origin(provenance: Provenance) -> Provenance:
-    """Add commit, seeds and the digests of the files that were read."""
+    """Add version, seeds and the digests of the files that were read."""
     origin = describe_origin()
-    facts = [("compplan", f"{origin['compplan']}, commit {origin.get('commit', 'not known')}")]
+    facts = [("compplan", origin["compplan"])]
     facts += [(f"seed of {name}", str(seed)) for name, seed in origin.get("seeds", {}).items()]
     facts += [(f"SHA-256 of {Path(file).name}", digest) for file, digest in origin.get("inputs_sha256", {}).items()]
     return Provenance([*provenance.facts, *facts], provenance.assumptions)

@@ -53,8 +53,8 @@ def test_the_first_plan_of_the_readme_ends_with_keeps(
     plan = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
     assert answer.status == 0 and answer.out.startswith("Keeps 0.5 mm: ")
     assert plan["error_before_mm"]["max"] > 5.5 and plan["error_band_mm"]["whole_path_p95"] < 0.5
-    assert f"up to {plan['error_before_mm']['max']:.2f} mm" in README
-    assert f"within {plan['error_band_mm']['whole_path_p95']:.3f} mm" in README
+    assert f"up to {plan['error_before_mm']['max']:.1f} mm" in README
+    assert f"within {plan['error_band_mm']['whole_path_p95']:.2f} mm" in README
 
 
 def test_keys_of_a_job_are_set_on_the_command_line_and_stand_among_the_inputs(
