@@ -2,8 +2,8 @@
 
 The simulated shop is `benchmarks.shop` with seed 4: MuJoCo moves an arm that differs from robots/staubli_tx200 by a
 joint zero, a soft link, lost motion and small errors of every axis. A tracker of 0.02 mm per axis gives 41 readings
-at 11 postures, without load, with 60 kg at the tool and with pulls of 1200 N. A force sensor logs one part: gain error 1 % and cross
-talk 0.3 deg (one standard deviation), noise 2 N. Nothing of this was measured on a real robot.
+at 11 postures, without load, with 60 kg at the tool and with pulls of 1200 N. A force sensor logs one part: gain
+error 1 % and cross talk 0.3 deg (one standard deviation), noise 2 N. Nothing of this was measured on a real robot.
 
 Run in the repository, two minutes: python -m examples.measured_robot.measure_robot
 """
