@@ -17,14 +17,10 @@ PASSING = frozenset({"comment"})
 
 @dataclass(frozen=True)
 class Event:
-    """Hold an event; events at one place happen in their order.
+    """Hold an event, of a kind that `describe` lists, after a waypoint (-1: before the first move).
 
-    Args:
-        place: Waypoint after which it happens; -1: before the first move.
-        kind: One of those that `describe` lists.
-        value: Speed [1/min], time [s], number of the tool, state of a signal (0 or 1).
-        text: Comment, name of a tool, signal or program.
-
+    Its value is a speed [1/min], a time [s], the number of a tool or the state of a signal (0 or 1), its text a comment
+    or the name of a tool, signal or program. Events at one place happen in their order.
     """
 
     place: int

@@ -61,13 +61,9 @@ class GeneratorTable(StrictTable):
         return feed, max(2, round(count))
 
     def _walk(self, curve: Curve, grid: Array, corners: Array = NO_CORNERS) -> Toolpath:
-        """Put waypoints on a curve at equal distances along it, between its corners where it has any.
+        """Put waypoints on a curve at equal distances along it, between its corners (k,) where it has any.
 
-        Args:
-            curve: The curve, part frame.
-            grid: Parameters from start to end, close enough that chords between them tell the length. Shape (m,).
-            corners: Parameters in between where the curve bends and a waypoint is put. Shape (k,).
-
+        The grid (m,) holds parameters so close that chords between them tell the length.
         """
         lengths = _measure(curve, grid)
         feed, count = self._resolve_pace(float(lengths[-1]))
@@ -180,11 +176,8 @@ class ConeTable(GeneratorTable):
 
     def generate(self) -> Toolpath:
         """Generate the cone."""
-        radius, depth, slope = (
-            0.5 * (self.diameter_mm * 1e-3),
-            self.depth_mm * 1e-3,
-            np.tan(np.radians(self.wall_angle_deg)),
-        )
+        radius, depth = 0.5 * (self.diameter_mm * 1e-3), self.depth_mm * 1e-3
+        slope = np.tan(np.radians(self.wall_angle_deg))
         if radius - depth / slope <= 0.0:
             closes = radius * slope * 1e3
             raise InputError(f"cone depth is {depth * 1e3:g} mm, must stay below {closes:g} mm where the cone closes")

@@ -14,13 +14,9 @@ from compplan.toolpath.toolpath import Toolpath, select_waypoints
 
 @dataclass(frozen=True)
 class Operation:
-    """One stretch of a file that one tool cuts.
+    """Hold a stretch of a file that one tool cuts, the tool's own change the first event of its toolpath.
 
-    Attributes:
-        number: T number of the tool; 0 where the file cuts before it calls a tool, or calls it by name.
-        name: Name of the tool, where the file calls it by name, else "".
-        toolpath: What the tool does, its own change the first event.
-
+    The T number is 0 where the file cuts before it calls a tool, or calls it by `name`, which is "" else.
     """
 
     number: int
@@ -86,12 +82,7 @@ def _cut_out(toolpath: Toolpath, before: int, last: int, events: Sequence[Event]
 
 
 def select_operation(toolpath: Toolpath, number: int) -> Toolpath:
-    """Return one operation of a toolpath, counted from 1.
-
-    Raises:
-        InputError: If there are not as many.
-
-    """
+    """Return one operation of a toolpath, counted from 1; an InputError if there are not as many."""
     found = split_operations(toolpath)
     if number > len(found):
         tools = ", ".join(operation.tool for operation in found)

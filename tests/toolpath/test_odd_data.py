@@ -112,7 +112,7 @@ def test_a_path_of_a_few_atoms_is_refused_and_a_small_one_asked_about() -> None:
 
 
 @pytest.mark.parametrize("free", [True, False])
-def test_an_x_along_the_tool_axis_is_refused_or_said_to_mean_nothing(free, tmp_path, monkeypatch, capsys) -> None:
+def test_an_x_along_the_tool_axis_is_refused_unless_the_tool_may_turn(free, tmp_path, monkeypatch, capsys) -> None:
     work = tmp_path / "work"
     shutil.copytree(GOOD, work)
     text = (work / "job.toml").read_text()
@@ -120,8 +120,6 @@ def test_an_x_along_the_tool_axis_is_refused_or_said_to_mean_nothing(free, tmp_p
     (work / "job.toml").write_text(text.replace("rotate_about_tool_axis = true", new))
     answer = run_command(["plan", work / "job.toml", "--out", work / "out"], monkeypatch, capsys)
     assert answer.status == (0 if free else 2)
-    told = (work / "out" / "plan.json").read_text(encoding="utf-8") if free else ""
-    assert ("plan.tool_x points along the tool axis" in told) == free
     assert ("plan.tool_x: points along the tool axis at 46 of 46 waypoints" in answer.err) != free
 
 

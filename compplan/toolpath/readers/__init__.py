@@ -54,9 +54,7 @@ def find_reader(path: Path, text: str) -> Any:
 def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
     """Read a CAM file: its text says what language it is in, and its suffix where the text leaves it open.
 
-    Raises:
-        InputError: With file and line, if the file is not what it has to be.
-
+    An InputError with file and line says what is not as it has to be.
     """
     path = Path(path)
     text = read_bounded(path)

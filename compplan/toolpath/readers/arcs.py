@@ -196,9 +196,9 @@ def sample_arc(arc: Arc, chord: float) -> Array:
         turns = range(math.ceil(-base / math.pi), math.floor((span - base) / math.pi) + 1)
         extremes = [base + turn * math.pi for turn in turns] if math.hypot(one, other) > NOTHING else []
         found += [angle for angle in extremes if NOTHING < angle < span - NOTHING]
-    angles = np.array(sorted(found))
-    angles = angles[np.r_[True, np.diff(angles) >= NOTHING]]
+    found.sort()
+    angles = np.array([one for before, one in zip([-1.0, *found], found, strict=False) if one - before >= NOTHING])
     share = angles / span
     reach = arc.radius + (arc.end_radius - arc.radius) * share
-    around = np.outer(reach * np.cos(angles), arc.first) + np.outer(reach * np.sin(angles), second)
-    return np.asarray(arc.centre) + around + np.outer(arc.rise * share, arc.normal)
+    parts = np.array([reach * np.cos(angles), reach * np.sin(angles), arc.rise * share])
+    return np.asarray(np.asarray(arc.centre) + parts.T @ np.array([arc.first, second, arc.normal]))

@@ -15,7 +15,7 @@ from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc import heidenhain_words as lexer
 from compplan.toolpath.readers.cnc.contour import Corner
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
-from compplan.toolpath.readers.cnc.heidenhain_approach import Approaches
+from compplan.toolpath.readers.cnc.heidenhain_approach import run_approach, run_departure
 from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
@@ -92,7 +92,6 @@ class Klartext:
         self.begun = False
         #: Whether every move from here on calls the cycle (M89).
         self.calls = False
-        self.approaches = Approaches(self.it, self.words)
         self.cycles = HeidenhainCycles(self.it, self.datums, self.words)
         self.points: list[Point] = []
         self.inch = options.unit == "inch"
@@ -443,8 +442,8 @@ STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "PLANE": lambda dialect, rest: dialect.datums.run_plane(rest), "TRANS": Klartext.shift_datum,
     # contours and cycles
     "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner,
-    "APPR": lambda dialect, rest: dialect.approaches.run_approach(rest),
-    "DEP": lambda dialect, rest: dialect.approaches.run_departure(rest),
+    "APPR": lambda dialect, rest: run_approach(dialect.it, dialect.words, rest),
+    "DEP": lambda dialect, rest: run_departure(dialect.it, dialect.words, rest),
     "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
     # nothing of the path
     **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),

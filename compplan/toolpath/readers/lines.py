@@ -19,12 +19,7 @@ LONGEST_LINE = 10_000
 
 
 def read_bounded(path: Path) -> str:
-    """Return the text of a CAM file.
-
-    Raises:
-        InputError: If it cannot be read, is no text, or is larger than any program.
-
-    """
+    """Return the text of a CAM file; an InputError if it cannot be read, is no text, or larger than any program."""
     if path.is_file() and path.stat().st_size > MOST_BYTES:
         size = path.stat().st_size / 2**20
         raise InputError(f"holds {size:.0f} MB, CAM files of at most {MOST_BYTES >> 20} MB are read", file=path)

@@ -146,6 +146,11 @@ def test_the_part_turns_under_the_tool_without_control_of_the_tip(read) -> None:
     assert cam.facts.cutting_moves == 2 and len(path) > 40
 
 
+def test_a_turn_of_thousands_of_rounds_in_one_block_is_refused(read) -> None:
+    with pytest.raises(InputError, match=r":4: rotary axes turn by .* deg in one block"):
+        read("G21 G90\nG43.4 H1\nG0 X0 Y0 Z5 A1\nG1 X10 A1000000000 F60\n", ".nc", rotary="head")
+
+
 def test_a_block_of_inverse_time_feed_lasts_as_long_as_it_says_however_the_part_turns(read) -> None:
     options = {"rotary": "table", "rotary_centre_mm": [0.0, 0.0, 0.0]}
     path = read("G21 G90\nG0 X30 Y0 Z5 C0\nG1 Z0 F60\nG93 G1 X40 C90 F2\n", ".nc", **options).toolpath

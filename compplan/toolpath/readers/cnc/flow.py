@@ -125,6 +125,8 @@ class Flow:
         """Return whether a repetition that stands in a line goes back once more."""
         left = self.call.repeats.get(index)
         left = int(times()) if left is None else left
+        if left > MOST_JUMPS:
+            raise self.error(f"a repetition by {left} times, at most {MOST_JUMPS} are read")
         if left > 0:
             self.call.repeats[index] = left - 1
             return True

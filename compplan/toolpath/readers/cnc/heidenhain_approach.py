@@ -88,55 +88,50 @@ class Way:
         return moves if end is None else [*moves, self.go(place, end, self.feed)]
 
 
-class Approaches:
-    """Carry out APPR and DEP."""
+def run_approach(it: Interpreter, block: KlartextWords, rest: str) -> None:
+    """APPR: its moves wait for the first element of the contour."""
+    way, words, functions = _read_way(it, block, rest, "APPR")
+    it.contour.refuse_open()
+    it.course.begin_cut()
+    start, (first, _) = it.contour.position, it.motion.target(block.read(words))
+    depth = combine(dot(combine(1.0, first, -1.0, start), way.normal), way.normal, 0.0, way.normal)
+    if math.hypot(*depth) > 1e-9:
+        it.note("an approach with a depth goes there before it touches the contour; newer controls sink on the way")
+    it.contour.wait(lambda element: way.approach(start, first, depth, element.tangent(element.start)), first,
+                    it.flow.line)  # fmt: skip
+    with block.functions(functions):
+        pass
 
-    def __init__(self, it: Interpreter, words: KlartextWords) -> None:
-        self.it, self.words = it, words
 
-    def run_approach(self, rest: str) -> None:
-        """APPR: its moves wait for the first element of the contour."""
-        it = self.it
-        way, words, functions = self._read_way(rest, "APPR")
+def run_departure(it: Interpreter, block: KlartextWords, rest: str) -> None:
+    """DEP: leave the contour."""
+    axis = block.tool_axis
+    way, words, functions = _read_way(it, block, rest, "DEP")
+    with block.functions(functions):
+        direction = it.motion.find_direction()
         it.contour.refuse_open()
-        it.course.begin_cut()
-        start, (first, _) = it.contour.position, it.motion.target(self.words.read(words))
-        depth = combine(dot(combine(1.0, first, -1.0, start), way.normal), way.normal, 0.0, way.normal)
-        if math.hypot(*depth) > 1e-9:
-            it.note("an approach with a depth goes there before it touches the contour; newer controls sink on the way")
-        it.contour.wait(lambda element: way.approach(start, first, depth, element.tangent(element.start)), first,
-                        it.flow.line)  # fmt: skip
-        with self.words.functions(functions):
-            pass
+        last, target = it.contour.position, it.motion.target(block.read(words))[0]
+        height = target[axis] - last[axis]
+        flat = combine(1.0, target, -height, way.normal) if way.kind == "LCT" else None
+        for element in way.depart(last, flat, direction):
+            it.contour.add(element)
+        if abs(height) > 1e-9:
+            place = combine(1.0, it.contour.position, height, way.normal)
+            it.contour.add(Element(it.contour.position, place, (), way.feed, it.flow.line))
+        block.side, it.state.motion = "", 1.0
 
-    def run_departure(self, rest: str) -> None:
-        """DEP: leave the contour."""
-        it, axis = self.it, self.words.tool_axis
-        way, words, functions = self._read_way(rest, "DEP")
-        with self.words.functions(functions):
-            direction = it.motion.find_direction()
-            it.contour.refuse_open()
-            last, target = it.contour.position, it.motion.target(self.words.read(words))[0]
-            height = target[axis] - last[axis]
-            flat = combine(1.0, target, -height, way.normal) if way.kind == "LCT" else None
-            for element in way.depart(last, flat, direction):
-                it.contour.add(element)
-            if abs(height) > 1e-9:
-                place = combine(1.0, it.contour.position, height, way.normal)
-                it.contour.add(Element(it.contour.position, place, (), way.feed, it.flow.line))
-            self.words.side, it.state.motion = "", 1.0
 
-    def _read_way(self, rest: str, what: str) -> tuple[Way, Words, set[int]]:
-        kind, text = match_form(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest, f"{what}: LT, LN, CT, LCT").groups()
-        words, functions = self.words.split(text)
-        feed_before = None if self.it.state.motion == 0.0 else self.it.motion.feed(0.0)
-        self.words.take_side(words)
-        if self.words.take_feed(words) and what == "APPR":
-            raise InputError("an approach with FMAX is not read; give it a feed")
-        need = {"LT": "LEN", "LN": "LEN", "CT": "CCA", "LCT": ""}[kind]
-        if need and need not in words:
-            raise InputError(f"{what} {kind} has no {need}")
-        length, radius, angle = (self.words.value(words.get(name) or "0") for name in ("LEN", "R", "CCA"))
-        side, normal = {"L": 1.0, "R": -1.0, "": 0.0}[self.words.side], PLANE_NORMALS[self.it.state.plane]
-        feed, line = self.it.motion.feed(0.0), self.it.flow.line
-        return Way(kind, length, radius, angle, side, normal, feed, feed_before, line), words, functions
+def _read_way(it: Interpreter, block: KlartextWords, rest: str, what: str) -> tuple[Way, Words, set[int]]:
+    kind, text = match_form(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest, f"{what}: LT, LN, CT, LCT").groups()
+    words, functions = block.split(text)
+    feed_before = None if it.state.motion == 0.0 else it.motion.feed(0.0)
+    block.take_side(words)
+    if block.take_feed(words) and what == "APPR":
+        raise InputError("an approach with FMAX is not read; give it a feed")
+    need = {"LT": "LEN", "LN": "LEN", "CT": "CCA", "LCT": ""}[kind]
+    if need and need not in words:
+        raise InputError(f"{what} {kind} has no {need}")
+    length, radius, angle = (block.value(words.get(name) or "0") for name in ("LEN", "R", "CCA"))
+    side, normal = {"L": 1.0, "R": -1.0, "": 0.0}[block.side], PLANE_NORMALS[it.state.plane]
+    feed, line = it.motion.feed(0.0), it.flow.line
+    return Way(kind, length, radius, angle, side, normal, feed, feed_before, line), words, functions

@@ -25,6 +25,8 @@ PLAIN = re.compile(
 )
 #: Greatest turn of the rotary axes between waypoints. [deg]
 TURN_STEP = 1.0
+#: Greatest turn of the rotary axes in one block: a hundred turns (assumed). [deg]
+MOST_TURN = 36_000.0
 #: Greatest number of turns of one helix.
 MOST_TURNS = 10_000
 MIDDLES, DIRECTIONS = ("I1", "J1", "K1"), ("A3", "B3", "C3")
@@ -228,6 +230,8 @@ class MotionReader:
     def _count_pieces(self, target: Point, before: dict[str, float], after: dict[str, float], *, tip: bool) -> int:
         """Return in how many pieces rotary axes turn, so that tool axis and tip keep to their way."""
         turn = max((abs(angle - before.get(letter, 0.0)) for letter, angle in after.items()), default=0.0)
+        if turn > MOST_TURN:
+            raise InputError(f"rotary axes turn by {turn:g} deg in one block, at most {MOST_TURN:g} are read")
         step = TURN_STEP
         if tip:
             ways = [{n: before.get(n, 0.0) * (1 - s) + a * s for n, a in after.items()} for s in (0.0, 0.37, 0.71, 1.0)]

@@ -22,6 +22,7 @@ CORNER = re.compile(rf"(?:,\s*([RC])|\b(RND|CHR|CHF)\s*=)\s*({NUMBER})")
 CORNER_WORDS = {"R": "RND", "C": "CHR", "RND": "RND", "CHR": "CHR", "CHF": "CHF"}
 DIRECTION = re.compile(rf"(?<![A-Z0-9])([ABC]3)\s*=\s*({NUMBER})")
 SPINDLE_NUMBER = re.compile(r"(?<![A-Z0-9])([MS])\d{1,2}\s*=\s*(?=\d)")
+SPINDLE_ANGLE = re.compile(rf"\bSPOS\s*=\s*{NUMBER}")
 SIEMENS = {"SUPA": "G53", "TRAORI": " ", "TRAFOOF": " "}
 SWIVEL = re.compile(r'CYCLE800\(([-+\d.,\s"]*)\)')
 #: What makes brackets a list of arguments, not a comment: a word right before them.
@@ -105,7 +106,8 @@ def split_words(line: str) -> tuple[Words, str]:
     if "," in line or "=" in line:
         others = [(CORNER_WORDS[one or other], float(number)) for one, other, number in CORNER.findall(line)]
         others += [(letter, float(number)) for letter, number in DIRECTION.findall(line)]
-        line = SPINDLE_NUMBER.sub(r"\1", DIRECTION.sub(" ", re.sub(r"\bCR\s*=", "R", CORNER.sub(" ", line))))
+        line = re.sub(r"\bCR\s*=", "R", CORNER.sub(" ", line))
+        line = SPINDLE_NUMBER.sub(r"\1", SPINDLE_ANGLE.sub(" ", DIRECTION.sub(" ", line)))
     found = WORD.findall(line)
     return [(letter, float(number)) for letter, number in found] + others, WORD.sub("", line).strip()
 
