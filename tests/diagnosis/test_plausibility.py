@@ -185,4 +185,4 @@ def test_a_tool_file_mounts_the_tool(
     assert '"rms_mm": 0.03' in offset.out.replace("\n", "")
     assert '"rms_mm": 0.' in shown.out  # the moments act at another point: tenths of a millimetre
     bad = run_command([*command, "--target-offset", "20,0"], monkeypatch, capsys)
-    assert bad.status == 2 and "three numbers" in bad.err
+    assert bad.status == 2 and "expected X,Y,Z in mm" in bad.err

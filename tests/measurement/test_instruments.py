@@ -336,7 +336,7 @@ def test_doctor_says_what_another_instrument_saw(robot: Robot, tmp_path: Path, r
     rows = [f"static,{k % 2},{degrees(q)}" for k, q in enumerate(draw_poses(robot, 8, 1))]
     log = write_log(tmp_path / "log.csv", f"run,contact,{JOINTS}", rows)
     result = run("doctor", log, "--json")
-    assert "8 contacts at 2 places" in json.dumps(json.loads(result.out))
+    assert "--instrument" in json.dumps(json.loads(result.out))
 
 
 def numbers(*values: float) -> str:

@@ -104,7 +104,8 @@ def test_a_tool_that_wears_in_a_run_is_said_to_follow_time(robot: Robot) -> None
     rows = plan_rows(robot, 1, poses=40, loads=0)
     worn = wear(robot, measure(robot, rows, [], 1, orientation=False), 1.5e-3)
     found = cp.diagnose(worn, robot)
-    assert found.verdict.status == "unknown" and found.delivery.kind == "nominal"
+    assert found.verdict.status == "unknown"
+    assert found.gap.held_out_after < 0.5 * found.gap.held_out_before
     assert [cause.effect.axis for cause in found.verdict.structure.dependences] == ["time"]
 
 

@@ -69,6 +69,8 @@ def _look_at_columns(table: Table) -> Iterator[Remark]:
     for key, without in absent.items():
         if key not in table:
             yield Remark("note", "column", f"no column with {without}")
+    if "contact" in table.text or "reading" in table or "distance" in table:
+        yield Remark("fine", "instrument", "contacts, readings or distances: give the instrument by --instrument")
     for name in ("x", "y", "z"):
         if name not in table:
             continue

@@ -1,7 +1,8 @@
 """Delivery: the robot folder that a diagnosis writes, judged by what its model predicts of poses that it never saw.
 
-The folder holds the posterior of named effects and small errors (`validation.calibration`); where that predicts poses
-left out no better than the nominal robot by more than chance, the nominal robot is written.
+The folder holds the posterior of named effects, of shifts of the tool with or without a name, and of small errors
+(`validation.calibration`); where that predicts poses left out no better than the nominal robot by more than chance, the
+nominal robot is written.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.results.posterior import name_alternatives, state_uncertainty
 from compplan.diagnosis.results.verdict import Verdict, motion_of
 from compplan.diagnosis.search.fit import register_again
-from compplan.diagnosis.search.search import Claim
+from compplan.diagnosis.search.search import SHIFTS, Claim
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, stands
 from compplan.diagnosis.validation.bounds import find_breach
 from compplan.diagnosis.validation.calibration import calibrate, calibrated_state, hold_out_calibration
@@ -54,15 +55,17 @@ def deliver_robot(
     `plain` is what the nominal robot predicts, `nominal` its state; `good` tells rows that are no outliers. Shape (n,).
     """
     fit, every, problem = folds.fit, possible_claims(folds.fit, verdict), folds.fit.problem
-    named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
+    equations, named = fit.search.equations, {f.signature for f in verdict.findings}
+    # rows before and after a shift contradict each other, named or not, and no small error stands for that
+    claims = [c for c in every if c.signature in named or equations.signatures[c.signature].name in SHIFTS]
     seen, fold, rivals = good[plain.rows], folds.fold[plain.rows], name_alternatives(verdict)
     before = plain.of(seen)
-    found = calibrate(folds, named)
+    found = calibrate(folds, claims)
     held = hold_out_calibration(folds, found)
     stated = held.correct_for_selection(fold, seen)
     # nothing goes out whose stated error is not below the nominal one
     better = held.of(seen).rms < (1.0 - NEGLIGIBLE) * before.rms and stated.of(seen).rms < before.rms
-    values = found.posterior.values(fit.search.equations.p)
+    values = found.posterior.values(equations.p)
     state = calibrated_state(fit, values, found.named) if better else nominal
     if not better or not stands(problem, state):
         known = state_uncertainty(fit, every, nominal, plain, good, rivals)
