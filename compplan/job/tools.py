@@ -65,9 +65,11 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
     """Check [[tool]].
 
     Raises:
-        InputError: If one is invalid, or two have the same number.
+        InputError: If there is none, one is invalid, or two have the same number.
 
     """
+    if not entries:
+        raise InputError("is empty, expected a table for every tool", file=file, where="tool")
     tools: list[NumberedTool] = []
     for k, entry in enumerate(entries):
         if not isinstance(entry, Mapping):

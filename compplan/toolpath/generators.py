@@ -20,6 +20,8 @@ from compplan.toolpath.toolpath import MOST_WAYPOINTS, Toolpath
 
 #: Feeds that are taken for true. [m/s]
 SLOWEST, FASTEST = 1e-9, 1e3
+#: Turns that are taken for true.
+MOST_TURNS = 1e4
 #: Position at parameter u of a curve. (n,) -> (n, 3) [m]
 Curve = Callable[[Array], Array]
 NO_CORNERS: Array = np.zeros(0)
@@ -66,6 +68,8 @@ class GeneratorTable(StrictTable):
         The grid (m,) holds parameters so close that chords between them tell the length.
         """
         lengths = _measure(curve, grid)
+        if not lengths[-1] > 0.0:
+            raise InputError("the generator makes a path of no length")
         feed, count = self._resolve_pace(float(lengths[-1]))
         bounds = np.r_[0.0, np.interp(corners, grid, lengths), lengths[-1]]
         position = curve(np.interp(_place_stations(bounds, count), lengths, grid))
@@ -102,7 +106,13 @@ def _place_stations(bounds: Array, count: int) -> Array:
     return np.concatenate([*parts, bounds[-1:]])
 
 
+def _refuse_turns(turns: float) -> None:
+    if turns > MOST_TURNS:
+        raise InputError(f"this makes {turns:.3g} turns, at most {MOST_TURNS:g} are generated")
+
+
 def _angles(turns: float) -> Array:
+    _refuse_turns(turns)
     return np.linspace(0.0, 2.0 * np.pi * turns, max(200, int(np.ceil(2000 * turns))) + 1)
 
 
@@ -153,6 +163,8 @@ class SpiralTable(GeneratorTable):
             length = (self.length_mm or 0.0) * 1e-3
             if length <= abs(outer - inner) * 1.01:
                 raise InputError(f"spiral length {length * 1e3:g} mm, must exceed the difference of its radii")
+            if length < _measure(spiral(1e-3), _angles(1e-3))[-1]:
+                raise InputError(f"spiral length {length * 1e3:g} mm, must be more than a thousandth of a turn")
             # The spiral is longer than the circles it passes, pi (outer + inner) a turn: this bounds the turns.
             most = length / (np.pi * (outer + inner)) + 1.0
             turns = float(brentq(lambda n: _measure(spiral(n), _angles(n))[-1] - length, 1e-3, most, xtol=1e-12))
@@ -200,6 +212,7 @@ class ConeTable(GeneratorTable):
             return ring(2.0 * np.pi * np.maximum(part - 1.0, 0.0), down)
 
         one = np.concatenate([[0.0], np.linspace(1.0, 2.0, 2001)[:-1]])
+        _refuse_turns(turns)
         grid = np.concatenate([2.0 * level + one for level in range(count)] + [np.array([2.0 * count])])
         return self._walk(level_point, grid, np.arange(1.0, 2.0 * count))
 

@@ -105,6 +105,7 @@ def test_a_cut_whose_tool_nobody_describes_is_refused_in_one_line(tmp_path, tabl
 @pytest.mark.parametrize(("tools", "said"), [
     ([{"position_mm": [0.0, 0.0, 1.0]}], r"tool\[0\]: has neither number nor name"),
     ([*TOOLS, TOOLS[0]], r"tool\[2\]: describes T1 again"),
+    ([], "tool: is empty"),
     ([{"number": 1, "lenght": 3.0}], r"tool\[0\].lenght: unknown key"),
     ([{"number": 1}, {"number": 2, "process": {"model": "drill", "teeths": 2}}], r"process.*T2: tool\[1\]"),
     ([3], r"tool\[0\]: is 3, expected a table"),
