@@ -28,6 +28,7 @@ from compplan.robot import Array
 from compplan.simulation.vibration import Dynamics, build_dynamics
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import Slopes, band_radius, split_covariance
+from compplan.uncertainty.motion import spread_draws
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     build_path_model,
@@ -148,9 +149,7 @@ def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynam
     motion = measure_motion(task, time, dynamics)
     if motion is None:
         return np.zeros((len(rows), 3, 3)), 0.0
-    away = motion.error[:, rows] - motion.error[:, rows].mean(axis=0)
-    spread = np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1)
-    return spread, float(np.linalg.norm(motion.static[rows], axis=1).max(initial=0.0))
+    return spread_draws(motion.error[:, rows]), float(np.linalg.norm(motion.static[rows], axis=1).max(initial=0.0))
 
 
 def _widen(use: Array, time: Array, reach: float) -> Array:

@@ -26,7 +26,7 @@ from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 from compplan.uncertainty.ladder import USUAL, Rung, climb_ladder, condition, pick_places, pose_variance, weigh_poses
-from compplan.uncertainty.motion import Motion
+from compplan.uncertainty.motion import Motion, spread_draws
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     measure_force_slopes,
@@ -188,13 +188,13 @@ def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
     eye = np.broadcast_to(np.eye(3), (len(slopes.rows), 3, 3))
     (moved, shared), smooth = slopes.columns(known), slopes.smooth_columns(known)
     force = np.concatenate([shared[:, :, :4], slopes.local], axis=2)
-    part, away = shared[:, :, 4:], slopes.moved - (slopes.moved.mean(axis=0) if len(slopes.moved) else 0.0)
+    part = shared[:, :, 4:]
     return {
         "model": moved @ np.swapaxes(moved, 1, 2),
         "unexplained": smooth @ np.swapaxes(smooth, 1, 2),
         "repeatability": eye * (known.repeatability or 0.0) ** 2,
         "force": force @ np.swapaxes(force, 1, 2),
-        "motion": np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1) if len(away) else 0.0 * eye,
+        "motion": spread_draws(slopes.moved) if len(slopes.moved) else 0.0 * eye,
         "placement": part @ np.swapaxes(part, 1, 2),
     }
 

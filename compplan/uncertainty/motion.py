@@ -36,6 +36,12 @@ DAMPING_FACTOR = 1.6
 DRAWS = 12
 
 
+def spread_draws(error: Array) -> Array:
+    """Return the covariance of drawn tips about their mean. Shape (d, n, 3) -> (n, 3, 3). [m^2]."""
+    away = error - error.mean(axis=0)
+    return np.asarray(np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1))
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Where the motion of the arm puts the tip; n rows."""
@@ -53,8 +59,7 @@ class Motion:
     @property
     def covariance(self) -> Array:
         """Covariance over the draws. Shape (n, 3, 3). [m^2]."""
-        away = self.error - self.mean
-        return np.asarray(np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1))
+        return spread_draws(self.error)
 
     def worst_rows(self, cut: NDArray[np.bool_], most: int) -> NDArray[np.int_]:
         """Return the rows of the cut where the motion moves the tip the most, at most so many."""
