@@ -81,6 +81,7 @@ class Klartext:
 
     def __init__(self, file: Path, options: CamTable) -> None:
         flow = Flow(file, DEEPEST)
+        flow.weigh = lambda block: len(block.text)
         self.it = Interpreter(file, options, State(motion=0.0), self, flow, unit="")
         self.it.motion.keeps_polar = False
         self.words = KlartextWords(self.it)
@@ -153,7 +154,6 @@ class Klartext:
             if followed and it.motion.cut_plain(plain):
                 return index
         it.steady = False
-        it.flow.count_work(len(text))
         if text.startswith("CALL") or (" GOTO" in text and text.startswith(("FN", "IF"))):
             return self._jump(text, program, index)
         self._carry_out(text, program, index)
@@ -164,7 +164,6 @@ class Klartext:
         """Carry out a call of a label, a repetition or a jump; return where to go on."""
         flow = self.it.flow
         if not text.startswith("CALL"):
-            flow.count_jump()
             one, how, other, label = match_form(lexer.JUMP, text, "jump: IF .. EQU .. GOTO LBL ..").groups()
             a, b = self._formula(one), self._formula(other)
             jumps = {"EQU": a == b, "NE": a != b, "GT": a > b, "LT": a < b}[how]
@@ -175,7 +174,6 @@ class Klartext:
             self.it.contour.refuse_open()
             flow.run_program(f"LBL {label}", program, 1, start)
             return index
-        flow.count_jump()
         return start if flow.repeat(index, lambda: self.value(times)) else index
 
     def _label(self, word: str) -> int:

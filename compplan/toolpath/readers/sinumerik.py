@@ -61,8 +61,11 @@ SURE = re.compile(
 )
 #: A comment, of other dialects in brackets: what a cutter is called there (CR=0) is no word of the program.
 COMMENT = re.compile(r"(?<![\w=])\((?!\")[^()\n]*\)|;(?!\$PATH=)[^\n]*")
-#: The number of a Fanuc program, which no Sinumerik program has.
-PROGRAM_NUMBER = re.compile(r"^[ \t]*O\d{1,8}\b", re.MULTILINE)
+#: What no Sinumerik program has: the number of a Fanuc program; its home, drilling cycles and calls of subprograms.
+FOREIGN = re.compile(
+    r"^[ \t]*O\d{1,8}\b|(?<![A-Z_])(G0*28|G30|G73|G76|G8[1-9]|M0*98)[ \t]*(?=[A-Z]+[ \t]*-?[\d.])",
+    re.MULTILINE | re.IGNORECASE,
+)
 #: Lengths of a motion block; addresses that say nothing of the path.
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
 SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "FA", "DISCL", "FGREF", "TOFFL",
@@ -81,7 +84,8 @@ NO_UNIT = "G70, G71, G700 or G710; the control's own setting is not in the file"
 
 def recognise(text: str) -> int:
     """Tell whether a text is of a Sinumerik control: 1 for G-code of no mark, which the ending decides."""
-    sure = SURE.search(COMMENT.sub("", text)) is not None and PROGRAM_NUMBER.search(text) is None
+    bare = COMMENT.sub("", text)
+    sure = SURE.search(bare) is not None and FOREIGN.search(bare) is None
     return 2 if sure else int(BEGINNING.search(text) is not None)
 
 

@@ -132,9 +132,8 @@ LBL 0"""
 
 
 def test_endless_jumps_and_calls_of_other_programs_are_refused(read, monkeypatch) -> None:
-    assert flow.MOST_JUMPS == 200_000
-    monkeypatch.setattr(flow, "MOST_JUMPS", 2_000)
-    with pytest.raises(InputError, match=r"part.h:5: more than 2000 jumps"):
+    monkeypatch.setattr(flow, "MOST_LETTERS", 50_000)
+    with pytest.raises(InputError, match=r"part.h:5: more than 50000 letters of blocks"):
         read(close("LBL 1\nFN 9: IF +0 EQU +0 GOTO LBL 1"))
     with pytest.raises(InputError, match=r"part.h:4: call 'CALL PGM SUB.H' is not read"):
         read(close("CALL PGM SUB.H"))
