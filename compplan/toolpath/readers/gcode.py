@@ -233,8 +233,7 @@ class Rs274:
         for group in CONTRARY if len(codes) > 1 else ():
             if len(said := sorted(group & set(codes))) > 1:
                 names = " and ".join(f"G{code:g}" for code in said)
-                one = ", expected one motion" if said[0] in MOTIONS else ""
-                raise InputError(f"{names} are in one block{one or ' and contradict each other'}")
+                raise InputError(f"{names} stand in one block, expected one of them")
         return self.it.run_words(block, codes, find_code)
 
     def move(self, block: CncBlock) -> None:

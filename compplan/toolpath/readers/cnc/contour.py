@@ -38,9 +38,9 @@ class Element:
     def tangent(self, place: Point) -> Point:
         """Return the direction of travel at a point of the element."""
         if self.centre is None:
-            return _unit(combine(1.0, self.end, -1.0, self.start))
+            return normalise(combine(1.0, self.end, -1.0, self.start))
         along = cross(self.normal, combine(1.0, place, -1.0, self.centre))
-        return _unit(along if self.right_hand else (-along[0], -along[1], -along[2]))
+        return normalise(along if self.right_hand else (-along[0], -along[1], -along[2]))
 
 
 @dataclass(frozen=True)
@@ -158,10 +158,3 @@ def find_centre(start: Point, end: Point, normal: Point, radius: float, unit: st
         raise ValueError(f"arc of radius R {radius:g}{unit} cannot join ends that are {far:g}{unit} apart, expected "
                          f"0 < distance <= {2 * abs(radius):g}{unit}")  # fmt: skip
     return centre
-
-
-def _unit(vector: Point) -> Point:
-    size = math.hypot(*vector)
-    if size < 1e-12:
-        raise ValueError("an element of the contour has no length")
-    return vector[0] / size, vector[1] / size, vector[2] / size

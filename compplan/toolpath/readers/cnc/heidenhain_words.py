@@ -232,10 +232,8 @@ class KlartextWords:
     def _set_speed(self, speed: float) -> None:
         """Take a speed of the spindle; one that turns changes its speed."""
         self.it.state.spindle = speed
-        if self.per_turn:
-            self.set_feed_scale()
-        if self.it.state.turning:
-            self.it.log.happen(self.it.state.turning, self.it.flow.line, value=speed)
+        self.set_feed_scale()
+        self.it.machine.switch_on((), self.it.flow.line, changed=True)
 
     def change_tool(self, text: str) -> None:
         """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
@@ -251,9 +249,6 @@ class KlartextWords:
             raise InputError(f"cannot read {rest[:30]!r} in the tool call")
         if any(self.value(words[key]) for key in ("DL", "DR") if key in words):
             it.note("oversizes DL, DR of TOOL CALL are not applied: the path is that of the tool tip")
-        if "S" in words:
-            it.state.spindle = self.value(words["S"])
-            self.set_feed_scale()
         if "F" in words:
             self.tool_feed = self.to_mm_s(self.value(words["F"]))
             it.state.feed = self.tool_feed * 60.0
@@ -267,8 +262,8 @@ class KlartextWords:
         if axis in ("X", "Y", "Z") and AXES.index(axis) != self.tool_axis:
             it.state.plane = PLANES[AXES.index(axis)]
             self.turn_axis()
-        if "S" in words and it.state.turning:
-            it.log.happen(it.state.turning, it.flow.line, value=it.state.spindle)
+        if "S" in words:
+            self._set_speed(self.value(words["S"]))
         with self.functions({int(number) for number in re.findall(r"M\s*(\d+)", bare)}):
             pass
 
