@@ -25,6 +25,18 @@ CORNER_WORDS = {"R": "RND", "C": "CHR", "RND": "RND", "CHR": "CHR", "CHF": "CHF"
 DIRECTION = re.compile(rf"(?<![A-Z0-9])([ABC]3)\s*=\s*({NUMBER})")
 SPINDLE_NUMBER = re.compile(r"(?<![A-Z0-9])([MS])\d{1,2}\s*=\s*(?=\d)")
 SPINDLE_ANGLE = re.compile(rf"\bSPOS\s*=\s*{NUMBER}")
+#: Words of Siemens controls that say nothing about the programmed path, and those that a block may hold beside others.
+HARMLESS = frozenset((
+    "TRAORI", "TRAFOOF", "STOPRE", "SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "FFWON", "FFWOF", "COMPON", "COMPOF",
+    "COMPCURV", "COMPCAD", "COMPSURF", "UPATH", "SPATH", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "ORIPLANE",
+    "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORIC", "ORID", "ORISON", "ORISOF", "OSC", "OSD", "OST",
+    "OSOF", "OSS", "OSSE", "CUT2D", "CUT2DF", "CUT3DC", "CUT3DF", "KONT", "KONTC", "KONTT", "NORM", "CFC", "CFIN",
+    "CFTCP", "FNORM", "FLIN", "FCUB", "DIAMOF", "DIAM90", "WALIMON", "WALIMOF", "CDON", "CDOF", "CDOF2", "CPRECON",
+    "CPRECOF", "RTLION", "RTLIOF", "SBLOF", "SBLON", "DISPLOF", "DISPLON", "SAVE", "FIFOCTRL", "STARTFIFO",
+    "STOPFIFO", "FENDNORM", "FENDOFF", "EXTENDED", "GFRAME0", "CYCLE832", "CYCLE_HSC", "DYNNORM", "DYNPOS",
+    "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "PRIO", "SPCON", "SPCOF", "TCARR", "TCOABS", "TCOFR", "STAY", "FMAX",
+    "TCPM",
+))  # fmt: skip
 SIEMENS = {"SUPA": "G53", "TRAORI": " ", "TRAFOOF": " "}
 SWIVEL = re.compile(r'CYCLE800\(([-+\d.,\s"]*)\)')
 #: What makes brackets a list of arguments, not a comment: a word right before them.
@@ -255,7 +267,8 @@ class Lexer:
 
     def _translate(self, name: str, line: str) -> Words:
         """Return the words of a line with a word of Siemens controls, in files for several controls."""
-        words, rest = split_words(line.replace(name, SIEMENS.get(name, " "), 1))
+        bare = " ".join(word for word in line.split() if word not in HARMLESS or word == name)
+        words, rest = split_words(bare.replace(name, SIEMENS.get(name, " "), 1))
         if rest:
             raise InputError(f"word {name} beside {rest[:20]!r} is not read; post-process without it")
         if name in ("TRAORI", "TRAFOOF"):
