@@ -18,7 +18,7 @@ from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
 from compplan.planning.checks import find_failures, run_checks, set_up_bench, state_notes
-from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending, state_frequency
+from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
@@ -28,7 +28,6 @@ from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
 from compplan.planning.notes import list_notes
-from compplan.planning.posture.configuration import check_start
 from compplan.planning.posture.kept_posture import Kept, find_kept_start, read_lock
 from compplan.planning.posture.settings import PostureSettings, read_settings
 from compplan.planning.posture.start import check_clearance
@@ -185,7 +184,6 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         raise InputError(message, file=file, where="robot" if file else None)
     tool_x, settings = np.asarray(options.tool_x, float), options.posture
     try:
-        check_start(robot, settings.start)
         start = find_kept_start(robot, nominal, tool_x, settings, options.lock)
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
@@ -255,7 +253,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
-        posture=state_frequency(read_settings(job, robot, posture_errors(job, robot)), robot),
+        posture=read_settings(job, robot, posture_errors(job, robot)),
         feed=FeedRequest(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,
         force=read_force_spread(job),

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, reach_with_all, turn_about_axis
+from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
 from compplan.planning.task import PlanTask, attain_rows, cutting_runs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -246,9 +246,8 @@ def _reach_again(
     task: PlanTask, q: Array, rotation: Array, position: Array, rows: NDArray[np.int_], near: Array
 ) -> NDArray[np.bool_]:
     """Let all joints of an arm of more than six help where six do not reach, in place; tell where they do."""
-    found, reached = reach_with_all(
-        task.robot, task.chain, near, position[rows], rotation[rows], free_spin=task.spin_free, draw=False
-    )
+    found, reached = reach_tip_and_axis(build_arm(task.robot), near, position[rows], rotation[rows],
+                                        spin_free=task.spin_free, every_joint=True)  # fmt: skip
     q[rows[reached]] = found[reached]
     if task.spin_free:
         rotation[rows[reached]] = locate_frames(task.chain, found[reached]).tcp_rotation

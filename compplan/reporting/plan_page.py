@@ -40,7 +40,7 @@ from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold
 from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.reporting.scenes import describe_magnification, draw_cell, draw_deviation_paths, place_meshes
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 from compplan.uncertainty.band import PARTS, ErrorBand
 from compplan.uncertainty.ladder import DO
 
@@ -70,8 +70,6 @@ COSTS = {
     "limit_distance_deg": ("least distance from a joint limit", "deg"),
     "dexterity_min": ("least dexterity (inverse condition number)", ""),
     "joint_travel_deg": ("joint travel in all", "deg"),
-    "travel_error_rms_mm": ("gear error and lost motion of the joints that travel, rms", "mm"),
-    "inertia_rms_mm": ("bending by the inertia of the joints at the programmed feed, estimated, rms", "mm"),
     "time_s": ("time at the programmed feed", "s"),
     "driven_s": ("time of the run within the limits of the joints", "s"),
 }
@@ -381,8 +379,7 @@ def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> lis
         ))  # fmt: skip
     held = len(choice.map.spin) == 1
     lede = "The rotation about the tool axis is held" if held else "Rotation about the tool axis against path length"
-    sections = [Section("Posture", blocks, f"{lede}, preset {choice.settings.preset!r}.")]
-    return [*sections, _show_extra_axis(plan.robot, choice.map)] if choice.map.held_grid.size else sections
+    return [Section("Posture", blocks, f"{lede}, preset {choice.settings.preset!r}.")]
 
 
 def chart_posture(picture: PostureMap) -> Chart:
@@ -428,23 +425,10 @@ def chart_posture(picture: PostureMap) -> Chart:
     return Chart(figure, caption, 420)
 
 
-def _show_extra_axis(robot: Robot, picture: PostureMap) -> Section:
-    """Show the remaining deviation by position of an extra axis along the path."""
-    scale, unit = (1e3, "mm") if robot.prismatic[0] else (180.0 / np.pi, "deg")
-    figure, length = Figure(), 1e3 * picture.length
-    figure.heat(length, scale * picture.held_grid, 1e3 * picture.held_sensitivity.T, "remaining, mm")
-    figure.line(length, scale * picture.held[:, 0], "chosen", line={"color": BEFORE, "width": 3})
-    figure.axis("x", title="along the path, mm", showgrid=False)
-    figure.axis("y", title=f"{robot.joint_names[0]}, {unit}", showgrid=False)
-    caption = "Colour: least deviation that would remain over all rotations. Line: positions chosen."
-    return Section("Extra axis", [Chart(figure, caption, 340)], "Position of the extra axis against path length.")
-
-
 def _list_costs(choice: PostureSummary) -> DataTable:
     """List what the posture costs."""
-    costs = choice.costs if choice.instead_of is None else choice.plain or {}
     rows: list[list[Any]] = []
-    for key, value in costs.items():
+    for key, value in choice.costs.items():
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))
         rows.append([words, f"{format_number(value)}\u00a0{unit}".rstrip()])
     low, high = np.degrees([choice.spin.min(), choice.spin.max()]).tolist()
