@@ -185,9 +185,9 @@ def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> 
     """The loaded tip stays within the tolerance of each move."""
     found, move = evaluate_between(task, q, between, bench)
     sentence = f"the independent check finds the loaded tip {_mm(found)} off the path after waypoint {move}"
-    own = between.driven / task.tolerance
+    own = between.most / task.tolerance
     worst = int(own.argmax())
-    stray = f"between waypoints the tip strays by {_mm(between.driven[worst])}, after waypoint {worst}"
+    stray = f"between waypoints the tip strays by {_mm(between.most[worst])}, after waypoint {worst}"
     first = Check("tip between waypoints, share of the tolerance", found / task.tolerance, 1.0, sentence)
     value = 0.0 if first.fails else float(own[worst])
     return first, Check("tip between waypoints by the planner, share of the tolerance", value, 1.0, stray)

@@ -54,8 +54,6 @@ TURNS, DIVISIONS = 12, 5
 EXACT = 1e-10
 #: Moves this near to a waypoint that fails are not divided for it.
 FAR = 8
-#: Moves on both sides of one that crosses lost motion that are divided as finely.
-EVEN = 4
 #: Greatest change of the deflection over one move, in chords.
 STEP_CHORDS = 4.0
 
@@ -106,8 +104,8 @@ def _refuse_inertia(found: Compensation) -> str:
         return f"joint limits are passed by a factor of {found.excess:.3g}"
     if found.change > SETTLED * task.tolerance:
         return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
-    if ((driven := found.between.driven) > task.tolerance).any():
-        return f"the tip strays by {1e3 * float(driven.max(initial=0.0)):.2g} mm between waypoints"
+    if (stray := found.between.max_deviation) > task.tolerance:
+        return f"the tip strays by {1e3 * stray:.2g} mm between waypoints"
     return ""
 
 
@@ -153,7 +151,7 @@ def _settle(
             driven = replace(driven, wrench=task.wrench, bias=task.bias)
         if excess > 1.0:
             notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
-        between = measure_between(driven, command.q, timing.time)
+        between = measure_between(driven, command.q)
         found = Compensation(driven, strategy, command, timing, between, None, excess, change, turn, notes)
         stray, pieces = _missing_pieces(found)
         pieces = mending.allow(task, pieces, stray)
@@ -171,12 +169,10 @@ def _divide_ahead(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     """Divide by what the uncorrected motion shows, and start from the force at the feed that it can be driven with."""
     mending = Mending()
     for last in range(DIVISIONS):
-        time = None
         if task.follows_feed:
-            timing = time_run(task, task.q_start, feed_request)[1]
-            task, time = _load(task, timing, task.q_start, None), timing.time
-        bow = measure_between(task, task.q_start, time, bow=True)
-        pieces = mending.allow(task, wanted_pieces(bow, task.chord), bow.most)
+            task = _load(task, time_run(task, task.q_start, feed_request)[1], task.q_start, None)
+        bow = measure_between(task, task.q_start, bow=True).most
+        pieces = mending.allow(task, wanted_pieces(bow, task.chord), bow)
         if task.follows_feed:
             pieces = np.maximum(pieces, _force_pieces(task))
         pieces[task.missed[1:] | task.missed[:-1]] = 1
@@ -216,7 +212,7 @@ def _solve_program(found: Compensation) -> Compensation:
     task = found.task
     command = nlp.command_path(task, found.command)
     timing = state_timing(task, command.q, time_between_cuts(task, command.q, found.timing.time))
-    return replace(found, command=command, timing=timing, between=measure_between(task, command.q, timing.time))
+    return replace(found, command=command, timing=timing, between=measure_between(task, command.q))
 
 
 def _moving_feed(task: PlanTask, timing: Timing) -> Array:
@@ -286,31 +282,14 @@ def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     task, q, ways = found.task, found.command.links, found.between
     if np.ndim(found.command.lead):  # division mends lost motion in the moves alone that cross it
         task = without_play(task)
-        ways = measure_between(task, q, found.timing.time)
+        ways = measure_between(task, q)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
-    between = Between(*(np.maximum(way - ends, 0.0) for way in ways))
-    crosses = find_crossings(found.command.q, q)
-    for way, whole in zip(between[:2], found.between, strict=False):
-        way[crosses] = np.maximum(way, whole)[crosses]
-    pieces = wanted_pieces(between, task.chord)
+    stray, crosses = np.maximum(ways.most - ends, 0.0), find_crossings(found.command.q, q)
+    stray[crosses] = np.maximum(stray, found.between.most)[crosses]
+    pieces = wanted_pieces(stray, task.chord)
     pieces[task.nominal.steps < 1e-6] = 1
-    pieces = _even_crossings(np.diff(found.timing.time), np.flatnonzero(crosses), pieces)
     for waypoint in found.command.failures:
         pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
-    return between.most, pieces
-
-
-def _even_crossings(step: Array, crossing: NDArray[np.int_], pieces: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Divide the neighbours of moves that cross lost motion as finely as these; step: times of all moves (n - 1,) [s].
-
-    A curve through rows of one step in time swings beside a jump by an eighth of it; a short step among long ones
-    swings farther than the jump.
-    """
-    step, more = step / pieces, np.ones_like(pieces)
-    for move in crossing.tolist():
-        near = np.arange(max(move - EVEN, 0), min(move + EVEN + 1, len(pieces)))
-        finer = np.ceil(step[near] / max(step[move], 1e-9) - 0.5).astype(int)
-        more[near] = np.maximum(more[near], np.maximum(finer, 1))
-    return pieces * more
+    return stray, pieces

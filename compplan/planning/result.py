@@ -19,7 +19,7 @@ from compplan.job.job import Job
 from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
 from compplan.planning.deflection import Bending
-from compplan.planning.evaluate import Evaluation, Margins, evaluate_mismatch
+from compplan.planning.evaluate import Evaluation, Margins
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
@@ -127,17 +127,12 @@ class Plan(Shown):
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
 
     @cached_property
-    def mismatch(self) -> Evaluation:
-        """What the command leaves where the robot's compliances differ from the model's."""
-        return evaluate_mismatch(self.task, self.q)
-
-    @cached_property
     def error_band(self) -> ErrorBand | None:
         """The band that holds the true tip with 95 %; None out of reach, or if a robot in it finds no equilibrium."""
         if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
-        bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
+        bow = max(self.between.max_deviation - self.after.max_deviation, 0.0)
         scene = build_path_model(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output
@@ -257,8 +252,8 @@ class Plan(Shown):
 
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
-    failures, margins, between, worst = plan.command.failures, plan.margins, plan.between, plan.mismatch
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
+    failures, margins, between = plan.command.failures, plan.margins, plan.between
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
     learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
     summary: dict[str, Any] = {
         "schema": 1,
@@ -277,8 +272,6 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
-        "under_mismatch": [{"cell": worst.cell, **{f"{key}_mm": worst.figures[key] for key in ("rms", "max")},
-                            "waypoints": int(worst.cut.sum())}],
         "between_waypoints_mm": {"max": between.max_deviation * 1e3}
         | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
