@@ -52,10 +52,6 @@ SETTLED = 1e-3
 TURNS, DIVISIONS = 12, 5
 #: Shift of the tip that asks for no new correction. [m]
 EXACT = 1e-10
-#: Moves this near to a waypoint that fails are not divided for it.
-FAR = 8
-#: Greatest change of the deflection over one move, in chords.
-STEP_CHORDS = 4.0
 
 
 @dataclass(frozen=True)
@@ -120,7 +116,7 @@ def _settle(
     """
     coupled = task.follows_feed or task.inertia
     masses = build_moving_chain(task.robot) if task.inertia else None
-    task = _divide_ahead(resolve_starts(task, feed_request), feed_request)
+    task = resolve_starts(task, feed_request)
     mending, slow, run, command = Mending(), np.ones(len(task)), None, None
     turn, divisions = 0, 0
     while True:
@@ -155,7 +151,7 @@ def _settle(
         found = Compensation(driven, strategy, command, timing, between, None, excess, change, turn, notes)
         stray, pieces = _missing_pieces(found)
         pieces = mending.allow(task, pieces, stray)
-        if (pieces > 1).any() and divisions < DIVISIONS and not task.missed.any():
+        if (pieces > 1).any() and divisions < DIVISIONS and not command.failures:
             task, slow, command = _divide(task, pieces, slow, command, strategy)
             divisions, run, turn = divisions + 1, None, 0
             continue
@@ -163,23 +159,6 @@ def _settle(
             progress("compensation: nonlinear program")
             found = _solve_program(found)
         return replace(found, executed=evaluate_executed(found.task, found.command.q, found.timing.time, output))
-
-
-def _divide_ahead(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
-    """Divide by what the uncorrected motion shows, and start from the force at the feed that it can be driven with."""
-    mending = Mending()
-    for last in range(DIVISIONS):
-        if task.follows_feed:
-            task = _load(task, time_run(task, task.q_start, feed_request)[1], task.q_start, None)
-        bow = measure_between(task, task.q_start, bow=True).most
-        pieces = mending.allow(task, wanted_pieces(bow, task.chord), bow)
-        if task.follows_feed:
-            pieces = np.maximum(pieces, _force_pieces(task))
-        pieces[task.missed[1:] | task.missed[:-1]] = 1
-        if last == DIVISIONS - 1 or not (pieces > 1).any():
-            break
-        task = divide_by(task, pieces)
-    return task
 
 
 def _load(task: PlanTask, timing: Timing, q: Array, masses: Chain | None) -> PlanTask:
@@ -201,7 +180,7 @@ def _divide(
     at = np.interp(finer.origin, before, np.arange(len(before)))
     finer = replace(finer, wrench=interpolate(at, np.arange(len(before)), task.wrench)) if task.follows_feed else finer
     slow = np.interp(at, np.arange(len(before)), slow)
-    if strategy != "nlp" or command.failures:
+    if strategy != "nlp":
         return finer, slow, None
     q = finer.q_start + interpolate(at, np.arange(len(before)), command.links - task.q_start)
     return finer, slow, nlp.correct_command(finer, Command(np.clip(q, task.robot.lower, task.robot.upper)))
@@ -237,15 +216,6 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
         for each, bias in zip((task, other), biases, strict=True)
     )
     return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))
-
-
-def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
-    """Tell into how many pieces moves have to be divided so that the deflection changes little in each."""
-    still, every = replace(task, wrench=np.zeros_like(task.wrench)), np.arange(len(task))
-    loaded, plain = (attain_rows(each, task.q_start, every, slope=False).position for each in (task, still))
-    change = np.linalg.norm(np.diff(loaded - plain, axis=0), axis=1)
-    change[task.nominal.rapid[1:] | task.lead[1:] | (task.nominal.steps < 1e-6)] = 0.0
-    return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
 
 
 def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
@@ -290,6 +260,4 @@ def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     stray[crosses] = np.maximum(stray, found.between.most)[crosses]
     pieces = wanted_pieces(stray, task.chord)
     pieces[task.nominal.steps < 1e-6] = 1
-    for waypoint in found.command.failures:
-        pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
     return stray, pieces

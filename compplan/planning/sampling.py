@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, reach_with_all, turn_about_axis
-from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
@@ -63,21 +63,17 @@ def judged_moves(task: PlanTask) -> NDArray[np.int_]:
     return np.flatnonzero(~task.nominal.rapid[1:] & ~task.lead[1:])
 
 
-def measure_between(task: PlanTask, q: Array, *, bow: bool = False) -> Between:
-    """Measure how far the loaded tip strays from the path between waypoints of a command (n, nq), as modelled.
-
-    With `bow` it is measured from the line between the attained ends.
-    """
+def measure_between(task: PlanTask, q: Array) -> Between:
+    """Measure how far the loaded tip strays from the path between waypoints of a command (n, nq), as modelled."""
     moves, n = judged_moves(task), len(task)
     joint, cartesian = np.zeros(n - 1), np.zeros(n - 1)
-    ends = attain_rows(task, q, np.arange(n), slope=False).position if bow else task.position
     plain = locate_frames(task.chain, q).tcp_position
     for share in SHARES:
         if share != SHARES[0]:
             moves = moves[Between(joint, cartesian).most[moves] > STRAIGHT]
         if not len(moves):
             break
-        start, end = ends[moves], ends[moves + 1]
+        start, end = task.position[moves], task.position[moves + 1]
         load = task.wrench[moves] * (1 - share) + task.wrench[moves + 1] * share
         middle = q[moves] * (1 - share) + q[moves + 1] * share
         bias = None if task.bias is None else task.bias[moves] * (1 - share) + task.bias[moves + 1] * share
