@@ -59,14 +59,12 @@ class Compensation:
     """A command with the time and the loads that belong to it."""
 
     task: PlanTask  #: The task as divided, with the feed programmed and the wrench at the feed driven.
-    strategy: str  #: The strategy.
     command: Command  #: The command.
     timing: Timing  #: Its run.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
     executed: ExecutedPath | None = None  #: Where the controller takes the tip, None where it is not known.
     excess: float = 0.0  #: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
     change: float = 0.0  #: Shift of the tip that the last turn still made. [m]
-    turns: int = 1  #: Turns of the loop.
     notes: tuple[str, ...] = ()  #: Sentences for the user.
 
 
@@ -148,7 +146,7 @@ def _settle(
         if excess > 1.0:
             notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
         between = measure_between(driven, command.q)
-        found = Compensation(driven, strategy, command, timing, between, None, excess, change, turn, notes)
+        found = Compensation(driven, command, timing, between, None, excess, change, notes)
         stray, pieces = _missing_pieces(found)
         pieces = mending.allow(task, pieces, stray)
         if (pieces > 1).any() and divisions < DIVISIONS and not command.failures:

@@ -161,7 +161,7 @@ def plan_task(
     told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
     told += list_notes(task, command, timing, bending, job)
     return Plan(
-        name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
+        name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
         executed=executed,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.task import PlanTask, group_waypoints
+from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
 from compplan.uncertainty.ladder import DO
@@ -22,8 +22,6 @@ from compplan.uncertainty.ladder import DO
 FORCE, INERTIA = "process force", "inertia and vibration"
 #: Words of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
-#: Stretches beyond the tolerance that are listed.
-LISTED = 20
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: The next step where a check disagrees with the plan or its files.
@@ -52,7 +50,6 @@ class ToleranceVerdict:
     band: float | None  #: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
     #: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
     beyond_share: float | None
-    where: tuple[dict[str, Any], ...]  #: Stretches of the cut beyond the tolerance: waypoints, place, widest band.
     largest_cause: str  #: What makes the band widest where it is widest, or what is not known.
     change: str  #: What would change the verdict, one sentence, "" where nothing has to.
     basis: str  #: What the band rests on.
@@ -69,8 +66,6 @@ class ToleranceVerdict:
             "largest_cause": self.largest_cause,
             "change": self.change,
             "basis": self.basis,
-            "where": list(self.where[:LISTED]),
-            "stretches": len(self.where),
             "left_out": list(self.left_out),
         }  # fmt: skip
 
@@ -107,12 +102,8 @@ def check_tolerance(
     aside = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
     left_out = list_left_out(task.robot, error_band, inertia_known=known, traced=traced)
 
-    def state(
-        word: str, sentence: str, cause: str, change: str, share: float | None, where: tuple[dict[str, Any], ...] = ()
-    ) -> ToleranceVerdict:
-        return ToleranceVerdict(
-            word, sentence.strip(), task.tolerance, band, share, where, cause, change, basis, left_out
-        )
+    def state(word: str, sentence: str, cause: str, change: str, share: float | None) -> ToleranceVerdict:
+        return ToleranceVerdict(word, sentence.strip(), task.tolerance, band, share, cause, change, basis, left_out)
 
     def withhold(missing: str, change: str, share: float | None) -> ToleranceVerdict:
         head = "" if status == "solved" else "Do not start. "
@@ -141,12 +132,7 @@ def check_tolerance(
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
             change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
-        where = tuple(
-            {"waypoints": [a, b], "s_mm": [1e3 * float(length[a]), 1e3 * float(length[b])],
-             "band_mm": 1e3 * float(error_band.along[a : b + 1].max())}
-            for a, b in group_waypoints(np.flatnonzero(beyond).tolist())
-        )  # fmt: skip
-        return state(MAY_NOT_KEEP, sentence, cause, change, share, where)
+        return state(MAY_NOT_KEEP, sentence, cause, change, share)
     if status == "not_confirmed":
         return withhold(f"the plan is {failure}", SETTLE, share)
     if task.robot.uncertainty is None and task.robot.grade == "placeholder":
