@@ -57,7 +57,6 @@ class Plan(Shown):
     retract: Passage  #: The way from the last waypoint, where the toolpath ends in a cut.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
     bending: Bending  #: What bends the arm along the path, cause by cause.
-    evaluated_by: str = EXACT_EVALUATION  #: Name of the model that computed `before` and `after`.
     checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
     clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
     job: Job | None = None  #: The job, or None.
@@ -287,7 +286,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             "acceleration_ratio": margins.acceleration_ratio,
         },
         "duration_s": float(plan.timing.time[-1]),
-        "judge": plan.evaluated_by,
+        "judge": EXACT_EVALUATION,
         "checks": [check.describe() for check in plan.checks if check.severity == STOP],
         "notes": [*plan.reasons, *plan.notes],
         "stops": list_stops([*plan.reasons, *plan.notes]),

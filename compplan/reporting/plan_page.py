@@ -41,6 +41,7 @@ from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.reporting.scenes import describe_magnification, draw_cell, draw_deviation_paths, place_meshes
 from compplan.robot import Array, Robot
+from compplan.simulation.simulated_robot import EXACT_EVALUATION
 from compplan.uncertainty.band import PARTS, ErrorBand
 from compplan.uncertainty.ladder import DO
 
@@ -109,7 +110,7 @@ def write_plan_page(plan: Plan, file: Path) -> None:
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str]]:
-    facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", plan.evaluated_by)]
+    facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", EXACT_EVALUATION)]
     if plan.job is not None:
         facts += [("job", str(plan.job.file))] if plan.job.file.is_file() else []
         facts.append(("force model", name_force_model(plan.job.process.model)))

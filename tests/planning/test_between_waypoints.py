@@ -128,7 +128,7 @@ def test_a_check_of_moves_names_the_waypoint_after_which_either_way_strays(tmp_p
         far = np.zeros(len(plan.task) - 1)
         far[move] = 2.0 * plan.task.tolerance
         between = plan.between._replace(**{way: far})
-        given = plan.task, plan.command, plan.timing, between, plan.after, plan.margins, bench
+        given = plan.task, plan.command, plan.timing, between, plan.after, bench
         return [check.sentence for check in run_checks(*given) if check.fails and "strays" in check.sentence]
 
     for way in ("joint", "cartesian"):
