@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from compplan.job.output import OutputTable
 from compplan.planning.deflection import follow_links, plan_loads
@@ -27,7 +28,6 @@ from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.sampling import (
     MOST_PIECES,
     Between,
-    Mending,
     divide_by,
     divide_task,
     grow_places,
@@ -50,6 +50,8 @@ from compplan.toolpath.toolpath import interpolate
 SETTLED = 1e-3
 #: Turns between two divisions, and divisions of the path.
 TURNS, DIVISIONS = 12, 5
+#: Moves on both sides of one that crosses lost motion that are divided as finely: a slow crossing holds up less.
+BESIDE = 2
 #: Shift of the tip that asks for no new correction. [m]
 EXACT = 1e-10
 
@@ -115,7 +117,7 @@ def _settle(
     coupled = task.follows_feed or task.inertia
     masses = build_moving_chain(task.robot) if task.inertia else None
     task = resolve_starts(task, feed_request)
-    mending, slow, run, command = Mending(), np.ones(len(task)), None, None
+    slow, run, command = np.ones(len(task)), None, None
     turn, divisions = 0, 0
     while True:
         turn += 1
@@ -147,8 +149,7 @@ def _settle(
             notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
         between = measure_between(driven, command.q)
         found = Compensation(driven, command, timing, between, None, excess, change, notes)
-        stray, pieces = _missing_pieces(found)
-        pieces = mending.allow(task, pieces, stray)
+        pieces = _missing_pieces(found)
         if (pieces > 1).any() and divisions < DIVISIONS and not command.failures:
             task, slow, command = _divide(task, pieces, slow, command, strategy)
             divisions, run, turn = divisions + 1, None, 0
@@ -245,8 +246,8 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     return divide_task(task, np.unique(np.r_[np.arange(len(task)), *places]))
 
 
-def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
-    """Tell by how much more than their ends moves stray [m], and into how many pieces that asks to divide them."""
+def _missing_pieces(found: Compensation) -> NDArray[np.int_]:
+    """Tell into how many pieces moves are to be divided that stray by more than their ends. Shape (n - 1,)."""
     task, q, ways = found.task, found.command.links, found.between
     if np.ndim(found.command.lead):  # division mends lost motion in the moves alone that cross it
         task = without_play(task)
@@ -257,5 +258,6 @@ def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     stray, crosses = np.maximum(ways.most - ends, 0.0), find_crossings(found.command.q, q)
     stray[crosses] = np.maximum(stray, found.between.most)[crosses]
     pieces = wanted_pieces(stray, task.chord)
-    pieces[task.nominal.steps < 1e-6] = 1
-    return stray, pieces
+    pieces = np.maximum(pieces, maximum_filter1d(np.where(crosses, pieces, 1), 2 * BESIDE + 1))
+    pieces[(task.nominal.steps < 1e-6) | task.nominal.rapid[1:] | task.lead[1:]] = 1
+    return pieces

@@ -37,8 +37,6 @@ FIRST_STEP, GROWTH = 1e-4, 1.8
 MOST_TURN, MOST_SLIDE = float(np.radians(4.0)), 0.05
 #: Pieces that one division makes of a move at most, and waypoints that a path may have at most.
 MOST_PIECES, MOST_WAYPOINTS = 16, 1_000_000
-#: A piece that strays by more than this share of what the undivided move did is not divided again: it does not bow.
-MENDED = 0.7
 
 
 class Between(NamedTuple):
@@ -238,24 +236,6 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
     graded = _grade(task) if task.follows_feed else np.zeros(0)
     places = np.unique(np.r_[np.arange(len(task)), graded, _bound_travel(task)])
     return divide_task(task, places) if len(places) > len(task) else task
-
-
-class Mending:
-    """What divisions have brought: a move whose pieces stray as far as it did itself is left as it is."""
-
-    def __init__(self) -> None:
-        self.places, self.stray, self.given_up = np.zeros(0), np.zeros(0), np.zeros(0, bool)
-
-    def allow(self, task: PlanTask, pieces: NDArray[np.int_], stray: Array) -> NDArray[np.int_]:
-        """Return the pieces (n - 1,) that moves may be divided into, of those asked for; they stray by `stray`. [m]"""
-        places, given_up = task.origin, np.zeros(len(stray), bool)
-        if len(self.places):
-            middle = 0.5 * (places[:-1] + places[1:])
-            parent = np.clip(np.searchsorted(self.places, middle) - 1, 0, len(self.stray) - 1)
-            divided = np.diff(places) < 0.99 * np.diff(self.places)[parent]
-            given_up = self.given_up[parent] | (divided & (stray > MENDED * self.stray[parent]))
-        self.places, self.stray, self.given_up = places, stray, given_up
-        return np.where(given_up, 1, pieces)
 
 
 def divide_by(task: PlanTask, pieces: NDArray[np.int_]) -> PlanTask:
