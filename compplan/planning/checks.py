@@ -162,7 +162,7 @@ def _check_tip(task: PlanTask, after: Evaluation) -> Check:
     use = np.where(after.cut, after.distance, 0.0) / task.tolerance
     worst = int(use.argmax())
     sentence = (
-        f"the independent check finds the loaded tip {_mm(after.distance[worst])} off the path at waypoint {worst}"
+        f"the independent check finds the loaded tip {state_mm(after.distance[worst])} off the path at waypoint {worst}"
     )
     return Check("tip at waypoints, share of the tolerance", float(use[worst]), 1.0, sentence)
 
@@ -174,7 +174,7 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
         rows = pick_even(rows, COMPARED)
         away = np.linalg.norm(attain_rows(task, q, rows, slope=False).position - after.position[rows], axis=1)
         apart, worst = float(away.max()), int(rows[away.argmax()])
-    sentence = (f"the planner and the independent check place the loaded tip {_mm(apart)} apart "
+    sentence = (f"the planner and the independent check place the loaded tip {state_mm(apart)} apart "
                 f"at waypoint {worst}: one of them misreads the robot, the tool or the load")  # fmt: skip
     return Check("planner and independent check apart, m", apart, AGREED + AGREED_SHARE * task.tolerance, sentence)
 
@@ -182,10 +182,10 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
 def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[Check, ...]:
     """The loaded tip stays within the tolerance of each move."""
     found, move = evaluate_between(task, q, between, bench)
-    sentence = f"the independent check finds the loaded tip {_mm(found)} off the path after waypoint {move}"
+    sentence = f"the independent check finds the loaded tip {state_mm(found)} off the path after waypoint {move}"
     own = between.most / task.tolerance
     worst = int(own.argmax())
-    stray = f"between waypoints the tip strays by {_mm(between.most[worst])}, after waypoint {worst}"
+    stray = f"between waypoints the tip strays by {state_mm(between.most[worst])}, after waypoint {worst}"
     first = Check("tip between waypoints, share of the tolerance", found / task.tolerance, 1.0, sentence)
     value = 0.0 if first.fails else float(own[worst])
     return first, Check("tip between waypoints by the planner, share of the tolerance", value, 1.0, stray)
@@ -195,8 +195,8 @@ def _check_correction(task: PlanTask, position: Array) -> Check:
     """The unloaded tip, where the independent check has it, stays within the correction that the job allows."""
     size = np.where(task.compensated, np.linalg.norm(position - task.position, axis=1), 0.0)
     worst = int(size.argmax())
-    sentence = (f"the independent check finds a correction of {_mm(size[worst])} at waypoint {worst}, allowed are "
-                f"{_mm(task.max_correction)}")  # fmt: skip
+    sentence = (f"the independent check finds a correction of {state_mm(size[worst])} at waypoint {worst}, allowed are "
+                f"{state_mm(task.max_correction)}")  # fmt: skip
     limit = task.max_correction + 2 * AT_CORRECTION
     return Check("correction by the independent check, m", float(size[worst]), limit, sentence)
 
@@ -395,5 +395,6 @@ def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:
     }
 
 
-def _mm(length: float) -> str:
+def state_mm(length: float) -> str:
+    """Write a length in mm with three digits at most."""
     return f"{1e3 * length:.3g} mm"

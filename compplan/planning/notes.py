@@ -111,10 +111,10 @@ def describe_frames(task: PlanTask, job: Job) -> list[str]:
 def describe_part_frame(job: Job) -> str:
     """Return in a sentence how the part frame was found, and what deviations are relative to."""
     if not job.touched_off:
-        return "part frame: absolute in the robot base ([part] touched_off = false)"
+        return "absolute in the robot base ([part] touched_off = false)"
     points = job.part.touched_points
     where = "three corners of the box of the cut" if points is None else f"the {len(points)} points of [part]"
-    return (f"part frame: touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
+    return (f"touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
             "to it ([part] touched_off = false: the frame is absolute)")  # fmt: skip
 
 

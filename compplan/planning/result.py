@@ -168,11 +168,6 @@ class Plan(Shown):
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
 
-    @property
-    def solved_by(self) -> str:
-        """What the command came from: the strategy, of `nlp` the nonlinear program."""
-        return "nonlinear program" if self.strategy == "nlp" else self.strategy
-
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
         if not self.command.failures:
@@ -259,7 +254,6 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "status": plan.status,
         "verdict": plan.verdict.describe(),
         "strategy": plan.strategy,
-        "solved_by": plan.solved_by,
         "name": plan.name,
         "robot": plan.robot.name,
         "robot_grade": plan.robot.grade,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.planning.checks import state_mm
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
@@ -73,8 +74,8 @@ class ToleranceVerdict:
     def head(self) -> tuple[str, ...]:
         """Short lines for the head of a program."""
         words = {KEEPS: "keeps", MAY_NOT_KEEP: "MAY NOT KEEP", NOT_KNOWN: "NOT KNOWN if it keeps"}
-        lines = [f"verdict: {words[self.word]} {_mm(self.tolerance)}"]
-        lines += [] if self.band is None else [f"true tip within {_mm(self.band)}, 95 %"]
+        lines = [f"verdict: {words[self.word]} {state_mm(self.tolerance)}"]
+        lines += [] if self.band is None else [f"true tip within {state_mm(self.band)}, 95 %"]
         lines += [f"beyond: {_percent(self.beyond_share)} of the cut"] if self.beyond_share else []
         return tuple(lines)
 
@@ -96,7 +97,7 @@ def check_tolerance(
         compensates: Whether the job lets the plan compensate the inertia of the motion.
         traced: Whether it is identified how the drives follow.
     """
-    wanted, known = _mm(task.tolerance), bool(np.isfinite(inertia))
+    wanted, known = state_mm(task.tolerance), bool(np.isfinite(inertia))
     error_band = None if status == "infeasible" else error_band
     band, basis = (None, "") if error_band is None else (error_band.whole, describe_basis(error_band))
     aside = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
@@ -127,8 +128,8 @@ def check_tolerance(
     if beyond.any():
         change = find_change(error_band, cause, compensates=compensates)
         worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
-        off = (f"May not keep {wanted}: the tip may be up to {_mm(error_band.whole)} off the path (95 %). Beyond the "
-               f"tolerance: {_percent(share)} of the cut, most of all {worst}. Largest cause: {cause}.")  # fmt: skip
+        off = (f"May not keep {wanted}: the tip may be up to {state_mm(error_band.whole)} off the path (95 %). Beyond "
+               f"the tolerance: {_percent(share)} of the cut, most of all {worst}. Largest cause: {cause}.")  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
             change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
@@ -140,7 +141,7 @@ def check_tolerance(
     if not known:
         missing = "the robot folder has no masses or no springs, so inertia is not counted"
         return withhold(missing, "State them in its folder.", share)
-    sentence = (f"Keeps {wanted}: with 95 % the tip stays within {_mm(error_band.whole)} along the"
+    sentence = (f"Keeps {wanted}: with 95 % the tip stays within {state_mm(error_band.whole)} along the"
                 f" whole cut ({basis}).{aside}")  # fmt: skip
     return state(KEEPS, sentence, cause, "", share)
 
@@ -164,7 +165,7 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
             chosen = " and ".join(DO[step] for step in error_band.cheapest)
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
         best = min(rung.band for rung in error_band.ladder[1:])
-        return f"No measurement suffices: all together leave {_mm(best)}. Allow more, or reduce the force."
+        return f"No measurement suffices: all together leave {state_mm(best)}. Allow more, or reduce the force."
     if cause == INERTIA and not compensates:
         return LET_COMPENSATE
     if cause in CHANGES:
@@ -204,11 +205,6 @@ def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_
     if not weight.any():
         weight = cut.astype(float)
     return float(weight[chosen].sum() / weight.sum()) if weight.sum() > 0.0 else 0.0
-
-
-def _mm(length: float) -> str:
-    """Write a length in mm with three digits at most."""
-    return f"{1e3 * length:.3g} mm"
 
 
 def _percent(share: float) -> str:

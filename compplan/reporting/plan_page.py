@@ -110,7 +110,7 @@ def write_plan_page(plan: Plan, file: Path) -> None:
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str]]:
-    facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", EXACT_EVALUATION)]
+    facts = [("strategy", plan.strategy), ("deviation computed by", EXACT_EVALUATION)]
     if plan.job is not None:
         facts += [("job", str(plan.job.file))] if plan.job.file.is_file() else []
         facts.append(("force model", name_force_model(plan.job.process.model)))
