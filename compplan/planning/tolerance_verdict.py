@@ -129,7 +129,8 @@ def check_tolerance(
         change = find_change(error_band, cause, compensates=compensates)
         worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
         off = (f"May not keep {wanted}: the tip may be up to {state_mm(error_band.whole)} off the path (95 %). Beyond "
-               f"the tolerance: {_percent(share)} of the cut, most of all {worst}. Largest cause: {cause}.")  # fmt: skip
+               f"the tolerance: {_percent(share)} of the cut, most of all {worst}. Largest cause: {cause}."
+               )  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
             change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
