@@ -23,7 +23,6 @@ from compplan.planning.deflection import FOLLOWED, Bending
 from compplan.planning.evaluate import Evaluation, find_part
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
-from compplan.planning.stability import find_buckling
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
 from compplan.planning.timing import Timing
 from compplan.robot import Array
@@ -362,7 +361,7 @@ def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[
     lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
     jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
     stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
-    for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
+    for waypoint, limit in command.failures.items():
         stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     return stopped
 
