@@ -83,26 +83,14 @@ def compensate(
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
         task = replace(task, inertia=False)
     found = _settle(task, strategy, feed_request, output, progress)
-    if found.task.inertia and (reason := _refuse_inertia(found)):
-        task = replace(task, inertia=False)
-        found = _settle(task, strategy, feed_request, output, progress)
+    settled = found.excess <= 1.0 and found.change <= SETTLED * task.tolerance
+    kept = found.command.status == "solved" and found.between.max_deviation <= task.tolerance
+    if found.task.inertia and not (settled and kept):
+        found = _settle(replace(task, inertia=False), strategy, feed_request, output, progress)
+        reason = "a limit or the tolerance is not held" if settled else "motion and correction do not settle"
         note = f"The inertia of the motion is not compensated here: with it {reason}. The 95 % band counts all of it."
         found = replace(found, notes=(*found.notes, note))
     return found
-
-
-def _refuse_inertia(found: Compensation) -> str:
-    """Say what keeps a plan that compensates inertia from being one, "" where nothing does."""
-    task = found.task
-    if found.command.status != "solved":
-        return "a limit is not held"
-    if found.excess > 1.0:
-        return f"joint limits are passed by a factor of {found.excess:.3g}"
-    if found.change > SETTLED * task.tolerance:
-        return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
-    if (stray := found.between.max_deviation) > task.tolerance:
-        return f"the tip strays by {1e3 * stray:.2g} mm between waypoints"
-    return ""
 
 
 def _settle(

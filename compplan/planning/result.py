@@ -14,7 +14,7 @@ from compplan.errors import ConvergenceError
 from compplan.io.display import Curve, Curves, Shown
 from compplan.io.notes import Stop, list_stops
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_length, format_number, format_set_length
+from compplan.io.quantities import format_length, format_number
 from compplan.job.job import Job
 from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
@@ -192,7 +192,7 @@ class Plan(Shown):
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the figures that a person asks for first."""
-        band, margins, nominal = self.error_band, self.margins, self.task.nominal
+        band, nominal = self.error_band, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
         missing = "not known: a robot within the stated widths has no equilibrium"
@@ -208,14 +208,9 @@ class Plan(Shown):
             *([("stops", stops)] if stops else []),
             ("path", f"{len(self.task)} waypoints, {format_length(nominal.cutting_length)} of cut, "
                      f"{format_number(float(self.timing.time[-1]))} s"),
-            ("tolerance", format_set_length(self.task.tolerance)),
             ("deviation before", sizes[0]),
             ("deviation after", f"{sizes[1]} (as modelled, independent check)"),
             ("95 % band", widest),
-            ("correction", f"at most {format_length(margins.max_correction)}"),
-            ("margins", f"{self.robot.joint_names[margins.joint]} {np.degrees(margins.position):.3g} deg from its "
-                        f"limit; {margins.velocity_ratio:.0%} of the velocity, {margins.acceleration_ratio:.0%} of the "
-                        "acceleration limits"),
             *([("notes", f"{len(self.notes)}, in plan.notes")] if self.notes else []),
         ]  # fmt: skip
 
