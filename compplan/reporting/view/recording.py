@@ -18,7 +18,7 @@ from compplan.reporting.scenes import Shape
 from compplan.robot import Array, Joint, Mimic
 
 #: How the loaded tip is told, in the order that it is offered.
-WAYS = ("uncorrected", "planned", "softer")
+WAYS = ("uncorrected", "planned")
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,15 +2,15 @@
 
 cell.json holds what stands in the cell and how the arm moves, so that neither robot folder nor job is needed:
 
-    { "schema": 1, "robot":, "grade":, "tolerance_mm":, "configuration": {}, "base":, "tcp":, "softer": its cell,
+    { "schema": 1, "robot":, "grade":, "tolerance_mm":, "configuration": {}, "base":, "tcp":,
       "ground": link that stands still where a positioner carries the part, "base" then the one that carries it; or "",
       "joints": [ { "name":, "kind": "revolute" | "prismatic" | "fixed", "parent":, "child":, "placement": [[4 x 4], m],
                     "axis": [3], "mimic": null | { "joint":, "multiplier":, "offset": } } ],   from the base to the TCP
       "shapes": [ { "name":, "link": "" where it stands still, "colour": [red, green, blue, opacity, from 0 to 1],
                     "vertices_mm": [[3]], "faces": [[3]] } ] }            in the frame of its link, or in the base frame
 
-deviation.csv has the rows of joints.csv: attained minus wanted tip, base frame, uncorrected, as planned, and as planned
-on a softer robot, and the distance that holds the true tip with 95 %.
+deviation.csv has the rows of joints.csv: attained minus wanted tip, base frame, uncorrected and as planned, and the
+distance that holds the true tip with 95 %.
 """
 
 from __future__ import annotations
@@ -43,8 +43,7 @@ def write_plan_cell(plan: Plan, folder: Path, kept: NDArray[np.bool_]) -> None:
         for name, link, mesh in (() if scene is None else scene.meshes)
     ]
     shapes += _place_stock(plan)
-    more = {"tolerance_mm": 1e3 * plan.task.tolerance, "configuration": dict(plan.task.configuration),
-            "softer": plan.mismatch.cell}  # fmt: skip
+    more = {"tolerance_mm": 1e3 * plan.task.tolerance, "configuration": dict(plan.task.configuration)}
     write_json(folder / "cell.json", {**summarise_cell(plan.robot, shapes), **more}, indent=None)
     write_deviation(plan, folder / "deviation.csv", kept)
 
@@ -68,13 +67,11 @@ def summarise_cell(robot: Robot, around: Sequence[Shape] = ()) -> dict[str, Any]
 
 def write_deviation(plan: Plan, path: Path, kept: NDArray[np.bool_]) -> None:
     """Write deviation.csv; `kept` are the rows that joints.csv holds."""
-    n, wrong = len(plan.task), plan.mismatch
-    softer, band = np.full((n, 3), np.nan), np.full((n, 1), np.nan)
-    softer[wrong.cut] = wrong.deviation[wrong.cut]
+    band = np.full((len(plan.task), 1), np.nan)
     if plan.error_band is not None:
         band[plan.error_band.cut, 0] = plan.error_band.radius[plan.error_band.cut]
     ends = ((len(plan.approach.q), len(plan.retract.q)), (0, 0))
-    sides = {"uncorrected": plan.before.deviation, "planned": plan.after.deviation, "softer": softer}
+    sides = {"uncorrected": plan.before.deviation, "planned": plan.after.deviation}
     columns: dict[str, object] = {}
     for name, values in {**sides, "error_band": band}.items():
         padded = 1e3 * np.pad(values, ends, constant_values=np.nan)[kept]
