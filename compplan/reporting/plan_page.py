@@ -40,7 +40,7 @@ from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold
 from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.reporting.scenes import describe_magnification, draw_cell, draw_deviation_paths, place_meshes
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 from compplan.simulation.simulated_robot import EXACT_EVALUATION
 from compplan.uncertainty.band import PARTS, ErrorBand
 from compplan.uncertainty.ladder import DO
