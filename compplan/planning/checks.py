@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.readback.joint_table import JointTable, read_joints
 from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED, Bending
@@ -26,7 +25,7 @@ from compplan.planning.sampling import Between, distance_to_moves, divide_times,
 from compplan.planning.stability import find_buckling
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
 from compplan.planning.timing import Timing, find_slowdown
-from compplan.robot import Array
+from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.exact import ExactRobot, hold_load
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.simulation.inertia import (
@@ -151,9 +150,8 @@ def run_checks(
     ]  # fmt: skip
     if bench.folder is None or job is None:
         return tuple(checks)
-    joints = read_joints(bench.folder)
     checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job)]
-    checks += [*_check_joints(task, q, time, joints, job), _check_feed(task, time)]
+    checks += [*_check_joints(task, q, time, load_robot(bench.folder), job), _check_feed(task, time)]
     if bending is not None and bench.moving is not None:
         checks.append(_check_inertia(task, time, bending, bench.moving))
     return tuple(checks)
@@ -269,33 +267,35 @@ def _angle(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
 
 
-def _check_each_joint(name: str, joints: JointTable, use: Array, limit: float, says: str) -> list[Check]:
+def _check_each_joint(name: str, robot: Robot, use: Array, limit: float, says: str) -> list[Check]:
     """Check a figure of every joint; `says` what a failed check says of joint and figure."""
     return [Check(name, float(value), limit, says.format(joint=joint, value=value))
-            for joint, value in zip(joints.names, use, strict=True)]  # fmt: skip
+            for joint, value in zip(robot.joint_names, use, strict=True)]  # fmt: skip
 
 
-def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
+def _check_joints(task: PlanTask, q: Array, time: Array, robot: Robot, job: Job) -> list[Check]:
     """Joints stay within the limits that the robot folder states, in place and in time."""
     limits, step = job.limits, np.diff(time)
-    over = np.maximum(joints.lower - q, q - joints.upper).max(axis=0)
+    over = np.maximum(robot.lower - q, q - robot.upper).max(axis=0)
     checks = [
         Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its limits in robot.urdf by "
-              + (f"{1e3 * over[j]:.3g} mm" if joints.slides[j] else f"{np.degrees(over[j]):.3g} deg"))
-        for j, name in enumerate(joints.names)
+              + (f"{1e3 * over[j]:.3g} mm" if robot.prismatic[j] else f"{np.degrees(over[j]):.3g} deg"))
+        for j, name in enumerate(robot.joint_names)
     ]  # fmt: skip
     back = int(step.argmin()) + 1
     checks.append(Check("time runs on, s", -float(step.min()), 0.0, f"time runs backwards at waypoint {back}"))
     if checks[-1].fails:
         return checks
     moved = np.abs(np.diff(q, axis=0))
-    use = (moved / np.maximum(step, 1e-12)[:, None] / joints.velocity / limits.velocity_scale).max(axis=0)
-    checks += _check_each_joint("joint velocity, share of robot.urdf", joints, use, ROUNDED,
+    use = (moved / np.maximum(step, 1e-12)[:, None] / robot.velocity_limits / limits.velocity_scale).max(axis=0)
+    checks += _check_each_joint("joint velocity, share of robot.urdf", robot, use, ROUNDED,
                                 "{joint} moves {value:.3g} times as fast as robot.urdf allows")  # fmt: skip
     rows = _find_moving(task, time)
     if len(rows):
-        most = (np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.acceleration_scale).max(axis=0)
-        checks += _check_each_joint("joint acceleration, share of elasticity.toml", joints, most, ROUNDED * 1.01,
+        most = (np.abs(fit_parabolas(q, time, rows)[1]) / robot.acceleration_limits / limits.acceleration_scale).max(
+            axis=0
+        )
+        checks += _check_each_joint("joint acceleration, share of elasticity.toml", robot, most, ROUNDED * 1.01,
                                     "{joint} accelerates {value:.3g} times as much as elasticity.toml allows"
                                     )  # fmt: skip
     return checks

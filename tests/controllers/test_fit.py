@@ -100,8 +100,8 @@ def test_a_way_back_below_the_rounding_of_written_positions_is_none_and_one_abov
     for size, said in ((1e-4, ""), (1e-2, "the path turns back")):
         x = size * np.array([[0.0, 0, 0], [2.0, 0, 0], [1.0, 0, 0]])
         turns = np.tile(np.eye(3), (3, 1, 1))
-        no, some = np.zeros(3, bool), np.full(3, 2e-3)
-        rows = PlannedRows(x, turns, np.arange(3.0), no, ~no, some, 0.004)
+        no = np.zeros(3, bool)
+        rows = PlannedRows(x, turns, np.arange(3.0), no, ~no, 2e-3, 0.004)
         pose = np.eye(4)
         pose[:3, 3] = x[-1]
         moves = [Move("line", True, pose=np.eye(4)), Move("line", True, pose=pose)]
@@ -195,9 +195,7 @@ def rows_of(program: Program) -> PlannedRows:
     kept = np.zeros(n, bool)
     kept[[0, -1]] = True
     tip = program.tcp
-    return PlannedRows(
-        1e3 * tip[:, :3, 3], tip[:, :3, :3], program.time, kept, np.zeros(n, bool), np.full(n, 2e-3), 4e-3
-    )
+    return PlannedRows(1e3 * tip[:, :3, 3], tip[:, :3, :3], program.time, kept, np.zeros(n, bool), 2e-3, 4e-3)
 
 
 def test_the_reader_knows_starts_from_rest_by_itself() -> None:
@@ -241,7 +239,7 @@ def test_moves_that_turn_the_tool_in_place_are_found_by_their_turn() -> None:
     turn = Rotation.from_rotvec(angle[:, None] * [0.0, 1.0, 0.0]).as_matrix()
     kept = np.zeros(n, bool)
     kept[[0, -1]] = True
-    rows = PlannedRows(position, turn, np.arange(n) * 0.02, kept, np.zeros(n, bool), np.full(n, 2e-3), 0.012)
+    rows = PlannedRows(position, turn, np.arange(n) * 0.02, kept, np.zeros(n, bool), 2e-3, 0.012)
     ends = np.array([0, 3, 5, 10, 13, 14])
     tips = np.round(position[ends], 3)
     assert find_rows(rows, tips, turn[ends]).tolist() == ends.tolist()
@@ -256,7 +254,7 @@ def test_rows_nearer_than_a_written_digit_are_found_in_order() -> None:
     kept = np.zeros(n, bool)
     kept[[0, -1]] = True
     turn = np.tile(np.eye(3), (n, 1, 1))
-    rows = PlannedRows(position, turn, np.arange(n) * 0.02, kept, np.zeros(n, bool), np.full(n, 2e-3), 0.012)
+    rows = PlannedRows(position, turn, np.arange(n) * 0.02, kept, np.zeros(n, bool), 2e-3, 0.012)
     tips = position.copy()
     tips[2], tips[3] = [-0.1730, 0.00480, 0.0005], [-0.1730, 0.0058, 0.0005]
     assert list(find_rows(rows, tips, turn)) == [0, 1, 2, 3, 4]

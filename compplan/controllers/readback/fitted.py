@@ -39,7 +39,7 @@ class PlannedRows:
     time: Array  #: Shape (m,). [s]
     kept: NDArray[np.bool_]  #: Rows that a move has to end at. Shape (m,).
     free: NDArray[np.bool_]  #: Rows whose speed is of no account. Shape (m,).
-    tolerance: Array  #: How far rows may lie beside the move that ends at each. Shape (m,). [mm]
+    tolerance: float  #: How far rows may lie beside the move that stands for them. [mm]
     cycle: float  #: Least time of a move. [s]
     #: Feed that the CAM file asks for; without it no leg has a speed of its own. Shape (m,). [mm/s]
     asked: Array | None = None
@@ -186,7 +186,7 @@ def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
     else:
         found = follow_line(x)
     off, share = found
-    if off.max() > rows.tolerance[a + 1 : b + 1].min() + ROUNDING:
+    if off.max() > rows.tolerance + ROUNDING:
         return f"the planned tip is {1e3 * off.max():.3g} um off the move"
     if (np.diff(share) < -1e-6).any() and np.ptp(share) * np.linalg.norm(x[-1] - x[0]) > ROUNDING:
         return "the path turns back"

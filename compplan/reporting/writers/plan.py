@@ -78,8 +78,8 @@ def write_beside(plan: Plan, part: Path) -> None:
 
 def read_back(plan: Plan, folder: Path) -> Plan:
     """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
-    from compplan.controllers.readback.comparison import StiffArm, compare_written
-    from compplan.controllers.readback.joint_table import Commanded
+    from compplan.controllers.readback.comparison import Commanded, StiffArm, compare_written
+    from compplan.controllers.readback.joint_table import check_joint_table
     from compplan.simulation.exact_model import read_exact_robot
     from compplan.simulation.inertia import solve_rigid
 
@@ -107,7 +107,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     asked = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        q, time, tip, rows, feed, stands, may_stop, free, table, sent, asked, beside, corner,
+        sent[rows], time[rows], 1e3 * feed[rows], stands, may_stop, free, asked, beside, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 
@@ -116,8 +116,9 @@ def read_back(plan: Plan, folder: Path) -> Plan:
         return StiffArm(bool(exact_robot.ground), partial(solve_rigid, exact_robot))
 
     tables = job.model_dump(by_alias=True, exclude_unset=True)
+    said = check_joint_table(folder / "joints.csv", plan.robot, time[table], q[table], tip[table])
     found = compare_written(folder, tables, Path(robot), wanted, arm_with)
-    return plan.add_checks((*state_breaches(found.breaches, "read back"), *state_notes(found.notes)))
+    return plan.add_checks((*state_breaches((*said, *found.breaches), "read back"), *state_notes(found.notes)))
 
 
 def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
