@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +41,41 @@ def make_events(folder: Path, language: str, wiring: Wiring) -> Program:
     return replace(make_program(folder, language), events=EVENTS, wiring=wiring)
 
 
-def list_actions(moves: list[Move]) -> list[object]:
+#: Lines of each language that do it, written by hand from the manuals; "|" parts lines.
+LINES: dict[str, dict[str, str]] = {
+    "krl": {"pause": 'MsgNotify("")|HALT', "pause_if": 'IF $IN[{:g}] THEN|MsgNotify("")|HALT|ENDIF',
+            "on": "$OUT[{:g}]=TRUE", "off": "$OUT[{:g}]=FALSE", "wait": "WAIT SEC {:.3f}",
+            "expect": "WAIT FOR $IN[{:g}]", "call": "CHANGER({:g})"},
+    "rapid": {"pause": 'TPWrite "";|Stop;', "pause_if": 'IF di{:g}=1 THEN|TPWrite "";|Stop;|ENDIF',
+              "on": "SetDO do{:g},1;", "off": "SetDO do{:g},0;", "wait": "WaitTime {:.3f};",
+              "expect": "WaitDI di{:g},1;", "call": "CHANGER {:g};"},
+    "urscript": {"pause": 'popup("", title="", blocking=True)', "on": "set_standard_digital_out({:g}, True)",
+                 "pause_if": 'if (get_standard_digital_in({:g})):|popup("", title="", blocking=True)|end',
+                 "off": "set_standard_digital_out({:g}, False)", "wait": "sleep({:.3f})", "call": "CHANGER({:g})",
+                 "expect": "while (not get_standard_digital_in({:g})):|sync()|end"},
+    "inform": {"pause": "PAUSE", "pause_if": "PAUSE IF IN#({:g})=ON", "on": "DOUT OT#({:g}) ON",
+               "off": "DOUT OT#({:g}) OFF", "wait": "TIMER T={:.2f}", "expect": "WAIT IN#({:g})=ON",
+               "call": "CALL JOB:CHANGER"},
+    "kawasaki_as": {"pause": 'TYPE ""|PAUSE', "pause_if": 'IF SIG(100{:g}) THEN|TYPE ""|PAUSE|END',
+                    "on": "SIGNAL {:g}", "off": "SIGNAL -{:g}", "wait": "TWAIT {:.3f}", "expect": "SWAIT 100{:g}",
+                    "call": "CALL changer({:g})"},
+    "fanuc_ls": {"pause": "PAUSE", "pause_if": "IF DI[{:g}]=OFF,JMP LBL[2]|PAUSE|LBL[2]", "on": "DO[{:g}]=ON",
+                 "off": "DO[{:g}]=OFF", "wait": "WAIT    {:.2f}(sec)", "expect": "WAIT DI[{:g}]=ON",
+                 "call": "CALL CHANGER({:g})"},
+    "val3": {"pause": 'userPage()|putln("")|l_nKey=get()', "on": "doOut{:g}=true", "off": "doOut{:g}=false",
+             "pause_if": 'if diIn{:g}==true|userPage()|putln("")|l_nKey=get()|endIf', "wait": "delay({:.3f})",
+             "expect": "wait(diIn{:g}==true)", "call": "call CHANGER({:g})"},
+    "sinumerik": {"pause": "M0", "pause_if": "M1", "wait": "G4 F{:.3f}", "cw": "M3 S{:g}", "stop": "M5",
+                  "flood": "M8", "dry": "M9", "on": "$A_OUT[{:g}]=1", "call": "CHANGER({:g})"},
+}  # fmt: skip
+
+
+def list_lines(language: str, steps: list[Any]) -> list[str]:
+    written = [step if step == "move" else LINES[language][step[0]].format(*step[1:]) for step in steps]
+    return [line for text in written for line in text.split("|")]
+
+
+def list_actions(moves: list[Move]) -> list[str]:
     return [move.action if move.kind == "act" else "move" for move in moves]
 
 
@@ -52,7 +87,7 @@ def test_what_happens_beside_motion_happens_in_order_in_every_language(form: str
     write_program(program, language, tmp_path / "out")
     moves = read_form(form, tmp_path / "out", "two")
     wanted = [[ASKED, DONE], [NATIVE_ASKED, NATIVE]][language == "sinumerik"][wired]
-    assert list_actions(moves) == wanted
+    assert list_actions(moves) == list_lines(language, wanted)
     assert all(move.stops for move in moves)
 
 
@@ -82,8 +117,9 @@ def test_events_stay_between_their_waypoints_when_programs_are_cut_up(form: str,
     program = replace(two, **many, words=words, native=native, time=np.arange(6.0), events=events)
     write_program(program, language, tmp_path / "out", most=2)
     done = list_actions(read_form(form, tmp_path / "out", "two"))
-    assert done == ["move", ("wait", 1.0), "move", "move", ("wait", 3.0), "move", ("wait", 4.0), "move",
-                    ("wait", 5.0), "move", ("wait", 6.0)]  # fmt: skip
+    steps = ["move", ("wait", 1.0), "move", "move", ("wait", 3.0), "move", ("wait", 4.0), "move",
+             ("wait", 5.0), "move", ("wait", 6.0)]  # fmt: skip
+    assert done == list_lines(language, steps)
 
 
 def test_signals_may_have_names_where_the_language_names_them(tmp_path: Path) -> None:
@@ -128,10 +164,11 @@ def test_a_job_wires_the_cell_and_the_plan_keeps_the_order(
     moves = read_form("krl linear", tmp_path / "out", "golden")
     steps = [move.action if move.kind == "act" else move.kind for move in moves]
     short = [step for before, step in zip([None, *steps], steps, strict=False) if step != before]
-    assert short == ["joint", ("on", 3.0), ("wait", 5.0), "line", ("wait", 2.0), "line", "joint", ("off", 3.0)]
+    on, off = "$OUT[3]=TRUE", "$OUT[3]=FALSE"
+    assert short == ["joint", on, "WAIT SEC 5.000", "line", "WAIT SEC 2.000", "line", "joint", off]
     turning = False
     for move in moves:
-        turning = turning if move.kind != "act" else {"on": True, "off": False}.get(str(move.action[0]), turning)
+        turning = turning if move.kind != "act" else {on: True, off: False}.get(move.action, turning)
         assert turning or move.kind != "line"
     notes = json.loads((tmp_path / "out" / "plan.json").read_text())["notes"]
     assert any("spindle speeds are comments" in note for note in notes)
