@@ -1,7 +1,7 @@
 """Checks of a plan, as one list: name, value, limit, sentence and severity of each.
 
 Status, notes, terminal, page and plan.json come from this list (`compplan.planning.result.Plan`). The independent check
-reads robot folder and tool by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest at and
+reads the robot folder by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest at and
 between waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints
 by engines of their own. Sentences without a figure, such as a remark of a reader, are checks that failed.
 """
@@ -112,7 +112,7 @@ class Bench:
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
-    """Read robot and tool a second time; a robot or a path in memory is taken as it is."""
+    """Read the robot a second time; a robot or a path in memory is taken as it is."""
     if job is None or task.robot.folder is None or job.context.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)

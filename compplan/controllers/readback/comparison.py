@@ -7,17 +7,15 @@ Texts are read by readers that share nothing with the writers, and the tool is p
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
 from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, find_rows, follow_moves
-from compplan.controllers.readback.frames import read_frame, read_part
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.poses import Move, Pose, fanuc_pose
 from compplan.controllers.readback.reported import ReportedProgram, read_words
@@ -55,14 +53,6 @@ DECIMAL = re.compile(r"(?<![\w.])-?\d+\.\d+")
 
 
 @dataclass(frozen=True)
-class Findings:
-    """What a reading of written files finds: sentences against a plan, and what was not checked."""
-
-    breaches: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class Commanded:
     """What was planned at the rows that programs hold: the way there, the path, the way back. Shapes (m, ..)."""
 
@@ -86,41 +76,45 @@ class Commanded:
 
 @dataclass(frozen=True)
 class StiffArm:
-    """Forward kinematics of the unloaded arm as the controller believes it."""
+    """The unloaded arm with the job's tool, as the controller believes it, and the part before it."""
 
     carries_part: bool  #: Whether a positioner carries the part; poses are then seen from the part.
     #: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq). [rad or m]
     locate: Callable[[Array], tuple[Array, Array]]
+    #: The same of the pendant's flange.
+    locate_flange: Callable[[Array], tuple[Array, Array]]
+    part: Array  #: Pose of the part frame seen from the base. Shape (4, 4). [m]
+    mass: float | None  #: Mass of the tool, None where the job states none. [kg]
+    centre: Array  #: Its centre, seen from the TCP frame. Shape (3,). [m]
 
 
 def compare_written(
-    folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded,
-    arm_with: Callable[[Mapping[str, Any] | None], StiffArm],
-) -> Findings:  # fmt: skip
-    """Read back what was written.
+    folder: Path, languages: Sequence[str], robot: Path, arm: StiffArm, wanted: Commanded, *, main: str | None = None,
+    excused: bool = False,
+) -> tuple[list[str], list[str]]:  # fmt: skip
+    """Read back the programs that were written; return what is wrong with them, and notes of what was not checked.
 
     Args:
-        folder: Folder that the programs are in.
-        tables: The tables of the job as they are written.
+        folder: Folder that they are in.
+        languages: Their languages.
         robot: The robot folder.
+        arm: The arm by the evaluation's robot model.
         wanted: What was planned.
-        arm_with: Returns the arm with a table [tool], or with the folder's own tool where it is None.
+        main: Name that the job gives the main program.
+        excused: Whether a program that cannot be read is no fault, as it uses signals of the cell.
     """
-    model = load_robot(robot)
     breaches, notes = list[str](), list[str]()
-    output = tables.get("output") or {}
-    if not output.get("programs"):
-        return Findings()
-    rows = _place_rows(model, tables, wanted, arm_with)
-    reported = _report_rows(rows, tables)
+    if not languages:
+        return breaches, notes
+    rows = _place_rows(load_robot(robot), arm, wanted)
+    reported = _report_rows(rows)
     squared, kept = rows.square_corners()
     declared = np.linalg.inv(rows.world) @ rows.part
-    for language in output["programs"]:
+    for language in languages:
         if language not in FORMS:  # a language of somebody else's package
             notes.append(f"not checked: there is no independent reader of {language} programs")
             continue
-        excused = bool(output.get("io"))
-        for file, found in _read_back(folder, language, rows, output.get("main")):
+        for file, found in _read_back(folder, language, rows, main):
             if isinstance(found, InputError):
                 fault = f"{file.name}: {found.message}"[:200]
                 (notes if excused else breaches).append(f"not checked: {fault}" if excused else fault)
@@ -142,7 +136,7 @@ def compare_written(
             if language in ("fanuc_ls", "inform") and not rows.arm.carries_part:
                 said += compare_declared(file, declared, rows.tool)
             breaches += [f"{file.name}, read back: {text}" for text in said]
-    return Findings(tuple(breaches), tuple(notes))
+    return breaches, notes
 
 
 def _read_back(
@@ -328,36 +322,29 @@ class _Rows:
         return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {wanted[row]:.4g}"
 
 
-def _place_rows(
-    robot: Robot, tables: Mapping[str, Any], wanted: Commanded,
-    arm_with: Callable[[Mapping[str, Any] | None], StiffArm],
-) -> _Rows:  # fmt: skip
+def _place_rows(robot: Robot, arm: StiffArm, wanted: Commanded) -> _Rows:
     """Return the commanded arm at the rows that programs hold, see `compare_written`."""
-    arm, counting = arm_with(tables.get("tool")), load_controller(robot)
+    counting, part = load_controller(robot), arm.part
     position, rotation = arm.locate(wanted.q)
-    flange, turn = arm_with({"frame": "pendant"}).locate(wanted.q[:1])
+    flange, turn = arm.locate_flange(wanted.q[:1])
     tool = _pose(turn[0].T @ rotation[0], 1e3 * turn[0].T @ (position[0] - flange[0]))
     world = np.eye(4) if arm.carries_part else _pose(counting.world[:3, :3], 1e3 * counting.world[:3, 3])
-    part = read_part(tables.get("part") or {})
     return _Rows(
         robot, counting, to_controller(counting, wanted.q), position * 1e3, rotation, world, wanted,
-        _pose(part.rotation, 1e3 * part.translation), tool, arm,
+        _pose(part[:3, :3], 1e3 * part[:3, 3]), tool, arm,
     )  # fmt: skip
 
 
-def _report_rows(rows: _Rows, tables: Mapping[str, Any]) -> ReportedProgram:
+def _report_rows(rows: _Rows) -> ReportedProgram:
     """Return what programs have to say beside where they lead."""
     wanted, rates = rows.wanted, np.where(rows.robot.prismatic, 1e3, 180.0 / np.pi) * rows.robot.velocity_limits
     step = np.diff(wanted.time, prepend=np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (np.abs(np.diff(rows.shown, axis=0, prepend=np.nan)) / rates).max(axis=1) / step
-    tool = tables.get("tool") or {}
-    frame = read_frame(tool)
-    centre = np.r_[np.array(tool.get("centre_of_mass_mm", (0.0, 0.0, 0.0)), float), 1.0]
-    centre = rows.tool @ np.linalg.inv(_pose(frame.rotation, 1e3 * frame.translation)) @ centre
+    centre = rows.tool[:3, :3] @ (1e3 * rows.arm.centre) + rows.tool[:3, 3]
     return ReportedProgram(
         rows.shown[:, ~rows.outer], read_words(rows.counting, believed_robot(rows.robot), wanted.q),
-        wanted.feed <= 0.0, wanted.stands, share, tool.get("mass_kg"), centre[:3],
+        wanted.feed <= 0.0, wanted.stands, share, rows.arm.mass, centre,
     )  # fmt: skip
 
 

@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from compplan.controllers.writers.joint_convention import load_motion
 from compplan.io.parsing import guard_parser
 from compplan.robot import Array, Robot
 
@@ -17,16 +19,24 @@ WANTED = ("x_mm", "y_mm", "z_mm", "i", "j", "k", "fx_N", "fy_N", "fz_N", "mx_Nm"
 TABLE = 1e-6
 
 
-def check_joint_table(file: Path, robot: Robot, time: Array, q: Array, wanted: Array) -> Iterator[str]:
-    """Say where joints.csv is not what was planned.
+def check_joint_table(
+    file: Path, robot: Robot, time: Array, q: Array, wanted: Array, kept: NDArray[np.bool_]
+) -> Iterator[str]:
+    """Say where joints.csv is not what was planned, or leaves out a row that is a cycle from those that it holds.
 
     Args:
         file: The table.
         robot: The robot.
-        time: Time of each row. Shape (n,). [s]
+        time: Time of each row that was planned. Shape (n,). [s]
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wanted: The columns of `WANTED`. Shape (n, 12).
+        kept: Rows that the table holds. Shape (n,).
     """
+    after = np.clip(np.searchsorted(time[kept], time), 1, int(kept.sum()) - 1)
+    near = np.abs(time - time[kept][np.stack([after - 1, after])]).min(axis=0)
+    if near.max() >= load_motion(robot)[0].cycle:
+        yield f"joints.csv leaves out row {near.argmax()}, {1e3 * near.max():.3g} ms from the rows around it"
+    time, q, wanted = time[kept], q[kept], wanted[kept]
     with file.open(encoding="utf-8", newline="") as stream:
         head = next(csv.reader(stream))
     shown = robot.joint_columns(q)

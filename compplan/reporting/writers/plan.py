@@ -5,11 +5,10 @@ A fault in any of the files leaves nothing behind (`compplan.io.transaction`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from compplan.controllers.writers.program import Post
 from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
+from compplan.job.frames import ToolTable
 from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones
@@ -101,7 +101,6 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     program = make_program(plan)
     stops = STOPPING.intersection(job.output.programs)
     may_stop = mark_corner_stops(program, job.output.programs) if stops else np.zeros(len(rows), bool)
-    table = choose_rows(plan)
     none = np.zeros((len(rows), 3))
     beside = none[:, 0] if program.corner is None else program.corner
     asked = none[:, 0] if program.asked is None else program.asked
@@ -111,14 +110,23 @@ def read_back(plan: Plan, folder: Path) -> Plan:
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 
-    def arm_with(tool: Mapping[str, Any] | None) -> StiffArm:
-        exact_robot = read_exact_robot(Path(robot), tool, geometry="controller.urdf")
-        return StiffArm(bool(exact_robot.ground), partial(solve_rigid, exact_robot))
-
-    tables = job.model_dump(by_alias=True, exclude_unset=True)
-    said = check_joint_table(folder / "joints.csv", plan.robot, time[table], q[table], tip[table])
-    found = compare_written(folder, tables, Path(robot), wanted, arm_with)
-    return plan.add_checks((*state_breaches((*said, *found.breaches), "read back"), *state_notes(found.notes)))
+    tool = job.tool or ToolTable()
+    table_of_tool = None if job.tool is None else job.tool.model_dump(exclude_unset=True)
+    held, flange = (
+        read_exact_robot(Path(robot), told, geometry="controller.urdf")
+        for told in (table_of_tool, {"frame": "pendant"})
+    )
+    centre = np.linalg.inv(tool.pose) @ np.r_[1e-3 * np.array(tool.centre_of_mass_mm), 1.0]
+    arm = StiffArm(
+        bool(held.ground), partial(solve_rigid, held), partial(solve_rigid, flange), job.T_base_part, tool.mass_kg,
+        centre[:3],
+    )  # fmt: skip
+    said = check_joint_table(folder / "joints.csv", plan.robot, time, q, tip, choose_rows(plan))
+    output = job.output
+    breaches, notes = compare_written(
+        folder, output.programs, Path(robot), arm, wanted, main=output.main, excused=bool(output.io.model_fields_set)
+    )
+    return plan.add_checks((*state_breaches((*said, *breaches), "read back"), *state_notes(notes)))
 
 
 def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
