@@ -9,13 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
-from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, find_rows, follow_moves
+from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, follow_moves
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.poses import Move, Pose, fanuc_pose
 from compplan.controllers.readback.reported import ReportedProgram, read_words
@@ -89,8 +90,8 @@ class StiffArm:
 
 
 def compare_written(
-    folder: Path, languages: Sequence[str], robot: Path, arm: StiffArm, wanted: Commanded, *, main: str | None = None,
-    excused: bool = False,
+    folder: Path, languages: Sequence[str], robot: Path, arm: StiffArm, wanted: Commanded,
+    ends_of: Callable[[str], NDArray[np.int_]], *, main: str | None = None, excused: bool = False,
 ) -> tuple[list[str], list[str]]:  # fmt: skip
     """Read back the programs that were written; return what is wrong with them, and notes of what was not checked.
 
@@ -100,6 +101,7 @@ def compare_written(
         robot: The robot folder.
         arm: The arm by the evaluation's robot model.
         wanted: What was planned.
+        ends_of: Returns the rows at which a language's moves of the tool end; what is left out is followed here.
         main: Name that the job gives the main program.
         excused: Whether a program that cannot be read is no fault, as it uses signals of the cell.
     """
@@ -122,15 +124,19 @@ def compare_written(
             moves = rows.place_joints([move if move.base is not None else move._replace(base=declared)
                                        for move in found if move.kind != "act"])  # fmt: skip
             linear = wanted.fit > 0.0 and any(move.kind != "joint" and move.pose is not None for move in moves)
-            own_rows, numbers = (squared, kept) if linear else (rows, np.arange(len(rows.shown)))
-            held = own_rows.find_rows(moves)
+            every = np.arange(len(rows.shown))
+            own_rows, ends = (squared, ends_of(language)) if linear else (rows, every)
+            numbers = kept if linear else every
+            held = np.searchsorted(numbers, ends)
             if rows.arm.carries_part and not all(move.carried or move.kind == "joint" for move in moves):
                 said = ["lines are not driven seen from the part that moves"]
-            elif isinstance(held, str):
-                said = [held]
+            elif len(moves) != len(ends) or not np.isin(ends, numbers).all():
+                said = [f"{len(moves)} moves, planned are {len(ends)}"]
+            elif len(missed := np.setdiff1d(np.flatnonzero(own_rows.laid.kept), held)):
+                said = [f"no move ends at row {missed[0]}, {len(numbers)} are planned"]
             else:
                 moves = own_rows.excuse_stops(moves, held)
-                said = own_rows.compare(moves, held) or reported.take(numbers[held]).compare(language, moves)
+                said = own_rows.compare(moves, held) or reported.take(ends).compare(language, moves)
                 corner, beside = 1e3 * wanted.corner, 1e3 * wanted.beside
                 said += check_corners(rows.position, corner, beside)[:1] if linear else []
             if language in ("fanuc_ls", "inform") and not rows.arm.carries_part:
@@ -227,30 +233,14 @@ class _Rows:
             )
         return placed
 
-    def find_rows(self, moves: list[Move]) -> NDArray[np.int_] | str:
-        """Return the row at which each move ends, or why there is none."""
-        if len(moves) == len(self.shown):
-            return np.arange(len(moves))
-        if not self.wanted.fit > 0.0 or not any(move.kind != "joint" for move in moves):
-            return f"{len(moves)} moves, planned are {len(self.shown)}"
-        ends = np.full((len(moves), 4, 4), np.nan)
-        held: list[NDArray[np.bool_] | None] = []
-        for k, move in enumerate(moves):
-            if move.pose is not None and move.kind != "joint":
-                ends[k] = self.world @ np.asarray(move.base) @ move.pose
-            if move.flange_turn:
-                ends[k, :3, :3] = np.nan
-            by_joints = move.kind == "joint" and move.joints is not None
-            same = np.abs(self.list_joints([move]) - self.shown) <= JOINT if by_joints else None
-            held.append(None if same is None else np.asarray(same.all(axis=1)))
-        return find_rows(self._lay_rows(), ends[:, :3, 3], ends[:, :3, :3], held)
-
     def excuse_stops(self, moves: list[Move], held: NDArray[np.int_]) -> list[Move]:
         """Take exact stops at corners whose zone would lead too far, in a language without smaller ones, as zones."""
         excused = (self.wanted.may_stop & ~self.wanted.stands)[held].tolist()
         return [move._replace(stops=False) if may else move for move, may in zip(moves, excused, strict=True)]
 
-    def _lay_rows(self) -> PlannedRows:
+    @cached_property
+    def laid(self) -> PlannedRows:
+        """The rows that moves of the tool stand for."""
         wanted = self.wanted
         rapid = wanted.feed <= 0.0
         kept = rapid | wanted.stands | np.append(rapid[1:], True)
@@ -266,7 +256,7 @@ class _Rows:
         every = self._compare_feeds(moves) if len(moves) == len(self.shown) else "rows are left out"
         if every and self.wanted.fit > 0.0 and lines and all(move.pose is not None for move in lines):
             bases = [self.world @ np.asarray(move.base) for move in moves]
-            said += follow_moves(self._lay_rows(), held, moves, bases)
+            said += follow_moves(self.laid, held, moves, bases)
         else:
             said.append(every)
         return [text for text in said if text]

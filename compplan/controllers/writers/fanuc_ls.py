@@ -46,7 +46,7 @@ PHRASES = Phrases(
 #: A teach pendant program takes 36 letters (R-30iB; older ones 8).
 FORM = ProgramForm(
     "fanuc_ls", "FANUC", PHRASES, lambda poses: place_table(poses, "xyz"), longest=26, most=1000, letters=str.upper,
-    single=True, numbered=False, percents=(RAPID, 1.0),
+    single=True, numbered=False, carried_arcs=False, percents=(RAPID, 1.0),
 )  # fmt: skip
 
 
@@ -65,8 +65,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
     check_cell(program.post, CELL, "FANUC")
     can = len(turning) == 6 and (program.moves_part or state_configurations(program) is not None)
-    form = replace(FORM, arcs=not program.moves_part)
-    return form.write(program, folder, most, _format_part, _format_calls, can=can and program.tcp is not None)
+    return FORM.write(program, folder, most, _format_part, _format_calls, can=can and program.tcp is not None)
 
 
 def describe(program: Program) -> list[str]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ class Fitted:
     rows: NDArray[np.int_]  #: The row of each in the whole program. Shape (m,).
 
 
+@lru_cache(maxsize=2)
 def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
     """Fit lines and arcs to the linear moves of a program; one without a tolerance stays as it is.
 

@@ -50,7 +50,7 @@ class Post:
     positioner: int | str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Program:
     """Hold a program; row i describes the move that ends at waypoint i."""
 

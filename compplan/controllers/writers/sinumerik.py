@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.krl import turn_bits
 from compplan.controllers.writers.language import (
@@ -77,7 +76,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.tcp is None or program.status is None:
         raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
-    fitted, points = fit_moves(program).program, most or FORM.most
+    fitted, points = FORM.fit(program).program, most or FORM.most
 
     def state_poses(poses: Array) -> Array:
         turned = poses.copy()

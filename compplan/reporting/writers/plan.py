@@ -56,10 +56,11 @@ def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
 
     Returns the plan with what its files say, and the programs.
     """
-    programs = write_programs(plan, part)
+    program = make_program(plan)
+    programs = write_programs(plan, part, program)
     write_joints(plan, part / "joints.csv")
     before = plan.status
-    plan = read_back(plan, part)
+    plan = read_back(plan, part, program)
     if plan.status != before:  # the heads of the programs say so
         for file in programs:
             file.unlink(missing_ok=True)
@@ -76,10 +77,14 @@ def write_beside(plan: Plan, part: Path) -> None:
     write_json(part / "plan.json", summarise_plan(plan), indent=2)
 
 
-def read_back(plan: Plan, folder: Path) -> Plan:
-    """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
+def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
+    """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is.
+
+    `program` is what they were written from, if it is at hand.
+    """
     from compplan.controllers.readback.comparison import Commanded, StiffArm, compare_written
     from compplan.controllers.readback.joint_table import check_joint_table
+    from compplan.controllers.writers import fit_program
     from compplan.simulation.exact_model import read_exact_robot
     from compplan.simulation.inertia import solve_rigid
 
@@ -98,7 +103,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     sent = np.vstack([way.q, plan.sent, back.q])
-    program = make_program(plan)
+    program = program or make_program(plan)
     stops = STOPPING.intersection(job.output.programs)
     may_stop = mark_corner_stops(program, job.output.programs) if stops else np.zeros(len(rows), bool)
     none = np.zeros((len(rows), 3))
@@ -124,7 +129,14 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     said = check_joint_table(folder / "joints.csv", plan.robot, time, q, tip, choose_rows(plan))
     output = job.output
     breaches, notes = compare_written(
-        folder, output.programs, Path(robot), arm, wanted, main=output.main, excused=bool(output.io.model_fields_set)
+        folder,
+        output.programs,
+        Path(robot),
+        arm,
+        wanted,
+        lambda language: fit_program(program, language).rows,
+        main=output.main,
+        excused=bool(output.io.model_fields_set),
     )
     return plan.add_checks((*state_breaches((*said, *breaches), "read back"), *state_notes(notes)))
 
@@ -237,15 +249,16 @@ def choose_rows(plan: Plan) -> NDArray[np.bool_]:
     return chosen
 
 
-def write_programs(plan: Plan, folder: Path) -> list[Path]:
+def write_programs(plan: Plan, folder: Path, program: Program | None = None) -> list[Path]:
     """Write the native programs that the job asks for, approach and retract included."""
     from compplan.controllers.writers import write_program
 
     if plan.job is None or not plan.job.output.programs:
         return []
-    program, output, files = make_program(plan), plan.job.output, []
+    program, output, files = program or make_program(plan), plan.job.output, []
     for language in output.programs:
-        own = replace(program, post=make_post(plan.job, language))
+        post = make_post(plan.job, language)
+        own = program if post == program.post else replace(program, post=post)
         files += write_program(own, language, folder, any_brand=output.any_brand)
     return files
 
