@@ -29,7 +29,6 @@ from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.exact import ExactRobot, hold_load
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.simulation.inertia import (
-    average_loads,
     find_inside,
     fit_parabolas,
     load_springs,
@@ -44,6 +43,7 @@ from compplan.simulation.simulated_robot import (
     touch_cell,
 )
 from compplan.simulation.vibration import build_dynamics
+from compplan.statics.inertia import smooth_loads
 from compplan.toolpath.toolpath import pick_even
 
 #: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
@@ -129,7 +129,7 @@ def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
     """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
     loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], task.rests)
-    return average_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
+    return smooth_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
 
 
 def run_checks(

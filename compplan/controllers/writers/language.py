@@ -194,7 +194,7 @@ def change(stands: dict[str, str], key: str, word: str) -> list[str]:
 
 def describe_feeds(program: Program, steps: str, state: Callable[[Array], Array]) -> list[str]:
     """Return what must be said where a language states feeds in steps and some [mm/s] are off by more than 1 %."""
-    moves = fit_moves(program).program if program.tcp is not None else program
+    moves = fit_moves(program).program
     wrong = ~moves.rapid & (np.abs(state(moves.feed) - moves.feed) > 0.01 * moves.feed)
     if not wrong.any():
         return []

@@ -65,7 +65,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"
         raise InputError(message)
     check_cell(program.post, CELL, "VAL3")
-    return FORM.write(program, folder, most, _format_part, _format_project, can=program.tcp is not None)
+    return FORM.write(program, folder, most, _format_part, _format_project, can=True)
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
@@ -139,7 +139,7 @@ def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
 def _list_data(part: ProgramPart) -> list[tuple[str, str, list[str]]]:
     """Return name, type and values of the data of a project: points, feeds, tool, part frame, motion descriptors."""
     program, limits = part.program, 'tmax="99999" rmax="99999"'
-    tool, base = (place_numbers(pose, "XYZ") for pose in (program.mounted, program.base_frame))
+    tool, base = (place_numbers(pose, "XYZ") for pose in (program.tool, program.base_frame))
     full = f'accel="100" vel="100" decel="100" {limits}'
     arrays = [
         ("tTool", "tool", [FRAME.format(*tool, "flange[0]")]), ("fPart", "frame", [FRAME.format(*base, "world[0]")]),
