@@ -26,14 +26,14 @@ EVENTS = (
     Event(0, "coolant"), Event(0, "dwell", 1.5), Event(0, "optional_stop"), Event(1, "coolant_off"),
     Event(1, "spindle_off"), Event(1, "output", 1.0, "$OUT[9]"), Event(1, "stop"),
 )  # fmt: skip
-WIRED = Wiring(spindle=3, spindle_ready=5, coolant=4, tool_change="CHANGER", optional_stop=5, signals={"$OUT[9]": 8})
+WIRED = Wiring(spindle=3, spindle_ready=5, coolant=4, tool_change="CHANGER", signals={"$OUT[9]": 8})
 #: The same, worked out by hand; "move" is a waypoint.
 DONE = [("call", 7.0), ("on", 3.0), ("expect", 5.0), "move", ("on", 4.0), ("wait", 1.5),
-        ("pause_if", 5.0), "move", ("off", 4.0), ("off", 3.0), ("on", 8.0), ("pause",)]  # fmt: skip
+        ("pause",), "move", ("off", 4.0), ("off", 3.0), ("on", 8.0), ("pause",)]  # fmt: skip
 ASKED = [("pause",), "move", ("wait", 1.5), ("pause",), "move", ("pause",)]
-NATIVE = [("call", 7.0), ("cw", 9000.0), "move", ("flood",), ("wait", 1.5), ("pause_if", 0.0), "move", ("dry",),
+NATIVE = [("call", 7.0), ("cw", 9000.0), "move", ("flood",), ("wait", 1.5), ("m1",), "move", ("dry",),
           ("stop",), ("on", 8.0), ("pause",)]  # fmt: skip
-NATIVE_ASKED = [("pause",), ("cw", 9000.0), "move", ("flood",), ("wait", 1.5), ("pause_if", 0.0), "move", ("dry",),
+NATIVE_ASKED = [("pause",), ("cw", 9000.0), "move", ("flood",), ("wait", 1.5), ("m1",), "move", ("dry",),
                 ("stop",), ("pause",), ("pause",)]  # fmt: skip
 
 
@@ -43,29 +43,29 @@ def make_events(folder: Path, language: str, wiring: Wiring) -> Program:
 
 #: Lines of each language that do it, written by hand from the manuals; "|" parts lines.
 LINES: dict[str, dict[str, str]] = {
-    "krl": {"pause": 'MsgNotify("")|HALT', "pause_if": 'IF $IN[{:g}] THEN|MsgNotify("")|HALT|ENDIF',
+    "krl": {"pause": 'MsgNotify("")|HALT',
             "on": "$OUT[{:g}]=TRUE", "off": "$OUT[{:g}]=FALSE", "wait": "WAIT SEC {:.3f}",
             "expect": "WAIT FOR $IN[{:g}]", "call": "CHANGER({:g})"},
-    "rapid": {"pause": 'TPWrite "";|Stop;', "pause_if": 'IF di{:g}=1 THEN|TPWrite "";|Stop;|ENDIF',
+    "rapid": {"pause": 'TPWrite "";|Stop;',
               "on": "SetDO do{:g},1;", "off": "SetDO do{:g},0;", "wait": "WaitTime {:.3f};",
               "expect": "WaitDI di{:g},1;", "call": "CHANGER {:g};"},
     "urscript": {"pause": 'popup("", title="", blocking=True)', "on": "set_standard_digital_out({:g}, True)",
-                 "pause_if": 'if (get_standard_digital_in({:g})):|popup("", title="", blocking=True)|end',
+
                  "off": "set_standard_digital_out({:g}, False)", "wait": "sleep({:.3f})", "call": "CHANGER({:g})",
                  "expect": "while (not get_standard_digital_in({:g})):|sync()|end"},
-    "inform": {"pause": "PAUSE", "pause_if": "PAUSE IF IN#({:g})=ON", "on": "DOUT OT#({:g}) ON",
+    "inform": {"pause": "PAUSE", "on": "DOUT OT#({:g}) ON",
                "off": "DOUT OT#({:g}) OFF", "wait": "TIMER T={:.2f}", "expect": "WAIT IN#({:g})=ON",
                "call": "CALL JOB:CHANGER"},
-    "kawasaki_as": {"pause": 'TYPE ""|PAUSE', "pause_if": 'IF SIG(100{:g}) THEN|TYPE ""|PAUSE|END',
+    "kawasaki_as": {"pause": 'TYPE ""|PAUSE',
                     "on": "SIGNAL {:g}", "off": "SIGNAL -{:g}", "wait": "TWAIT {:.3f}", "expect": "SWAIT 100{:g}",
                     "call": "CALL changer({:g})"},
-    "fanuc_ls": {"pause": "PAUSE", "pause_if": "IF DI[{:g}]=OFF,JMP LBL[2]|PAUSE|LBL[2]", "on": "DO[{:g}]=ON",
+    "fanuc_ls": {"pause": "PAUSE", "on": "DO[{:g}]=ON",
                  "off": "DO[{:g}]=OFF", "wait": "WAIT    {:.2f}(sec)", "expect": "WAIT DI[{:g}]=ON",
                  "call": "CALL CHANGER({:g})"},
     "val3": {"pause": 'userPage()|putln("")|l_nKey=get()', "on": "doOut{:g}=true", "off": "doOut{:g}=false",
-             "pause_if": 'if diIn{:g}==true|userPage()|putln("")|l_nKey=get()|endIf', "wait": "delay({:.3f})",
+             "wait": "delay({:.3f})",
              "expect": "wait(diIn{:g}==true)", "call": "call CHANGER({:g})"},
-    "sinumerik": {"pause": "M0", "pause_if": "M1", "wait": "G4 F{:.3f}", "cw": "M3 S{:g}", "stop": "M5",
+    "sinumerik": {"pause": "M0", "m1": "M1", "wait": "G4 F{:.3f}", "cw": "M3 S{:g}", "stop": "M5",
                   "flood": "M8", "dry": "M9", "on": "$A_OUT[{:g}]=1", "call": "CHANGER({:g})"},
 }  # fmt: skip
 
@@ -123,14 +123,14 @@ def test_events_stay_between_their_waypoints_when_programs_are_cut_up(form: str,
 
 
 def test_signals_may_have_names_where_the_language_names_them(tmp_path: Path) -> None:
-    wiring = replace(WIRED, spindle="doMill", spindle_ready="diSpeed")
+    wiring = WIRED.model_copy(update={"spindle": "doMill", "spindle_ready": "diSpeed"})
     for language in ("rapid", "val3"):
         write_program(make_events(tmp_path / language, language, wiring), language, tmp_path / "out")
     assert "SetDO doMill,1;\n    WaitDI diSpeed,1;" in (tmp_path / "out" / "two_1.mod").read_text()
     assert "doMill=true" in (tmp_path / "out" / "two" / "part1.pgx").read_text()
     data = (tmp_path / "out" / "two" / "two.dtx").read_text()
     assert re.findall(r'name="(\w+)" access="public" xsi:type="array" type="dio"', data) == [
-        "doMill", "doOut4", "doOut8", "diSpeed", "diIn5",
+        "doMill", "doOut4", "doOut8", "diSpeed",
     ]  # fmt: skip
     with pytest.raises(InputError, match=r"output.io spindle is 'doMill', KRL numbers its signals; give a number"):
         write_program(make_events(tmp_path / "krl", "krl", wiring), "krl", tmp_path / "bad")
@@ -141,7 +141,7 @@ def test_what_is_not_wired_is_told(tmp_path: Path) -> None:
     notes = describe_program(make_events(tmp_path / "a", "krl", Wiring()), "krl")
     assert any("stops for 6 events and asks the operator (tool, spindle cw, optional stop, " in note for note in notes)
     assert any("coolant is a comment only" in note for note in notes)
-    told = describe_program(make_events(tmp_path / "b", "krl", replace(WIRED, spindle_ready=None)), "krl")
+    told = describe_program(make_events(tmp_path / "b", "krl", WIRED.model_copy(update={"spindle_ready": None})), "krl")
     assert any("waits 5 s for the spindle (assumed)" in note for note in told)
     remarks = replace(make_events(tmp_path / "d", "krl", Wiring()), events=(Event(0, "comment", 0.0, "roughing"),))
     assert not any("asks the operator" in note for note in describe_program(remarks, "krl"))

@@ -98,16 +98,16 @@ def read_numbers(text: str) -> list[float]:
 
 #: Lines of each language that do something beside motion, their texts left out.
 BESIDE: dict[str, str] = {
-    "krl": rf'MsgNotify\(""\)|HALT|IF \$IN\[\d+\] THEN|ENDIF|\$OUT\[\d+\]=(TRUE|FALSE)|WAIT SEC {NUMBER}'
+    "krl": rf'MsgNotify\(""\)|HALT|\$OUT\[\d+\]=(TRUE|FALSE)|WAIT SEC {NUMBER}'
            r"|WAIT FOR \$IN\[\d+\]|\w+\(\d+\)",
-    "rapid": rf'IF \w+=1 THEN|TPWrite "";|Stop;|ENDIF|SetDO \w+,[01];|WaitTime {NUMBER};|WaitDI \w+,1;|\w+ \d+;',
-    "urscript": r'(if|while) \((not )?get_standard_digital_in\(\d+\)\):|popup\("", title="", blocking=True\)|sync\(\)'
+    "rapid": rf'TPWrite "";|Stop;|SetDO \w+,[01];|WaitTime {NUMBER};|WaitDI \w+,1;|\w+ \d+;',
+    "urscript": r'while \(not get_standard_digital_in\(\d+\)\):|popup\("", title="", blocking=True\)|sync\(\)'
                 rf"|end|set_standard_digital_out\(\d+, (True|False)\)|sleep\({NUMBER}\)|\w+\(\d+\)",
-    "inform": rf"PAUSE( IF IN#\(\d+\)=ON)?|DOUT OT#\(\d+\) (ON|OFF)|TIMER T={NUMBER}|WAIT IN#\(\d+\)=ON",
-    "kawasaki_as": rf'IF SIG\(\d+\) THEN|TYPE ""|PAUSE|END|SIGNAL -?\d+|TWAIT {NUMBER}|SWAIT \d+|CALL \w+\(\d+\)',
-    "fanuc_ls": r"IF DI\[\d+\]=OFF,JMP LBL\[\d+\]|LBL\[\d+\]|PAUSE|DO\[\d+\]=(ON|OFF)"
+    "inform": rf"PAUSE|DOUT OT#\(\d+\) (ON|OFF)|TIMER T={NUMBER}|WAIT IN#\(\d+\)=ON",
+    "kawasaki_as": rf'TYPE ""|PAUSE|SIGNAL -?\d+|TWAIT {NUMBER}|SWAIT \d+|CALL \w+\(\d+\)',
+    "fanuc_ls": r"PAUSE|DO\[\d+\]=(ON|OFF)"
                 rf"|WAIT +{NUMBER}\(sec\)|WAIT DI\[\d+\]=ON|CALL \w+\(\d+\)",
-    "val3": r'if \w+==true|endIf|userPage\(\)|putln\(""\)|l_nKey=get\(\)|\w+=(true|false)'
+    "val3": r'userPage\(\)|putln\(""\)|l_nKey=get\(\)|\w+=(true|false)'
             rf"|delay\({NUMBER}\)|wait\(\w+==true\)|call \w+\(\d+\)",
     "sinumerik": rf"M[0135789]|M[34] S\d+|M4|G4 F{NUMBER}|\$A_OUT\[\d+\]=[01]|\w+\(\d+\)",
 }  # fmt: skip

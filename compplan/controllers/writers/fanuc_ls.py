@@ -40,7 +40,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"WAIT {seconds:7.2f}(sec)"],
     expect=lambda signal: [f"WAIT DI[{signal}]=ON"],
     pause=lambda task: ["PAUSE"],
-    pause_if=lambda signal, task: [f"IF DI[{signal}]=OFF,JMP LBL[@]", "PAUSE", "LBL[@]"],
     call=lambda name, number: [f"CALL {name.upper()}({number:.0f})"],
 )
 

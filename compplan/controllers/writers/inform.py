@@ -40,7 +40,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"TIMER T={seconds:.2f}"],
     expect=lambda signal: [f"WAIT IN#({signal})=ON"],
     pause=lambda task: ["PAUSE"],
-    pause_if=lambda signal, task: [f"PAUSE IF IN#({signal})=ON"],
     call=lambda name, number: [f"CALL JOB:{name.upper()}"],
 )
 

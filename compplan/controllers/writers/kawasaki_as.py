@@ -31,7 +31,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"TWAIT {seconds:.3f}"],
     expect=lambda signal: [f"SWAIT {INPUTS + int(signal)}"],
     pause=lambda task: [f'TYPE "{task}"', "PAUSE"],
-    pause_if=lambda signal, task: [f"IF SIG({INPUTS + int(signal)}) THEN", f'  TYPE "{task}"', "  PAUSE", "END"],
     call=lambda name, number: [f"CALL {name.lower()}({number:.0f})"],
 )
 

@@ -41,7 +41,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"WAIT SEC {seconds:.3f}"],
     expect=lambda signal: [f"WAIT FOR $IN[{signal}]"],
     pause=lambda task: [MESSAGE.format(task), "HALT"],
-    pause_if=lambda signal, task: [f"IF $IN[{signal}] THEN", f"  {MESSAGE.format(task)}", "  HALT", "ENDIF"],
     call=lambda name, number: [f"{name}({number:.0f})"],
 )
 

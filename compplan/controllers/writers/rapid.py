@@ -36,12 +36,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"WaitTime {seconds:.3f};"],
     expect=lambda signal: [f"WaitDI {name_signal(signal, 'di')},1;"],
     pause=lambda task: [MESSAGE.format(task), "Stop;"],
-    pause_if=lambda signal, task: [
-        f"IF {name_signal(signal, 'di')}=1 THEN",
-        f"  {MESSAGE.format(task)}",
-        "  Stop;",
-        "ENDIF",
-    ],
     call=lambda name, number: [f"{name} {number:.0f};"],
     named=True,
 )

@@ -51,7 +51,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"G4 F{seconds:.3f}"],
     expect=lambda signal: [f"WHILE $A_IN[{signal}]==0", "ENDWHILE"],
     pause=lambda task: ["M0"],
-    pause_if=lambda signal, task: ["M1"],
     call=lambda name, number: [f"{name}({number:.0f})"],
     native=_describe_natively,
 )

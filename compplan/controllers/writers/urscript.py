@@ -36,7 +36,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"sleep({seconds:.3f})"],
     expect=lambda signal: [f"while (not get_standard_digital_in({signal})):", "  sync()", "end"],
     pause=lambda task: [QUESTION.format(task)],
-    pause_if=lambda signal, task: [f"if (get_standard_digital_in({signal})):", f"  {QUESTION.format(task)}", "end"],
     call=lambda name, number: [f"{name}({number:.0f})"],
 )
 

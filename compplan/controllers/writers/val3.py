@@ -41,7 +41,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"delay({seconds:.3f})"],
     expect=lambda signal: [f"wait({name_signal(signal, 'diIn')}==true)"],
     pause=_ask,
-    pause_if=lambda signal, task: [f"if {name_signal(signal, 'diIn')}==true", *_ask(task), "endIf"],
     call=lambda name, number: [f"call {name}({number:.0f})"],
     named=True,
 )
@@ -130,7 +129,7 @@ def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
     """Return the digital inputs and outputs that the programs use, as data of the project."""
     wiring = program.wiring
     outputs = [wiring.spindle, wiring.coolant, *wiring.signals.values()]
-    inputs = [wiring.spindle_ready, wiring.optional_stop]
+    inputs = [wiring.spindle_ready]
     names = [name_signal(signal, "doOut") for signal in outputs if signal is not None]
     names += [name_signal(signal, "diIn") for signal in inputs if signal is not None]
     return [(name, "dio", ['link=""']) for name in dict.fromkeys(names) if program.events]

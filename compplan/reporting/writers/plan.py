@@ -307,7 +307,7 @@ def make_program(plan: Plan) -> Program:
         name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
         part=None if plan.job is None else plan.job.T_base_part,
         events=place_events(plan.task.nominal.events, before, len(plan.task), after),
-        wiring=None if plan.job is None else plan.job.output.io.wiring,
+        wiring=None if plan.job is None else plan.job.output.io,
     )  # fmt: skip
     if plan.job is None:
         return program
