@@ -1,7 +1,7 @@
 """Checks of a plan, as one list: name, value, limit, sentence and severity of each.
 
 Status, notes, terminal, page and plan.json come from this list (`compplan.planning.result.Plan`). The independent check
-reads robot folder and tool by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest at and
+reads the robot folder by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest at and
 between waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints
 by engines of their own. Sentences without a figure, such as a remark of a reader, are checks that failed.
 """
@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.readback.joint_table import JointTable, read_joints
 from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED, Bending
@@ -24,12 +23,11 @@ from compplan.planning.evaluate import Evaluation, find_part
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
-from compplan.planning.timing import Timing
-from compplan.robot import Array
+from compplan.planning.timing import Timing, find_slowdown
+from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.exact import ExactRobot, hold_load
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.simulation.inertia import (
-    average_loads,
     find_inside,
     fit_parabolas,
     load_springs,
@@ -44,6 +42,7 @@ from compplan.simulation.simulated_robot import (
     touch_cell,
 )
 from compplan.simulation.vibration import build_dynamics
+from compplan.statics.inertia import smooth_loads
 from compplan.toolpath.toolpath import pick_even
 
 #: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
@@ -112,7 +111,7 @@ class Bench:
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
-    """Read robot and tool a second time; a robot or a path in memory is taken as it is."""
+    """Read the robot a second time; a robot or a path in memory is taken as it is."""
     if job is None or task.robot.folder is None or job.context.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
@@ -129,7 +128,7 @@ def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
     """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
     loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], task.rests)
-    return average_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
+    return smooth_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
 
 
 def run_checks(
@@ -150,7 +149,8 @@ def run_checks(
     ]  # fmt: skip
     if bench.folder is None or job is None:
         return tuple(checks)
-    checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job), _check_feed(task, time)]
+    checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job)]
+    checks += [*_check_joints(task, q, time, load_robot(bench.folder), job), _check_feed(task, time)]
     if bending is not None and bench.moving is not None:
         checks.append(_check_inertia(task, time, bending, bench.moving))
     return tuple(checks)
@@ -253,46 +253,37 @@ def _angle(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
 
 
-def _check_each_joint(name: str, joints: JointTable, use: Array, limit: float, says: str) -> list[Check]:
+def _check_each_joint(name: str, robot: Robot, use: Array, limit: float, says: str) -> list[Check]:
     """Check a figure of every joint; `says` what a failed check says of joint and figure."""
     return [Check(name, float(value), limit, says.format(joint=joint, value=value))
-            for joint, value in zip(joints.names, use, strict=True)]  # fmt: skip
+            for joint, value in zip(robot.joint_names, use, strict=True)]  # fmt: skip
 
 
-def _list_joints(task: PlanTask, bench: Bench, job: Job | None) -> JointTable:
-    """List the joints and the limits that a plan may use, read anew where there is a folder."""
-    if bench.folder is None or job is None:
-        robot = task.robot
-        slides, outer = tuple(robot.prismatic.tolist()), tuple(robot.carriers.tolist())
-        rates = task.velocity_limits, task.acceleration_limits
-        return JointTable(tuple(robot.joint_names), slides, outer, robot.lower, robot.upper, *rates)
-    joints, limits = read_joints(bench.folder), job.limits
-    return replace(joints, velocity=joints.velocity * limits.velocity_scale,
-                   acceleration=joints.acceleration * limits.acceleration_scale)  # fmt: skip
-
-
-def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable) -> list[Check]:
-    """Joints stay within the limits of the robot folder, in place and in time."""
-    step = np.diff(time)
-    over = np.maximum(joints.lower - q, q - joints.upper).max(axis=0)
+def _check_joints(task: PlanTask, q: Array, time: Array, robot: Robot, job: Job) -> list[Check]:
+    """Joints stay within the limits that the robot folder states, in place and in time."""
+    limits, step = job.limits, np.diff(time)
+    over = np.maximum(robot.lower - q, q - robot.upper).max(axis=0)
     checks = [
-        Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its position limits by "
-              + (f"{1e3 * over[j]:.3g} mm" if joints.slides[j] else f"{np.degrees(over[j]):.3g} deg"))
-        for j, name in enumerate(joints.names)
+        Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its limits in robot.urdf by "
+              + (f"{1e3 * over[j]:.3g} mm" if robot.prismatic[j] else f"{np.degrees(over[j]):.3g} deg"))
+        for j, name in enumerate(robot.joint_names)
     ]  # fmt: skip
     back = int(step.argmin()) + 1
     checks.append(Check("time runs on, s", -float(step.min()), 0.0, f"time runs backwards at waypoint {back}"))
     if checks[-1].fails:
         return checks
     moved = np.abs(np.diff(q, axis=0))
-    use = (moved / np.maximum(step, 1e-12)[:, None] / joints.velocity).max(axis=0)
-    checks += _check_each_joint("joint velocity, share of its limit", joints, use, ROUNDED,
-                                "{joint} moves {value:.3g} times as fast as its limit allows")  # fmt: skip
+    use = (moved / np.maximum(step, 1e-12)[:, None] / robot.velocity_limits / limits.velocity_scale).max(axis=0)
+    checks += _check_each_joint("joint velocity, share of robot.urdf", robot, use, ROUNDED,
+                                "{joint} moves {value:.3g} times as fast as robot.urdf allows")  # fmt: skip
     rows = _find_moving(task, time)
     if len(rows):
-        most = (np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration).max(axis=0)
-        checks += _check_each_joint("joint acceleration, share of its limit", joints, most, ROUNDED * 1.01,
-                                    "{joint} accelerates {value:.3g} times as much as its limit allows")  # fmt: skip
+        most = (np.abs(fit_parabolas(q, time, rows)[1]) / robot.acceleration_limits / limits.acceleration_scale).max(
+            axis=0
+        )
+        checks += _check_each_joint("joint acceleration, share of elasticity.toml", robot, most, ROUNDED * 1.01,
+                                    "{joint} accelerates {value:.3g} times as much as elasticity.toml allows"
+                                    )  # fmt: skip
     return checks
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ class Fitted:
     rows: NDArray[np.int_]  #: The row of each in the whole program. Shape (m,).
 
 
+@lru_cache(maxsize=2)
 def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
     """Fit lines and arcs to the linear moves of a program; one without a tolerance stays as it is.
 
@@ -51,13 +53,13 @@ def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
         arcs: Whether the language has arcs.
     """
     n = len(program)
-    if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
+    if program.tolerance <= 0.0 or program.time is None or n < 2:
         return Fitted(program, np.arange(n))
     rows = np.arange(n)
     if program.corner_shift is not None:
         rows = np.flatnonzero(np.isfinite(program.corner_shift[:, 0]))
         program = program.take(rows)
-        assert program.tcp is not None and program.corner_shift is not None
+        assert program.corner_shift is not None
         tcp = program.tcp.copy()
         tcp[:, :3, 3] += program.corner_shift
         program = replace(program, tcp=tcp)
@@ -84,7 +86,7 @@ def _mark_ends(program: Program) -> NDArray[np.bool_]:
 
 def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> Program:
     """Return the program at some of its rows, with the feed that takes the time of the plan, or a cycle."""
-    assert program.tcp is not None and program.time is not None
+    assert program.time is not None
     length = np.array([0.0, *(track.measure(a, b, m) for a, b, m in zip(ends[:-1], ends[1:], kind[1:], strict=True))])
     time, cut = np.diff(track.time[ends], prepend=0.0), ~program.alone(linear=True)[ends]
     cut[0] = False
