@@ -20,15 +20,15 @@ from scipy.linalg import block_diag
 from scipy.special import expit, logit, ndtri
 
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
-from compplan.diagnosis.evidence.candidates import offered_signatures
-from compplan.diagnosis.results.measurement_moves import KINDS, MOVES, MeasuringMove, list_moves, probe_signature
+from compplan.diagnosis.evidence.candidates import key_of, offered_signatures, propose_again
+from compplan.diagnosis.results.measurement_moves import KINDS, MOVES, MeasuringMove, list_moves
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import NAMING, Verdict
 from compplan.diagnosis.search.search import SEARCH, SHIFTS, Claim, Model
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.probability import MAP, find_alternatives, is_comparable
 from compplan.diagnosis.validation.unmodelled import UNMODELLED
-from compplan.effects import apply_effects, build_model, solve_model_poses
+from compplan.effects import apply_effects, build_model, solve_model_poses, transmission_error
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, weight_rows
 from compplan.robot import Array
@@ -144,9 +144,12 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
     Columns that further rows cannot show are zero.
     """
     equations, n = fit.search.equations, len(at.campaign)
-    by_key = {(s.place, s.form): s for s in offered_signatures(at, fit.problem.register, SHIFTS)}
+    claimed = [equations.signatures[claim.signature] for claim in fit.model.claims]
+    looked_for = [s for s in claimed if s.name in (*SHIFTS, transmission_error.name)]
+    offered = offered_signatures(at, fit.problem.register, SHIFTS)
+    offered += propose_again(at, looked_for, {key_of(s) for s in looked_for})
+    by_key = {(s.place, s.form): s for s in offered}
     designs = [np.zeros((n, channel.residual.shape[1], equations.p)) for channel in equations.source]
-    used = {int(column) for claim in fit.model.claims for column in equations.columns(claim.signature)}
     done: set[int] = set()
     for number, signature in enumerate(equations.signatures):
         columns = equations.columns(number)
@@ -155,9 +158,7 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
             continue
         found = by_key.get((signature.place, signature.form))
         if found is None or len(found.keys) != len(columns):
-            if not used & {int(c) for c in columns}:
-                continue
-            found = probe_signature(at, signature)
+            continue
         motions = {"position": found.twist[:, :3], "orientation": found.twist[:, 3:], "encoder": found.encoder}
         for channel, design in zip(equations.source, designs, strict=True):
             motion = motions.get(channel.name)
@@ -260,10 +261,6 @@ def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[
         "expected_probability_gain": round(proposal.gain, 3),
         "expected_log_likelihood_ratio": round(proposal.information, 2),
     }
-    if proposal.kind == "warm_up" and campaign.time is not None:
-        table["time_s"] = [round(float(campaign.time[row]), 2) for row in rows]
-    if proposal.kind == "warm_up" and campaign.temperature is not None:
-        table["temperature_C"] = [round(float(campaign.temperature[row]), 1) for row in rows]
     if proposal.kind == "loaded_unloaded" and not fit.problem.campaign.load_varies:
         table["assumed"] = "the campaign had no loads; the weight on the tool is assumed"
     return table
