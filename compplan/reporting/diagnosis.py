@@ -201,6 +201,7 @@ def _list_facts(diagnosis: Diagnosis, rows: _UsedRows) -> list[tuple[str, str]]:
         ("rows", f"{len(rows.used)}{apart}"),
         ("robot folder that is delivered", DELIVERED[diagnosis.delivery.kind]),
         ("noise floor from", diagnosis.noise),
+        *([] if diagnosis.repeats is None else [("poses measured again", diagnosis.repeats.sentence)]),
         ("frames fitted first", ", ".join(diagnosis.fit.problem.register) or "none"),
         ("outliers", f"{shown} ({len(outliers)}), counted from 0" if len(outliers) else "none"),
     ]
