@@ -31,7 +31,6 @@ from compplan.reporting.gap_figures import (
     draw_gap_shares,
     draw_histogram,
     draw_residuals,
-    draw_traces,
 )
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, explain_grade
@@ -215,12 +214,6 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
         Chart(draw_gap_shares(shares.by_factor, "factor"), "What the error follows; lines: 95 % intervals.",
               90 + 30 * len(shares.by_factor)),
     ]  # fmt: skip
-    if split.traces:
-        caption = (
-            "The error that the named joint makes at every row, everything else explained taken out: a soft spring is "
-            "a sloped line, lost motion two levels, a gear error a wave."
-        )
-        blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
     if split.small_errors is not None and split.small_errors.groups:
         kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
         caption = "Small errors in the updated robot, by place and kind."

@@ -64,7 +64,7 @@ def diagnosed() -> tuple[Any, Split]:
     diagnosis = SimpleNamespace(
         robot=robot, residual_before=before, residual_after=noise, registration=None, outliers=np.zeros(0, int),
         fit=SimpleNamespace(problem=SimpleNamespace(campaign=replace(campaign, position=point), register=())),
-        delivery=SimpleNamespace(kind="calibrated"), noise="the log", points=point,
+        delivery=SimpleNamespace(kind="calibrated"), noise="the log", points=point, repeats=None,
         verdict=SimpleNamespace(structure=SimpleNamespace(left=False), findings=[]),
     )  # fmt: skip
     return diagnosis, Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)))
