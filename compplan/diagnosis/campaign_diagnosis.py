@@ -111,7 +111,7 @@ def _conclude(
     refuse_open_frames(rms_length(before[good]), plain.of(good[plain.rows]).rms, campaign)
     first = deliver_robot(folds, verdict, plain, state, good)
     seen = good[plain.rows]
-    verdict, sizes = size_named(fit, verdict, first.uncertainty.calibration)
+    verdict, sizes = size_named(folds.fit, first.posterior, verdict, first.uncertainty.calibration)
     verdict = check_calibration(verdict, plain.of(seen).rms, first.held.of(seen).rms)
     gap = Gap(
         before=rms_length(before[good]),

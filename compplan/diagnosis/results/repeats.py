@@ -10,10 +10,11 @@ the direction of its last move or of its load, times log(1 + t / s), t the time 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri, stdtrit
 
 from compplan.diagnosis.data.noise import group_repeats
@@ -55,33 +56,35 @@ def check_repeats(at: Linearization, residual: Array) -> RepeatCheck | None:
         return None
     told = np.isfinite(residual).all(axis=1) & (np.nan_to_num(campaign.sigma) > 0)
     rows = np.flatnonzero(told & campaign.measured & ~campaign.on_path)
-    group = group_repeats(campaign, rows)
-    count, sigma = np.bincount(group), campaign.sigma[rows, None]
-
-    def centre(values: Array) -> Array:
-        """Take the mean of each pose out of values (r, 3), and count them in sigmas."""
-        means = np.stack([np.bincount(group, values[:, k]) / count for k in range(3)], axis=1)
-        return np.asarray((values - means[group]) / sigma)
-
-    scatter, freedom = centre(residual[rows]), 3 * (len(rows) - len(count))
+    sigma = campaign.sigma[rows, None]
+    scatter, freedom = _centre(residual[rows] / sigma, group_repeats(campaign, rows))
     if freedom < 2:
         return None
     ratio, chance = np.sqrt(np.sum(scatter**2) / freedom), np.sqrt(chdtri(freedom, CHANCE) / freedom)
     if ratio <= chance:
         return None
-    found = RepeatCheck(float(ratio), float(chance), freedom)
-    if campaign.time is None:
+    found, stay = RepeatCheck(float(ratio), float(chance), freedom), campaign.stay[rows]
+    scatter, freedom = _centre(residual[rows] / sigma, stay)
+    if campaign.time is None or freedom < 2:
         return found
-    start = campaign.time[np.unique(campaign.stay, return_index=True)[1]][campaign.stay]
-    since = np.log1p(np.maximum(campaign.time - start, 0.0))[rows, None]
+    start = campaign.time[np.unique(campaign.stay, return_index=True)[1]][stay]
+    since = np.log1p(np.maximum(campaign.time[rows] - start, 0.0))[:, None]
     tried = []
     for index, joint in enumerate(at.robot.joint_names):
         for driver, sign in (("direction of approach", campaign.approach), ("load", at.own_load)):
-            moved = centre(np.nan_to_num(since * sign[rows, index, None] * at.motion[rows, :3, index]))
-            square = float(np.sum(moved**2) * np.sum(scatter**2))
-            tried.append((float(np.sum(moved * scatter)) / np.sqrt(square) if square > 0 else 0.0, joint, driver))
+            moved = np.nan_to_num(since * sign[rows, index, None] * at.motion[rows, :3, index])
+            moved = _centre(moved / sigma, stay)[0]
+            size = float(np.sqrt(np.sum(moved**2) * np.sum(scatter**2)))
+            tried.append((float(np.sum(moved * scatter)) / max(size, 1e-300), joint, driver))
     correlation, joint, driver = max(tried, key=lambda one: abs(one[0]))
     t = stdtrit(freedom - 1, 1.0 - 0.5 * CHANCE / len(tried))
     if abs(correlation) * np.sqrt(freedom - 1) <= t * np.sqrt(1.0 - correlation**2):
         return found
-    return RepeatCheck(found.times_sigma, found.chance, freedom, joint, driver, correlation)
+    return replace(found, joint=joint, driver=driver, correlation=correlation)
+
+
+def _centre(values: Array, group: NDArray[np.int_]) -> tuple[Array, int]:
+    """Take the mean of each group out of values (r, 3); return the degrees of freedom that are left, too."""
+    _, index, count = np.unique(group, return_inverse=True, return_counts=True)
+    means = np.stack([np.bincount(index, values[:, k]) / count for k in range(3)], axis=1)
+    return np.asarray(values - means[index]), 3 * (len(values) - len(count))

@@ -28,6 +28,7 @@ from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, LISTED, SAMPLE, S
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
+from compplan.diagnosis.results.delivery import NOMINAL
 from compplan.diagnosis.results.verdict import CLAIMED, Finding
 from compplan.diagnosis.search.state import FitState, attain_state
 from compplan.effects import driver_of, locate_effect, robot_effects
@@ -319,7 +320,7 @@ class SmallErrors:
 def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
     """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
     posterior, equations = diagnosis.delivery.posterior, diagnosis.equations
-    if posterior is None:
+    if diagnosis.delivery.kind == NOMINAL:
         return None
     motion = PosteriorMotion(diagnosis, np.random.default_rng(seed), equations, posterior)
     loaded = diagnosis.fit.problem.campaign.load_varies
