@@ -67,21 +67,6 @@ class Part:
     columns: NDArray[np.int_]  #: Its columns of the posterior's; empty where its size is held.
 
 
-@dataclass(frozen=True)
-class Carrier:
-    """A named effect at its place: share of the gap, its interval given that the effect is present, and probability."""
-
-    place: str
-    effect: str
-    share: Share
-    probability: float
-
-    def to_json(self) -> dict[str, str | float]:
-        """Return the carrier as diagnosis.json holds it."""
-        probability = {"probability": round(self.probability, 4)}
-        return {"place": self.place, "effect": self.effect, **self.share.to_json(), **probability}
-
-
 @dataclass(frozen=True, eq=False)
 class Shares:
     """A gap divided."""
@@ -89,7 +74,6 @@ class Shares:
     #: Share of each place: joints, other parts of the cell, small errors everywhere, not explained.
     by_place: dict[str, Share]
     by_factor: dict[str, Share]  #: Share of what follows each factor, and what is not explained.
-    carriers: tuple[Carrier, ...]  #: Named findings with their shares, largest first.
     noise: float  #: Share that noise explains.
 
 
@@ -105,15 +89,10 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
     drivers = list(dict.fromkeys(name for own in factors for name in own))
     first = [*diagnosis.robot.joint_names, *(name for own in places for name in own if name != CALIBRATION)]
     stated = [share if part.probability >= CLAIMED else 0.0 for part, share in zip(every, point, strict=True)]
-    carriers = [
-        Carrier(part.place, part.effect, find_interval(share, values), part.probability)
-        for part, share, values in sorted(zip(every, point, drawn, strict=True), key=lambda one: -rank_number(one[1]))
-        if part.probability >= CLAIMED and part.place != CALIBRATION
-    ]
     return Shares(
         add_up([*dict.fromkeys(first), CALIBRATION], places, stated, drawn, fate, noise),
         add_up(drivers, factors, stated, drawn, fate, noise),
-        tuple(carriers), noise,
+        noise,
     )  # fmt: skip
 
 

@@ -65,7 +65,6 @@ class Split:
         return {
             **calibrated,
             "rms_mm": 1e3 * spread.rms,
-            "carried_by": [carrier.to_json() for carrier in shares.carriers],
             "by_joint": {name: share.to_json() for name, share in shares.by_place.items()},
             "by_factor": {name: share.to_json() for name, share in shares.by_factor.items()},
             "noise_share": shares.noise,
