@@ -35,6 +35,8 @@ STUDENT = 2.023
 SAME = 1e-9
 #: A force below this share of the greatest counts as the air. []
 AIR = 0.02
+#: A number that contributes less than this share of the greatest contribution is rounding: a log cannot tell it. []
+ROUNDING = 1e-9
 #: No prediction errs by more than this factor: beyond, a unit is wrong (assumed). []
 MOST_RATIO = 100.0
 #: Greatest lag that is searched for, to either side: a length [m], and a share of the cut (assumed).
@@ -158,7 +160,8 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     channels, measured = _choose_channels(log, law)
     s, measured = _pool(_lengths(log, nominal, model.progress), measured, MOST_ROWS)
     columns = model.at(s, channels)
-    predicted, known = np.einsum("c,cmk->mk", model.in_job, columns), np.abs(columns).max(axis=(1, 2)) > 0.0
+    predicted, most_of = np.einsum("c,cmk->mk", model.in_job, columns), np.abs(columns).max(axis=(1, 2))
+    known = most_of > ROUNDING * most_of.max(initial=0.0)
     cut = _find_cut(s, predicted, model.progress[-1], file)
     _check_level(measured[cut, :3], predicted[cut, :3], file)
     tare = np.column_stack([np.ones(len(s)), (s - s.mean()) / max(float(np.ptp(s)), SAME)])
@@ -181,7 +184,9 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     # a force that jumps is placed no better than within a row of the log
     sigma[-1] = np.hypot(sigma[-1], float(np.median(np.diff(s))) / np.sqrt(12.0))
     numbers = _list_numbers(model, known, value, sigma)
-    notes = _describe(numbers, int(known.sum()), left, scale, lag, most)
+    notes = [f"The {model.names[k]} is not determined: the predicted force has no such part in this log."
+             for k in np.flatnonzero(~known)]  # fmt: skip
+    notes += _describe(numbers, int(known.sum()), left, scale, lag, most)
     before = predicted[cut, :3] - measured[cut, :3]
     after = (left * scale)[cut, :3]
     return ForceFit(

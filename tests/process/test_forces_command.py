@@ -75,6 +75,14 @@ def test_a_log_gives_back_the_coefficients_that_made_it_within_their_intervals(l
     assert found["rms_before_N"] > 1.5 * found["rms_after_N"]
 
 
+def test_a_force_that_the_prediction_does_not_have_is_not_determined() -> None:
+    folder = POCKET.parents[1] / "measured_robot"
+    nominal, law = load_path(load_job(folder / "isf_cone.toml"))
+    fit = fit_forces(read_force_log(folder / "force_log.csv"), law, nominal, folder / "force_log.csv")
+    assert fit.notes[0].startswith("The factor along the travel is not determined")
+    assert [number.name for number in fit.numbers[:2]] == ["factor to the left", "factor along the tool axis"]
+
+
 def test_a_log_that_misses_the_cut_is_refused_and_nothing_is_written(log, tmp_path, monkeypatch, capsys) -> None:
     far = tmp_path / "far.csv"
     far.write_text("s_mm,fx_N,fy_N,fz_N\n1e6,0,0,0\n2e6,0,0,0\n", encoding="utf-8")
