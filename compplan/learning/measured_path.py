@@ -22,10 +22,9 @@ from compplan.io.meshes import is_scan
 from compplan.io.parsing import LEAST_SIGMA, LEAST_SIGMA_MM
 from compplan.io.tables import Table
 from compplan.learning.alignment import describe_motion, fit_rigid, sample_cut
-from compplan.learning.scan import SCAN_SIGMA, Surface, read_scan
 from compplan.measurement.instrument import read_directions
-from compplan.measurement.observations import fit_sphere
 from compplan.measurement.reading import rename_title
+from compplan.measurement.scan import SCAN_SIGMA, Surface, read_scan
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 
@@ -51,8 +50,6 @@ BESIDE = 1e-3
 NEIGHBOURS, LINE = 12, 0.02
 #: Square of a normal's part across the path below which it tells nothing of it (assumed: 60 degrees).
 FLAT = 0.25
-#: Points of a ball bar whose plane is thinner than this share of their circle say nothing of the centre's height.
-FLAT_PATH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +84,13 @@ def read_measured_points(source: Any) -> Table:
         return read_scan(Path(source))
     columns = [FileColumn(axis, "length", group="position") for axis in "xyz"]
     columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True), FileColumn("reading", "length")]
-    columns += [FileColumn("distance", "length")]
     columns += [FileColumn(f"dir_{axis}", group="direction") for axis in "ijk"]
     columns.append(FileColumn("q1", ("angle", "length")))
     table = open_table(source, columns, what="measured points", rename=rename_title)
     if "q1" in table:
         raise table.error("has joints, expected measured points of a part; compplan diagnose takes a log of poses")
+    if "column 'distance_mm' is not read" in table.notes:
+        raise table.error("distance_mm of a ball bar shows no part; compplan diagnose takes a log of it")
     if "x" not in table:
         raise table.error("missing column x_mm or x_m, expected x_mm y_mm z_mm of every point")
     if not len(table):
@@ -112,35 +110,12 @@ def _probe_points(table: Table) -> Table:
     Raises:
         InputError: If a reading has no direction, or one that is no unit vector.
     """
-    if "distance" in table:
-        return _bar_points(table)
     if "reading" not in table:
         return table
     if "column 'contact' is not read" in table.notes:
         raise table.error("contact beside reading_mm: an unknown zero; leave it out and use --align best_fit")
-    return _along(table, read_directions(table, np.ones(len(table), bool)), table.values["reading"])
-
-
-def _bar_points(table: Table) -> Table:
-    """Turn lengths of a ball bar at nominal points into readings along it, from the centre that fits them best.
-
-    The centre stays in the plane of the points where nothing shows how far it is out of it.
-    """
-    point, length = table.stack(["x", "y", "z"]), table.values["distance"]
-    if "reading" in table:
-        raise table.error("columns reading_mm and distance_mm, expected one of them")
-    away = point - fit_sphere(point, length, flat=FLAT_PATH)
-    size = np.linalg.norm(away, axis=1)
-    if not (np.abs(size - length) <= FARTHEST).all():
-        row = int(np.abs(size - length).argmax())
-        raise table.error(f"distance_mm is {length[row] * 1e3:.4g}, {size[row] * 1e3:.4g} mm from the centre that fits"
-                          " the rows best; expected the length of the ball bar at each nominal point", row)  # fmt: skip
-    return _along(table, away / size[:, None], length - size)
-
-
-def _along(table: Table, unit: Array, reading: Array) -> Table:
-    """Return the points that readings along unit vectors from nominal points mean, with those as normals."""
-    point = table.stack(["x", "y", "z"]) + reading[:, None] * unit
+    unit = read_directions(table, np.ones(len(table), bool))
+    point = table.stack(["x", "y", "z"]) + table.values["reading"][:, None] * unit
     found = {**dict(zip("xyz", point.T, strict=True)), **dict(zip(("nx", "ny", "nz"), unit.T, strict=True))}
     headers = {**table.headers, "nx": "dir_i", "ny": "dir_j", "nz": "dir_k"}
     return replace(table, values={**table.values, **found}, headers=headers)
@@ -160,8 +135,6 @@ def match_points(
     """
     given, scanned = table.stack(["x", "y", "z"]), is_scanned(table)
     surface = surface if surface is None or in_base else surface.move(T_base_part)
-    if "distance" in table and align != "best_fit":
-        raise table.error("distance_mm of a ball bar needs --align best_fit: its centre is unknown")
     point, normal, motion, moved = _place_points(
         table, given, nominal, T_base_part, in_base=in_base, align=align, surface=surface
     )

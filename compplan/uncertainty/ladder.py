@@ -25,9 +25,6 @@ from compplan.uncertainty.assumed import LINK_ELASTICITY, moves_base
 
 #: Instrument that sees positions, standing anywhere.
 TRACKER = "tracker"
-#: What poses may be for: the band on the job's path, or a calibration of an arm of which hardly anything is known, to
-#: hold wherever it can stand.
-PATH, CALIBRATION = "path", "calibration"
 
 
 @dataclass(frozen=True)
@@ -40,11 +37,9 @@ class Equipment:
     #: Frames that are unknown, of "base" and "tool"; None: both of a tracker, none of other instruments.
     register: tuple[str, ...] | None = None
     seed: int = 0  #: Seed of the candidates.
-    purpose: str = PATH  #: What the poses are for: PATH or CALIBRATION.
-    instrument: str = TRACKER  #: What sees the tip, "tracker", "sockets", "gauge" or "ball_bar".
+    instrument: str = TRACKER  #: What sees the tip, "tracker", "sockets" or "gauge".
     places: int | None = None  #: Unknown places at which it stands; None: the usual number.
-    #: Length of a ball bar, or distance of two sockets of a plate; None: the usual one. [m]
-    length: float | None = None
+    length: float = 0.0  #: Distance of the two sockets of a plate, 0 for single ones. [m]
     poses: int = 12  #: Poses of a campaign that a plan's ladder counts with, under the process force.
     #: Relative standard deviation of the force after a log of a force sensor (gain 1 %, drift).
     force_level: float = 0.02
@@ -63,11 +58,6 @@ class Equipment:
     def loaded(self) -> bool:
         """Tell whether loads can be changed."""
         return self.pull > 0.0 or any(self.weights)
-
-    @property
-    def place(self) -> str:
-        """Say where the poses narrow the band."""
-        return "on this path" if self.purpose == PATH else "wherever the arm can stand"
 
 
 #: What the ladder of a plan counts with.
