@@ -17,12 +17,12 @@ from compplan.io.quantities import format_length
 from compplan.io.tables import Table
 from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
-from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
+from compplan.learning.measured_path import MeasuredPath, match_points
 from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, take_blocks
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
-from compplan.measurement.scan import Surface
+from compplan.measurement.part_points import Surface, read_measured_points
 from compplan.planning.checks import state_notes
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
 from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
