@@ -12,7 +12,6 @@ from scipy.special import gammaincinv
 from compplan.errors import InputError
 from compplan.learning.candidates import (
     PLACES,
-    SOCKETS,
     Candidates,
     Fixture,
     find_postures,
@@ -22,6 +21,7 @@ from compplan.learning.candidates import (
 )
 from compplan.learning.design import Choice, Design, choose_measurements, order_poses
 from compplan.measurement.campaign import Campaign
+from compplan.measurement.equipment import SOCKETS, TRACKER, Equipment
 from compplan.measurement.observations import Observations
 from compplan.measurement.pose_selection import learn_rows
 from compplan.planning.plan import Plan
@@ -30,7 +30,7 @@ from compplan.robot import Array, Robot
 from compplan.simulation.predict import predict_campaign
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 from compplan.uncertainty.band import lead_unknowns, linearise_path, split_covariance
-from compplan.uncertainty.ladder import COMPLIANCES, TRACKER, Equipment
+from compplan.uncertainty.ladder import COMPLIANCES
 from compplan.uncertainty.sensitivities import (
     build_path_model,
     build_varied_model,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from compplan.effects import solve_model_poses
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
+from compplan.measurement.equipment import GAUGE, SOCKETS
 from compplan.measurement.observations import CONTACT, READING, KnownDistances, Observations, along
 from compplan.measurement.pose_selection import take_clear
 from compplan.planning.posture.clearance import measure_margin
@@ -38,7 +39,6 @@ TURN = np.radians(170.0)
 RUN_UP = (np.radians(1.5), 0.01)
 #: Lowest place of the tip over the base plane, where the path is not lower itself. [m]
 FLOOR = 0.05
-SOCKETS, GAUGE = "sockets", "gauge"
 #: Kind of a row, and places that are put up where nobody says how many.
 KINDS = {SOCKETS: CONTACT, GAUGE: READING}
 PLACES = {SOCKETS: 3, GAUGE: 6}

@@ -342,7 +342,7 @@ def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Unce
     force = band_radius(own[:, :, :1] @ np.swapaxes(own[:, :, :1], 1, 2))
     parts = {**error_band.parts, "model": radius, "unexplained": np.zeros(n)}
     parts["force"] = np.interp(np.arange(n), rows, force)
-    better = replace(error_band, radius=radius + plan.after.distance, parts=parts, known=known, without={}, before=None,
+    better = replace(error_band, radius=radius + plan.after.distance, parts=parts, known=known, before=None,
                      ladder=(), cheapest=())  # fmt: skip
     run = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (len(own), 3, 3))
     drawn = draw_columns(np.concatenate([model_update.open, own, run], axis=2), np.random.default_rng(SEED), PATHS)

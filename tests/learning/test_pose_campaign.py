@@ -13,9 +13,10 @@ from commandline import run_command
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.learning import candidates as contacts
-from compplan.learning.campaign import Equipment, add_places, design_campaign
+from compplan.learning.campaign import add_places, design_campaign
 from compplan.learning.candidates import bring_tips, find_postures, find_touching, list_candidates, list_fixtures
 from compplan.learning.design import Design, choose_measurements, first_visits, grade_choice, order_poses
+from compplan.measurement.equipment import Equipment
 from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import CONTACT
 from compplan.measurement.reading import read_campaign

@@ -191,7 +191,8 @@ def run_campaign(
     Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
     """
     from compplan.diagnosis.data.plausibility import ask_unit, build_rows_model
-    from compplan.learning.campaign import Equipment, design_campaign, parse_weights
+    from compplan.learning.campaign import design_campaign, parse_weights
+    from compplan.measurement.equipment import Equipment
     from compplan.planning.plan import plan_job
     from compplan.reporting.campaign import write_campaign
 
