@@ -135,38 +135,24 @@ def test_offset_drift_and_lag_of_a_log_are_told_from_the_force(lag_mm, log, tmp_
     assert later.process.coefficients.cutting_N_mm2 == tuple(table["cutting_N_mm2"])
 
 
-def test_time_moments_and_power_are_channels_of_a_log_too(tmp_path) -> None:
+def test_time_and_moments_are_channels_of_a_log_too(tmp_path) -> None:
     job = load_job(write_job(tmp_path, 'material = "al7075_t6"'))
     nominal, law = load_path(job)
     cut = ~nominal.rapid
     step = np.diff(cutting_progress(nominal), prepend=0.0) / np.maximum(nominal.feed, 1e-9)
-    power = 2 * np.pi * 12000 / 60 * np.einsum("ni,ni->n", nominal.wrench[:, 3:], nominal.axis) + 150.0  # idle
-    columns = np.column_stack([np.cumsum(step), nominal.wrench, power])[cut]
-    noise = np.random.default_rng(2).normal(0.0, [0.0, 9.0, 9.0, 9.0, 0.02, 0.02, 0.02, 5.0], columns.shape)
+    columns = np.column_stack([np.cumsum(step), nominal.wrench])[cut]
+    noise = np.random.default_rng(2).normal(0.0, [0.0, 9.0, 9.0, 9.0, 0.02, 0.02, 0.02], columns.shape)
     file = tmp_path / "timed.csv"
-    header = "t_s,fx_N,fy_N,fz_N,mx_Nm,my_Nm,mz_Nm,power_W"
+    header = "t_s,fx_N,fy_N,fz_N,mx_Nm,my_Nm,mz_Nm"
     np.savetxt(file, columns + noise, delimiter=",", header=header, comments="")
     widths = {}
-    for name, keep in (("all", 8), ("forces", 4)):
+    for name, keep in (("all", 7), ("forces", 4)):
         np.savetxt(file, (columns + noise)[:, :keep], delimiter=",", comments="",
                    header=",".join(header.split(",")[:keep]))  # fmt: skip
         found = fit_forces(read_force_log(file), law, nominal, file).numbers[0]
         assert abs(found.value - 767.01) < 0.75 * (found.high - found.low)
         widths[name] = found.high - found.low
     assert widths["all"] < 0.9 * widths["forces"]
-
-
-def test_the_power_of_the_spindle_tells_the_coefficient_that_turns_it(tmp_path) -> None:
-    job = load_job(write_job(tmp_path, 'material = "al7075_t6"'))
-    nominal, law = load_path(job)
-    cut = ~nominal.rapid
-    power = 2 * np.pi * 12000 / 60 * np.einsum("ni,ni->n", nominal.wrench[:, 3:], nominal.axis)
-    columns = np.column_stack([1e3 * cutting_progress(nominal), nominal.wrench[:, :3], 1.1 * power])[cut]
-    columns[:, 1:4] += np.random.default_rng(4).normal(0.0, 150.0, columns[:, 1:4].shape)
-    file = tmp_path / "power.csv"
-    np.savetxt(file, columns, delimiter=",", header="s_mm,fx_N,fy_N,fz_N,power_W", comments="")
-    found = fit_forces(read_force_log(file), law, nominal, file).numbers[0]
-    assert found.value == pytest.approx(1.1 * 767.01, rel=0.1)
 
 
 def test_a_log_of_another_frame_is_refused_in_words(log, tmp_path, monkeypatch, capsys) -> None:
