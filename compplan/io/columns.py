@@ -32,8 +32,6 @@ UNITS: dict[str, tuple[str, float]] = {
     "m_min": ("speed", 1.0 / 60.0),
     "mm_min": ("speed", 1e-3 / 60.0),
     "C": ("temperature", 1.0),
-    "W": ("power", 1.0),
-    "kW": ("power", 1e3),
 }
 
 
@@ -42,7 +40,7 @@ class FileColumn:
     """One column that a table may have."""
 
     name: str  #: Name without unit. A trailing or inner `#` stands for a number from 1: `q#` is q1, q2, ...
-    #: "length", "angle", "force", "moment", "time", "speed", "temperature", "power", "number" (no unit) or "text";
+    #: "length", "angle", "force", "moment", "time", "speed", "temperature", "number" (no unit) or "text";
     #: several where the unit decides.
     dimension: str | tuple[str, ...] = "number"
     required: bool = False  #: Whether a table without it is refused.
