@@ -23,7 +23,7 @@ from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan, summarise_plan
-from compplan.reporting.writers.recording import write_plan_cell
+from compplan.reporting.writers.recording import write_recording
 from compplan.robot import Array
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
@@ -71,7 +71,7 @@ def write_beside(plan: Plan, part: Path) -> None:
     """Write what stands beside the moves of a plan: the page, what `compplan view` needs, plan.json."""
     from compplan.reporting.plan_page import write_plan_page
 
-    write_plan_cell(plan, part, choose_rows(plan))
+    write_recording(plan, part, tabulate_joints(plan), choose_rows(plan))
     write_plan_page(plan, part / "report.html")
     write_json(part / "plan.json", summarise_plan(plan), indent=2)
 
@@ -160,25 +160,30 @@ def place_rows(plan: Plan, wanted: Array | None = None) -> tuple[Array, Array]:
 
 
 def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
-    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, the wrench, kind of move.
+    """Write joints.csv; see `tabulate_joints`."""
+    write_table(path, tabulate_joints(plan, wanted), decimals=10)
+
+
+def tabulate_joints(plan: Plan, wanted: Array | None = None) -> dict[str, NDArray[Any]]:
+    """Return the columns of joints.csv: time, commanded joints, wanted tip and tool axis, the wrench, kind of move.
 
     The wrench is the one that the job's [process] predicts, whatever measured parts said of it. `wanted`: where the
     path wants the tip, where the plan aims beside it. Shape (n, 3). [m]
     """
     robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
-    time, kept = _list_times(plan), choose_rows(plan)
+    kept = choose_rows(plan)
     q = np.vstack([before.q, plan.q, after.q])
     position, axis = place_rows(plan, wanted)
     wrench = predict_rows(plan)
     stays = np.where(task.leaving, "retract", "approach")
     move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, stays, "cut"))
-    columns: dict[str, object] = {"time_s": time}
+    columns: dict[str, NDArray[Any]] = {"time_s": _list_times(plan)}
     columns |= robot.joint_columns(q)
     columns |= {f"{name}_mm": position[:, k] * 1e3 for k, name in enumerate("xyz")}
     columns |= {name: axis[:, k] for k, name in enumerate("ijk")}
     columns |= {name: wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     columns["move"] = np.array(["approach"] * len(before.q) + move.tolist() + ["retract"] * len(after.q))
-    write_table(path, {name: np.asarray(values)[kept] for name, values in columns.items()}, decimals=10)
+    return {name: values[kept] for name, values in columns.items()}
 
 
 def predict_rows(plan: Plan) -> Array:
