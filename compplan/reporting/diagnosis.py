@@ -28,11 +28,10 @@ from compplan.reporting import diagnosis_text as words
 from compplan.reporting.diagnosis_text import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.reporting.gap_figures import (
     draw_gap_shares,
-    draw_histogram,
     draw_residuals,
     draw_traces,
 )
-from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, Summary, render_page
+from compplan.reporting.page import Block, Cell, Chart, DataTable, Fold, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, explain_grade
 from compplan.reporting.scenes import describe_magnification
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
@@ -123,7 +122,7 @@ def render_diagnosis(
     rows = _UsedRows(used, np.nan_to_num(campaign.q[used]), diagnosis.points[used], before[used], after[used])
     structure, robot, kind = words.describe_structure(diagnosis), diagnosis.robot, diagnosis.delivery.kind
     verdict, gap, steps = table["verdict"], table["gap"], table["next_measurement"]
-    sections = [_show_where(diagnosis, split, rows), _show_which(table, structure), _show_how_far(diagnosis, gap, rows)]
+    sections = [_show_where(diagnosis, split, rows), _show_which(table, structure), _show_how_far(gap)]
     sections += [] if assessment is None else [_show_calibration(assessment, robot.joint_names)]
     sections += [_show_next(steps)] if steps else []
     notes = [
@@ -220,21 +219,11 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
         kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
         caption = "Small errors in the updated robot, by place and kind."
         blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
-    blocks.append(Fold("By run", [_list_runs(split)]))
     return Section("Where it lies", blocks)
 
 
 def _show_share(share: Share) -> tuple[str, str]:
     return format_percent(share.share), f"{format_percent(share.low)} to {format_percent(share.high)}"
-
-
-def _list_runs(split: Split) -> DataTable:
-    rows = [
-        [name, int(run["rows"]), float(run["rms_mm"]), float(run["after_rms_mm"]), format_percent(run["share"]),
-         f"{format_percent(run['low'])} to {format_percent(run['high'])}"]
-        for name, run in split.spread.by_run.items()
-    ]  # fmt: skip
-    return DataTable(["run", "rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], rows, scroll=12)
 
 
 def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
@@ -257,7 +246,7 @@ def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
     return Section("Which effect", blocks)
 
 
-def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedRows) -> Section:
+def _show_how_far(gap: Mapping[str, Any]) -> Section:
     floor = Cell(gap.get("noise_floor_mm"), "muted")
     rows: list[list[Any]] = [
         ["nominal model", gap.get("before_rms_mm"), gap.get("held_out_before_rms_mm")],
@@ -266,10 +255,7 @@ def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedR
     ]  # fmt: skip
     heads = ["model", "all rows [mm]", "rows left out of the choice [mm]"]
     figures = DataTable(heads, rows, "Rms of the 3D distance, outliers left out.")
-    before, after = (np.linalg.norm(side, axis=1) for side in (measured.before, measured.after))
-    histogram = draw_histogram(before, after, 1e-3 * float(gap.get("noise_floor_mm") or 0.0))
-    bars = Chart(histogram, "Deviations of all rows; dashed: what noise alone would give.", 320)
-    return Section("How far it shrinks", [Columns([[figures], [bars]], (0.45, 0.55))])
+    return Section("How far it shrinks", [figures])
 
 
 def _show_next(steps: Sequence[Mapping[str, Any]]) -> Section:

@@ -45,7 +45,7 @@ def write_study(study: JobStudy, folder: Path) -> list[Path]:
 
 def _render(result: JobStudy) -> str:
     run, study, summary = result.run, result.run.study, result.summary
-    sections = [_show_strategies(result, _find_best(result)), _show_path(run), _show_pairs(result)]
+    sections = [_show_strategies(result, _find_best(result)), _show_path(run)]
     if result.sensitivity is not None:
         sections.append(_show_sensitivity(result.sensitivity, summary["sensitivity_of"]))
     facts = [
@@ -126,27 +126,6 @@ def _show_path(run: Run) -> Section:
     stations = Stations(length, time, np.zeros(0, int), np.zeros((0, 2)))
     chart = chart_strategies(stations, deviations, 1e3 * study.task.tolerance, log=True)
     return Section("Along the path", [chart], "Distance of the loaded tool tip from the path.")
-
-
-def _show_pairs(result: JobStudy) -> Section:
-    """Show the paired differences of all strategies from the one that the study looks at."""
-    main = result.summary["sensitivity_of"]
-    names, means, ends = [], [], []
-    for pair in result.summary["paired_differences"]:
-        (first, second), mean, interval = pair["strategies"], pair["rms_mm"]["mean"], pair["rms_mm"]["ci95"]
-        if main in (first, second):
-            sign = 1.0 if first == main else -1.0
-            names.append(name_strategy(second if first == main else first))
-            means.append(sign * mean)
-            ends.append(sorted(sign * end for end in interval))
-    bars = Bars(means, CATEGORIES[0], *np.array(ends).reshape(-1, 2).T)
-    figure = draw_bars(
-        names, {"": bars}, f"rms deviation less that of {name_strategy(main)}, mm", level=0.0, dots=True,
-        hover="%{x:.4g} mm",
-    )  # fmt: skip
-    caption = f"rms deviation of each strategy less that of {name_strategy(main)}, cell by cell; 95 % interval of the"
-    about = "All strategies meet the same cells, so that differences are paired."
-    return Section("Differences", [Chart(figure, f"{caption} mean.", 90 + 26 * len(names))], about)
 
 
 def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:

@@ -217,7 +217,6 @@ def test_a_rail_is_used_where_it_helps() -> None:
     posture_choice = choose(robot, nominal, FLAT, PostureSettings(stations=50, spin_step=np.radians(30)))
     check_on_path(robot, nominal, posture_choice)
     assert np.ptp(posture_choice.q[:, 0]) > 1.0
-    assert posture_choice.map.held_sensitivity.shape == (len(posture_choice.map.length), 9)
 
 
 def test_the_map_holds_the_chosen_line() -> None:

@@ -28,9 +28,6 @@ class PostureMap:
     sensitivity: Array  #: NaN where there is no solution. Shape (k, g). [m]
     reason: NDArray[np.int8]  #: Index into `compplan.planning.posture.lattice.REASONS`. Shape (k, g).
     chosen: Array  #: Rotation of the chosen line. Shape (k,). [rad]
-    held: Array  #: Positions of the extra axes along the chosen line. Shape (k, h). [m or rad]
-    held_grid: Array  #: Grid positions of the first extra axis, or empty. Shape (r,). [m or rad]
-    held_sensitivity: Array  #: Least sensitivity over all rotations against the first extra axis. Shape (k, r). [m]
     q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, nq). [rad or m]
 
 
@@ -169,9 +166,6 @@ def slice_map(coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal:
         grid = values.reshape(k, spins, positions, tilts, b, *values.shape[3:])
         return grid[rows, :, held_at, tilt_at, line.slot]
 
-    held_grid = coarse.options.held[0, :, 0].reshape(spins, positions, tilts)[0, :, 0] if positions > 1 else np.zeros(0)
-    best = np.where(coarse.usable, coarse.sensitivity, np.inf).reshape(k, spins, positions, tilts * b)
-    best = best.min(axis=(1, 3)) if positions > 1 else np.zeros((k, 0))
     pick = rows, chosen.option
     return PostureMap(
         length=nominal.arc_length[coarse.stations],
@@ -180,9 +174,6 @@ def slice_map(coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal:
         sensitivity=cut(coarse.sensitivity),
         reason=cut(coarse.reason),
         chosen=np.broadcast_to(fine.spin, (k, fine.spin.shape[1]))[pick],
-        held=np.broadcast_to(fine.held, (k, *fine.held.shape[1:]))[pick],
-        held_grid=held_grid,
-        held_sensitivity=np.where(np.isfinite(best), best, np.nan),
         q=cut(coarse.q),
     )
 
