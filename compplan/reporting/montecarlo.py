@@ -62,7 +62,7 @@ def _render(result: JobStudy) -> str:
         thinned = f"{summary['waypoints_of_path']} waypoints; the study uses {summary['waypoints']}"
         notes.insert(0, f"The path has {thinned}, spread evenly.")
     return render_page(
-        summary["name"], _open(result, _find_best(result)), sections, notes=notes,
+        summary["name"], open_study(result), sections, notes=notes,
         kind=f"Strategies under uncertainty, {study.task.robot.name}",
         provenance=describe_robot(study.task.robot, facts, [*list_assumptions(result.job), *summary["assumptions"]]),
     )  # fmt: skip
@@ -74,9 +74,10 @@ def _find_best(result: JobStudy) -> str:
     return min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
 
 
-def _open(result: JobStudy, best: str) -> Summary:
+def open_study(result: JobStudy) -> Summary:
     """Return the first screen: how many parts keep the tolerance, and what to know better."""
     figures, tolerance = result.summary["strategies"], 1e-3 * result.summary["tolerance_mm"]
+    best = _find_best(result)
     entry, share = figures[best], float(figures[best]["within_tolerance"])
     tone = "good" if share >= 0.95 else "unsure" if share >= 0.5 else "bad"
     verdict = f"{f'{100 * share:.0f}' if share else 'None'} of 100 parts keep {format_set_length(tolerance)},"

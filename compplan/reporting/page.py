@@ -120,6 +120,14 @@ class Summary:
     stops: Sequence[str] = ()  #: What has to be settled before the machine moves, one sentence each.
     sheet: Section | None = None  #: What is shown open right below, such as the setup sheet.
 
+    def format(self, folder: Path, files: Sequence[str], notes: Sequence[str] = ()) -> list[str]:
+        """Return the lines of the terminal: verdict, figures, notes, the files written to a folder, the next step."""
+        width = max((len(figure[0]) for figure in self.figures), default=0)
+        figures = [f"  {figure[0]:<{width}}  {figure[1]}" for figure in self.figures]
+        step = self.next.replace("OUT/", f"{folder}/")
+        wrote = f"wrote {', '.join(files)} to {folder}"
+        return [self.verdict, *figures, *notes, wrote, *([f"next: {step[:1].lower()}{step[1:]}"] if step else [])]
+
 
 @dataclass(frozen=True)
 class Provenance:

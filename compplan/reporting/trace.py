@@ -173,11 +173,11 @@ def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
                                      f"Distances of rows left out: {held} were left out in turn.")]),
         Section("Logs", [DataTable(heads, logs, "Clocks of the logs, and where in the program they begin.")]),
     ]  # fmt: skip
-    return render_page(f"Executed path of {robot}", _open(summary, found), sections, kind="Trace",
+    return render_page(f"Executed path of {robot}", open_trace(summary, found), sections, kind="Trace",
                        notes=summary["notes"], provenance=Provenance(facts, assumed))  # fmt: skip
 
 
-def _open(summary: Mapping[str, Any], found: Identified) -> Summary:
+def open_trace(summary: Mapping[str, Any], found: Identified) -> Summary:
     """Return the first screen."""
     without, left, parts = summary["left_without_model_mm"]["p95"], summary["left_mm"]["p95"], summary["parts"]
     cause, tone = max(parts, key=lambda name: parts[name]), "bad"
