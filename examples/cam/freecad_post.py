@@ -7,7 +7,7 @@ processor `compplan` in the job's output, and give the arguments there:
 
 FreeCAD calls `export` with the objects of the job; their moves, tool calls and feeds go to `compplan.post` as G-code in
 mm and mm/min. The corrected programs stand in FILE_corrected, from where the controller takes them; their text, one
-file after the other, is written to FILE and returned. Tried on recorded commands alone, not within FreeCAD
+file after the other, is written to FILE and returned. Tried in FreeCAD 0.20.2 on the outline of a box
 (tests/controllers/test_cam_posts.py).
 """
 
