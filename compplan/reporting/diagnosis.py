@@ -123,7 +123,7 @@ def render_diagnosis(
     structure, robot, kind = words.describe_structure(diagnosis), diagnosis.robot, diagnosis.delivery.kind
     verdict, gap, steps = table["verdict"], table["gap"], table["next_measurement"]
     sections = [_show_where(diagnosis, split, rows), _show_which(table, structure), _show_how_far(gap)]
-    sections += [] if assessment is None else [_show_calibration(assessment, robot.joint_names)]
+    sections += [] if assessment is None else [_show_calibration(assessment)]
     sections += [_show_next(steps)] if steps else []
     notes = [
         f"Considered and not named: {name_effect(effect)} "
@@ -271,8 +271,8 @@ def _show_next(steps: Sequence[Mapping[str, Any]]) -> Section:
                    [DataTable(["separates", "how", "poses", "loads", "expected gain"], rows), text])  # fmt: skip
 
 
-def _show_calibration(assessment: Assessment, joints: Sequence[str]) -> Section:
-    """Show what a diagnosis is worth to the one who calibrates: what to enter, how accurate, where worst."""
+def _show_calibration(assessment: Assessment) -> Section:
+    """Show what a diagnosis is worth to the one who calibrates: what to enter, how accurate."""
     accuracy = []
     for name, word in (("before", "nominal model"), ("after", "delivered model, not in the fit")):
         a = assessment.accuracy[name]
@@ -293,13 +293,7 @@ def _show_calibration(assessment: Assessment, joints: Sequence[str]) -> Section:
         blocks.append(Fold(text, [_list_corrections(others, caption)]))
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
-    worst = [
-        [pose["row"], ", ".join(f"{v:.1f}" for v in pose["joints_deg_or_mm"]), pose["held_out_mm"]]
-        for pose in assessment.worst
-    ]
-    names = f"{joints[0]} … {joints[-1]}" if len(joints) > 1 else str(joints[0])
-    poses = DataTable(["row", f"{names} [deg or mm]", "not in the fit [mm]"], worst, "Worst poses.")
-    return Section("For the controller", [*blocks, _list_frames(assessment.frames), poses])
+    return Section("For the controller", [*blocks, _list_frames(assessment.frames)])
 
 
 def _list_corrections(corrections: Sequence[Correction], caption: str) -> DataTable:

@@ -17,7 +17,7 @@ from compplan.io.transaction import list_files, replace_folder
 from compplan.reporting.along_path import FLOOR, Stations, chart_strategies
 from compplan.reporting.charts import Bars, Figure, draw_bars, use_decades
 from compplan.reporting.compare import colour_strategies, name_strategy
-from compplan.reporting.page import Cell, Chart, DataTable, Fold, Section, Summary, render_page
+from compplan.reporting.page import Block, Cell, Chart, DataTable, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.studies.job_study import JobStudy
 from compplan.studies.runner import Run
@@ -102,7 +102,7 @@ def _show_strategies(result: JobStudy, best: str) -> Section:
         rms, most = entry["rms_mm"], entry["max_mm"]
         rows.append(
             [Cell(name_strategy(name), "strong"), Cell(_format_mm(rms["mean"]), "good" if name == best else ""),
-             _format_interval(rms["ci95"]), _format_mm(rms["p50"]), _format_mm(rms["p95"]), _format_mm(most["p50"]),
+             " – ".join(map(_format_mm, rms["ci95"])), _format_mm(rms["p50"]), _format_mm(rms["p95"]), _format_mm(most["p50"]),
              _format_mm(most["p95"]), format_percent(entry.get("of_uncorrected", float("nan"))),
              format_percent(entry["within_tolerance"]), format_percent(entry["waypoints_within_tolerance"])]
         )  # fmt: skip
@@ -141,9 +141,8 @@ def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
     names = [found.groups[k].replace("_", " ") for k in order]
     series = {"": Bars(total, CATEGORIES[0], total - half, total + half)}
     chart = draw_bars(names, series, f"total index, strategy {name_strategy(strategy)}")
-    fold = Fold("All strategies", [DataTable(heads, rows)])
-    return Section("Which uncertainty matters", [Chart(chart, caption, 90 + 40 * len(names)), fold],
-                   "Total Sobol indices.")  # fmt: skip
+    blocks: list[Block] = [Chart(chart, caption, 90 + 40 * len(names)), DataTable(heads, rows, "All strategies.")]
+    return Section("Which uncertainty matters", blocks, "Total Sobol indices.")
 
 
 def _draw_distributions(run: Run) -> Figure:
@@ -161,10 +160,6 @@ def _draw_distributions(run: Run) -> Figure:
     figure.axis("y", autorange="reversed")
     figure.level(1e3 * run.study.task.tolerance, "x", color=TOLERANCE, width=1.4)
     return figure
-
-
-def _format_interval(ends: list[float]) -> str:
-    return f"{_format_mm(ends[0])} – {_format_mm(ends[1])}"
 
 
 def _format_mm(value: float) -> str:

@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 #: Waypoints and stretches that a table lists at most.
 LISTED = 40
+#: Tilts below this are shown as this. [rad]
+LEAST_TILT = 1e-6
 #: Forces below this share of the greatest one are none.
 NO_FORCE = 1e-3
 #: What the parts of the 95 % band are called.
@@ -128,7 +130,7 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     ]
     shares = (format_percent(side.share_within(task.tolerance)) for side in sides)
     rows.append([f"within {format_set_length(task.tolerance)}", *shares])
-    tilts = (format_number(float(np.degrees(side.max_tilt))) for side in sides)
+    tilts = (format_number(float(np.degrees(max(side.max_tilt, LEAST_TILT)))) for side in sides)
     rows.append(["tool axis off by up to", *(f"{tilt}\u00a0deg" for tilt in tilts)])
     ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}

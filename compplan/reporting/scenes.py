@@ -34,6 +34,8 @@ UNPAINTED = (0.62, 0.65, 0.68, 1.0)
 SHORTEST_ROD, CUTTER = 0.01, (0.04, 0.003)
 #: Colour of the rod.
 ROD = (0.55, 0.57, 0.6, 1.0)
+#: Where the light comes from, base axes, and the share of light without a direction.
+LIGHT, AMBIENT = np.array([0.35, -0.5, 0.79]), 0.45
 #: Where a scene is looked at from, base axes.
 EYE = np.array([1.16, -1.40, 0.84])
 #: About how many points of a path are drawn in a scene.
@@ -171,13 +173,24 @@ def add_shapes(figure: Figure, shapes: Sequence[Shape], name: str, opacity: floa
     starts = np.cumsum([0, *(len(shape.vertices) for shape in shapes[:-1])])
     x, y, z = 1e3 * np.vstack([shape.vertices for shape in shapes]).T
     i, j, k = np.vstack([shape.faces + start for shape, start in zip(shapes, starts, strict=True)]).T
-    paint = np.round(255 * np.repeat([shape.colour[:3] for shape in shapes], [len(shape.faces) for shape in shapes], 0))
+    paint = np.round(255 * shade_faces(shapes)).astype(int)
     figure.add(
         "mesh3d", panel, x=x, y=y, z=z, i=i, j=j, k=k, opacity=opacity, name=name, hoverinfo="name",
-        facecolor=[f"rgb({red:.0f},{green:.0f},{blue:.0f})" for red, green, blue in paint], flatshading=True,
-        lighting={"ambient": 0.55, "diffuse": 0.6, "specular": 0.05, "fresnel": 0.0},
-        lightposition={"x": 3e4, "y": -5e4, "z": 8e4},
+        facecolor=[f"rgb({red},{green},{blue})" for red, green, blue in paint],
+        lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
     )  # fmt: skip
+
+
+def shade_faces(shapes: Sequence[Shape]) -> Array:
+    """Shade the faces of shapes as a light from above, front and left does. Shape (f, 3), from 0 to 1."""
+    colours = []
+    for shape in shapes:
+        corner = shape.vertices[shape.faces]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        light = AMBIENT + (1 - AMBIENT) * (0.5 + 0.5 * normal @ LIGHT)
+        colours.append(np.clip(np.asarray(shape.colour[:3]) * light[:, None] + 0.06 * light[:, None], 0, 1))
+    return np.vstack(colours)
 
 
 def frame_scenes(figure: Figure, points: Array, *, margin: float = 0.03, size: float = 2.1, top: float = 0.0) -> None:

@@ -50,12 +50,6 @@ def scene(folder: Path) -> PlanScene:
     return PlanScene(recording)
 
 
-def test_a_place_in_the_list_is_named_by_its_length_along_the_path_in_mm(scene: PlanScene) -> None:
-    tip, way = scene.recording.tip * 1e3, next(iter(scene.sizes))
-    along = np.linalg.norm(np.diff(tip[:8], axis=0), axis=1).sum()
-    assert scene.name_row(7, way).endswith(f" at {along:.4g}\u00a0mm")
-
-
 def test_the_folder_tells_the_deviations_of_the_plan(plan: Plan, folder: Path, scene: PlanScene) -> None:
     record = scene.recording
     cut = record.move == "cut"
@@ -185,13 +179,11 @@ def test_the_command_refuses_an_empty_folder_a_taken_port_and_a_missing_viewer(
     assert "pip install 'compplan[view]'" in run("view", str(folder), "--no-open")
 
 
-def test_the_panel_names_the_worst_place_and_marks_the_tolerance(scene: PlanScene) -> None:
-    from compplan.reporting.view.server import draw_colour_bar
-
+def test_the_worst_place_is_found_and_a_deviation_is_magnified_so_that_it_is_seen(scene: PlanScene) -> None:
     record, size = scene.recording, scene.sizes["uncorrected"]
     worst = scene.find_worst("uncorrected")
-    assert size[worst] == np.nanmax(size) and "mm at" in scene.name_row(worst, "uncorrected")
-    assert "tolerance" in draw_colour_bar(scene.top("uncorrected"), record.tolerance)
+    assert size[worst] == np.nanmax(size)
+    assert scene.top("uncorrected") >= 2.0 * record.tolerance
     small = replace(record, deviation={way: 0.02 * values for way, values in record.deviation.items()})
     seen = PlanScene(small).magnification("uncorrected") * 0.02 * np.nanmax(size)
     assert seen == pytest.approx(0.1 * np.ptp(record.tip[record.move == "cut"], axis=0).max(), rel=0.1)

@@ -120,15 +120,6 @@ class PlanScene:
         """Return the row where a way strays most."""
         return int(np.argmax(np.nan_to_num(self.sizes[way], nan=-1.0)))
 
-    @cached_property
-    def length(self) -> Array:
-        """Length of the path up to each row. Shape (n,). [m]."""
-        return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.recording.tip, axis=0), axis=1))]
-
-    def name_row(self, row: int, way: str) -> str:
-        """Name a row by its deviation and its length along the path."""
-        return f"{_describe_length(self.sizes[way][row])} at {1e3 * self.length[row]:.4g}\u00a0mm"
-
     def place(self, way: str, magnify: float, rows: Rows = slice(None)) -> Array:
         """Return where the loaded tip is drawn at rows, deviations magnified. Shape (k, 3), or (3,) of one row. [m]"""
         tip = self.recording.tip[rows]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import socket
 import threading
 import time
@@ -16,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.quantities import format_length, format_set_length
-from compplan.reporting.charts import SEQUENTIAL
 from compplan.reporting.provenance import GRADE_MEANING
 from compplan.reporting.view.recording import read_recording
 from compplan.reporting.view.scene import ERROR_BAND, Lines, PlanScene, pick_point
@@ -52,20 +50,6 @@ def start_server(folder: Path, port: int) -> PlanViewer:
     with redirect_stdout(StringIO()):  # it greets
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
     return PlanViewer(server, PlanScene(recording))
-
-
-def draw_colour_bar(top: float, tolerance: float) -> str:
-    """Draw the colour bar as HTML: from no deviation to the one that has the last colour, both [m]."""
-    stops = ", ".join(f"{colour} {100 * stop:.0f}%" for stop, colour in SEQUENTIAL)
-    at = min(100.0 * tolerance / top, 100.0)
-    return (
-        '<div style="padding: 0 1em; font-size: 0.78em"><div>Colour: deviation of the tip</div>'
-        f'<div style="position: relative; height: 12px; background: linear-gradient(90deg, {stops})">'
-        f'<div style="position: absolute; left: {at:.1f}%; top: -2px; width: 2px; height: 16px; background: #1d2329">'
-        '</div></div><div style="display: flex; justify-content: space-between">'
-        f"<span>0</span><span>| tolerance {html.escape(format_set_length(tolerance))}</span>"
-        f"<span>{html.escape(format_length(top))}</span></div></div>"
-    )
 
 
 class PlanViewer:
@@ -153,7 +137,7 @@ class PlanViewer:
         self.way = gui.add_dropdown("show the tip", list(scene.ways.values()), initial_value=scene.ways[shown])
         first = int(scene.magnification(shown))
         self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1, initial_value=first)
-        self.bar = gui.add_html("")
+        self.bar = gui.add_markdown("")
         self.play = gui.add_checkbox("play", initial_value=False)
         self.slider = gui.add_slider("waypoint", min=0, max=scene.count - 1, step=1, initial_value=self.row)
         self.speed = gui.add_slider("speed, times real", min=0.1, max=20.0, step=0.1, initial_value=1.0)
@@ -189,8 +173,8 @@ class PlanViewer:
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
             self.draw("/path", self.scene.draw_path(way, magnify), 6.0)
-            self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)
-            self.worst.label = f"worst place: {self.scene.name_row(self.scene.find_worst(way), way)}"
+            ends = format_length(self.scene.top(way)), format_set_length(self.scene.recording.tolerance)
+            self.bar.content = "Deviation: blue none, dark red {}; tolerance {}".format(*ends)
             self.show_row(self.row)
 
     def show_row(self, row: int) -> None:
