@@ -103,8 +103,9 @@ def _show_strategies(result: JobStudy, best: str) -> Section:
         rows.append(
             [Cell(name_strategy(name), "strong"), Cell(_format_mm(rms["mean"]), "good" if name == best else ""),
              " – ".join(map(_format_mm, rms["ci95"])), _format_mm(rms["p50"]), _format_mm(rms["p95"]),
-             _format_mm(most["p50"]), _format_mm(most["p95"]), format_percent(entry.get("of_uncorrected", float("nan"))),
-             format_percent(entry["within_tolerance"]), format_percent(entry["waypoints_within_tolerance"])]
+             _format_mm(most["p50"]), _format_mm(most["p95"]),
+             *(format_percent(entry.get(key, float("nan")))
+               for key in ("of_uncorrected", "within_tolerance", "waypoints_within_tolerance"))]
         )  # fmt: skip
     columns = [
         "strategy", "rms, mean", "95 % interval", "rms, median", "rms, 95 %", "greatest, median", "greatest, 95 %",
