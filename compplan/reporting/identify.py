@@ -46,9 +46,11 @@ def write_identification(result: Identification, out: Path, log_notes: Sequence[
 
 def summarise_identification(result: Identification) -> dict[str, Any]:
     """Return what identify.json holds."""
-    kept = set(result.kept.free_names)
-    parameters = [_describe(result.kept, name, kept=True) for name in _list_free(result.kept)]
-    parameters += [_describe(result.estimate, n, kept=False) for n in _list_free(result.estimate) if n not in kept]
+    written = set(result.kept.free_names)
+    parameters = [_describe(result.kept, name, written=True) for name in _list_free(result.kept)]
+    parameters += [
+        _describe(result.estimate, n, written=False) for n in _list_free(result.estimate) if n not in written
+    ]
     noise, rows, gap, frames = result.estimate.noise, result.rows, result.gap, result.registration
     scatter = {"position_mm": _round(noise[0] * np.median(rows.deviation[:, 0]) * 1e3)}
     if rows.turned:
@@ -82,14 +84,14 @@ def _list_free(estimate: Estimate) -> list[str]:
     return [p.name for p in estimate.structure.parameters if p.name in estimate.free_names]
 
 
-def _describe(estimate: Estimate, name: str, *, kept: bool) -> dict[str, Any]:
+def _describe(estimate: Estimate, name: str, *, written: bool) -> dict[str, Any]:
     k = estimate.names.index(name)
     parameter = estimate.parameters[k]
     unit, factor = SHOWN.get(parameter.unit, (parameter.unit, 1.0))
     return {
         "name": name, "kind": parameter.kind, "unit": unit, "before": _round(parameter.nominal, factor),
         "value": _round(estimate.values[k], factor), "standard_error": _round(estimate.standard_errors[k], factor),
-        "interval_95": [_round(v, factor) for v in estimate.intervals()[k]], "written": kept,
+        "interval_95": [_round(v, factor) for v in estimate.intervals()[k]], "written": written,
     }  # fmt: skip
 
 

@@ -331,10 +331,10 @@ def _rms(values: Array) -> float:
 
 def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
     """Say in a sentence or two how far the tip may be from the path; tolerance: [m]"""
-    kept = "That keeps" if band.whole <= tolerance else "That does not keep"
+    verdict = "That keeps" if band.whole <= tolerance else "That does not keep"
     text = (
         f"At any point the true tip is within {format_length(band.greatest)} of the path with 95 %; along the whole"
-        f" part within {format_length(band.whole)}. {kept} the tolerance of {format_set_value(1e3 * tolerance)} mm."
+        f" part within {format_length(band.whole)}. {verdict} the tolerance of {format_set_value(1e3 * tolerance)} mm."
     )
     if band.before is not None:
         text += f" The uncorrected program: within {format_length(band.before[1])} along the whole part."

@@ -93,7 +93,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     rows = np.r_[ahead, first + np.arange(n), last + behind]
     feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
     q = np.vstack([way.q, plan.q, back.q])
-    stands = _find_stands(plan, len(ahead), len(behind))
+    standstill = _mark_standstills(plan, len(ahead), len(behind))
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
@@ -103,11 +103,11 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     may_stop = mark_corner_stops(program, job.output.programs) if stops else np.zeros(len(rows), bool)
     table = choose_rows(plan)
     none = np.zeros((len(rows), 3))
-    beside = none[:, 0] if program.corner is None else program.corner
-    asked = none[:, 0] if program.asked is None else program.asked
+    corner_distance = none[:, 0] if program.corner is None else program.corner
+    programmed = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        q, time, tip, rows, feed, stands, may_stop, free, table, sent, asked, beside, corner,
+        q, time, tip, rows, feed, standstill, may_stop, free, table, sent, programmed, corner_distance, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 
@@ -120,17 +120,17 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     return plan.add_checks((*state_breaches(found.breaches, "read back"), *state_notes(found.notes)))
 
 
-def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
+def _mark_standstills(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
     """Tell at which rows of a program the tool has to stand still beside the ends of rapid moves.
 
     That is where the cut begins after an approach, where something happens, and where the plan rests.
     """
     n = len(plan.task)
-    stands = np.zeros(before + n + after, bool)
-    stands[before : before + n] = plan.task.rests
-    stands[before] |= before > 0
-    stands[find_halts(place_events(plan.task.nominal.events, before, n, after))] = True
-    return stands
+    standstill = np.zeros(before + n + after, bool)
+    standstill[before : before + n] = plan.task.rests
+    standstill[before] |= before > 0
+    standstill[find_halts(place_events(plan.task.nominal.events, before, n, after))] = True
+    return standstill
 
 
 def _find_rows(some: Array, among: Array) -> NDArray[np.int_]:
@@ -171,7 +171,7 @@ def tabulate_joints(plan: Plan, wanted: Array | None = None) -> dict[str, NDArra
     path wants the tip, where the plan aims beside it. Shape (n, 3). [m]
     """
     robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
-    kept = choose_rows(plan)
+    rows = choose_rows(plan)
     q = np.vstack([before.q, plan.q, after.q])
     position, axis = place_rows(plan, wanted)
     wrench = predict_rows(plan)
@@ -183,7 +183,7 @@ def tabulate_joints(plan: Plan, wanted: Array | None = None) -> dict[str, NDArra
     columns |= {name: axis[:, k] for k, name in enumerate("ijk")}
     columns |= {name: wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     columns["move"] = np.array(["approach"] * len(before.q) + move.tolist() + ["retract"] * len(after.q))
-    return {name: values[kept] for name, values in columns.items()}
+    return {name: values[rows] for name, values in columns.items()}
 
 
 def predict_rows(plan: Plan) -> Array:
@@ -220,16 +220,16 @@ def choose_rows(plan: Plan) -> NDArray[np.bool_]:
     stay[first : first + n] |= rapid[:-1] | rapid[1:]
     stay[first : first + n] |= plan.task.rests
     stay[[first + event.place for event in plan.task.nominal.events if event.place >= 0]] = True
-    kept: list[int] = []
+    selected: list[int] = []
     for row in range(len(time)):
-        if kept and time[row] - time[kept[-1]] < cycle:
+        if selected and time[row] - time[selected[-1]] < cycle:
             if not stay[row]:
                 continue
-            if not stay[kept[-1]]:
-                kept.pop()
-        kept.append(row)
+            if not stay[selected[-1]]:
+                selected.pop()
+        selected.append(row)
     chosen = np.zeros(len(time), bool)
-    chosen[kept] = True
+    chosen[selected] = True
     return chosen
 
 
@@ -307,9 +307,9 @@ def make_program(plan: Plan) -> Program:
     if shift is not None:
         shift = np.vstack([np.zeros((before, 3)), shift, np.zeros((after, 3))])
     zones["corner"] = np.r_[np.ones(before), zones["corner"], np.ones(after)]
-    asked = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
+    programmed = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
     return replace(
-        program, tolerance=output.bound_fit(plan.task.tolerance), corner_shift=shift, asked=asked,
+        program, tolerance=output.bound_fit(plan.task.tolerance), corner_shift=shift, asked=programmed,
         cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines,
         **zones,
     )  # fmt: skip

@@ -41,15 +41,15 @@ FILE, ROWS = "view.npz", 4000
 WAYS = ("uncorrected", "planned", "softer")
 
 
-def write_recording(plan: Plan, folder: Path, table: Mapping[str, NDArray[Any]], kept: NDArray[np.bool_]) -> None:
-    """Write deviation.csv and view.npz; table: columns of joints.csv, kept: the rows of the plan that it holds."""
-    columns = write_deviation(plan, folder / "deviation.csv", kept)
+def write_recording(plan: Plan, folder: Path, table: Mapping[str, NDArray[Any]], table_rows: NDArray[np.bool_]) -> None:
+    """Write deviation.csv and view.npz; table: columns of joints.csv, table_rows: its rows of the plan."""
+    columns = write_deviation(plan, folder / "deviation.csv", table_rows)
     deviation = {way: np.column_stack([columns[f"{way}_{axis}_mm"] for axis in "xyz"]) * 1e-3 for way in WAYS}
     band, tip = columns["error_band_mm"] * 1e-3, np.column_stack([table[f"{axis}_mm"] for axis in "xyz"]) * 1e-3
     sizes = [band, *(np.linalg.norm(values, axis=1) for values in deviation.values())]
     rows = thin_path(tip, sizes, ROWS)
     robot, task = plan.robot, plan.task
-    q = np.vstack([plan.approach.q, plan.q, plan.retract.q])[kept][rows]
+    q = np.vstack([plan.approach.q, plan.q, plan.retract.q])[table_rows][rows]
     poses, shapes = locate_chain(robot, q), [*place_arm(robot), *_place_cell(plan)]
     facts = {
         "name": plan.name, "robot": robot.name, "grade": robot.grade, "tolerance_mm": 1e3 * task.tolerance,
@@ -75,8 +75,8 @@ def locate_chain(robot: Robot, q: Array) -> dict[str, Array]:
     return follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q.T, strict=True)))
 
 
-def write_deviation(plan: Plan, path: Path, kept: NDArray[np.bool_]) -> dict[str, Array]:
-    """Write deviation.csv and return its columns; `kept` are the rows that joints.csv holds."""
+def write_deviation(plan: Plan, path: Path, table_rows: NDArray[np.bool_]) -> dict[str, Array]:
+    """Write deviation.csv and return its columns; `table_rows` are the rows that joints.csv holds."""
     n, wrong = len(plan.task), plan.mismatch
     softer, band = np.full((n, 3), np.nan), np.full((n, 1), np.nan)
     softer[wrong.cut] = wrong.deviation[wrong.cut]
@@ -86,7 +86,7 @@ def write_deviation(plan: Plan, path: Path, kept: NDArray[np.bool_]) -> dict[str
     sides = dict(zip(WAYS, (plan.before.deviation, plan.after.deviation, softer), strict=True))
     columns: dict[str, Array] = {}
     for name, values in {**sides, "error_band": band}.items():
-        padded = 1e3 * np.pad(values, ends, constant_values=np.nan)[kept]
+        padded = 1e3 * np.pad(values, ends, constant_values=np.nan)[table_rows]
         titles = [f"{name}_{axis}_mm" for axis in "xyz"] if name in sides else [f"{name}_mm"]
         columns |= dict(zip(titles, padded.T, strict=True))
     write_table(path, columns, decimals=9)
