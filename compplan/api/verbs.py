@@ -133,7 +133,7 @@ def plan_operations(job: Job, folder: Path, note: str = "", progress: Progress =
         result = note_programs(plan_job(one, progress=progress))
         plans.append(result.add_checks(state_notes([note]), first=True) if note and not plans else result)
         progress("95 % band: where the true tip is")
-        _ = plans[-1].error_band, plans[-1].mismatch
+        _ = plans[-1].error_band
     progress("write: programs, joints.csv, report.html")
     if len(plans) == 1:
         done, files = deliver_plan(plans[0], folder)

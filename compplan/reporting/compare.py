@@ -20,6 +20,7 @@ from compplan.reporting.along_path import FLOOR, chart_strategies, place_station
 from compplan.reporting.charts import Bars, draw_bars
 from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, join_names, render_page
 from compplan.reporting.provenance import describe_robot, list_assumptions
+from compplan.simulation.simulated_robot import EXACT_EVALUATION
 
 if TYPE_CHECKING:
     from compplan.planning.compare import Comparison
@@ -58,7 +59,7 @@ def render_comparison(comparison: Comparison) -> str:
     """Return the page: what each strategy leaves, by cell and along the path."""
     task, own = comparison.task, comparison.cells[0].name
     wrong = [cell.name for cell in comparison.cells[1:]]
-    facts = [("deviation computed by", comparison.evaluated_by), ("toolpath", task.nominal.source or "given in memory")]
+    facts = [("deviation computed by", EXACT_EVALUATION), ("toolpath", task.nominal.source or "given in memory")]
     facts += [] if comparison.job is None else [("job", str(comparison.job.file))]
     assumptions = list_assumptions(comparison.job)
     if wrong:

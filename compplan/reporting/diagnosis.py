@@ -18,6 +18,7 @@ from compplan.diagnosis.results.assessment import Assessment, Correction, Pose, 
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.shares import CALIBRATION, Share
 from compplan.diagnosis.results.where import Split, split_diagnosis
+from compplan.diagnosis.self_test import SelfTest
 from compplan.errors import InputError
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_mm, format_percent
@@ -29,7 +30,6 @@ from compplan.reporting.diagnosis_text import describe_change, describe_effect, 
 from compplan.reporting.gap_figures import (
     draw_gap_shares,
     draw_residuals,
-    draw_traces,
 )
 from compplan.reporting.page import Block, Cell, Chart, DataTable, Fold, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, explain_grade
@@ -49,11 +49,12 @@ DELIVERED = {"nominal": "the nominal robot as it was", "calibrated": "all that a
 
 
 def deliver_diagnosis(
-    diagnosis: Diagnosis, out: Path, progress: Callable[[str], None] = lambda text: None
-) -> dict[str, Any]:
+    diagnosis: Diagnosis, out: Path, progress: Callable[[str], None] = lambda text: None,
+    tested: SelfTest | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Find where the gap lies, what the folders are worth and what to measure next; write all of it.
 
-    Returns what diagnosis.json holds.
+    `tested` is a self-test of the campaign. Returns what diagnosis.json holds.
     """
     progress("where")
     split = split_diagnosis(diagnosis)
@@ -61,6 +62,7 @@ def deliver_diagnosis(
     assessment = assess_diagnosis(diagnosis)
     progress("what to measure next")
     extra = {"where": split.to_json(), **assessment.to_json(), "next_measurement": propose_measurements(diagnosis)}
+    extra |= {} if tested is None else {"self_test": tested.to_json()}
     table = {**diagnosis.to_table(extra), "log_notes": list(diagnosis.fit.problem.campaign.notes)}
     progress("report")
     return write_diagnosis(diagnosis, split, assessment, table, out)
@@ -125,6 +127,7 @@ def render_diagnosis(
     sections = [_show_where(diagnosis, split, rows), _show_which(table, structure), _show_how_far(gap)]
     sections += [] if assessment is None else [_show_calibration(assessment)]
     sections += [_show_next(steps)] if steps else []
+    sections += [_show_self_test(table["self_test"])] if "self_test" in table else []
     notes = [
         f"Considered and not named: {name_effect(effect)} "
         + (f"({effect['beyond']})." if "beyond" in effect else f"(probability {effect['probability']:.2f}).")
@@ -196,6 +199,7 @@ def _list_facts(diagnosis: Diagnosis, rows: _UsedRows) -> list[tuple[str, str]]:
         ("rows", f"{len(rows.used)}{apart}"),
         ("robot folder that is delivered", DELIVERED[diagnosis.delivery.kind]),
         ("noise floor from", diagnosis.noise),
+        *([] if diagnosis.repeats is None else [("poses measured again", diagnosis.repeats.sentence)]),
         ("frames fitted first", ", ".join(diagnosis.fit.problem.register) or "none"),
         ("outliers", f"{shown} ({len(outliers)}), counted from 0" if len(outliers) else "none"),
     ]
@@ -209,12 +213,6 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
         Chart(draw_gap_shares(shares.by_factor, "factor"), "What the error follows; lines: 95 % intervals.",
               90 + 30 * len(shares.by_factor)),
     ]  # fmt: skip
-    if split.traces:
-        caption = (
-            "The error that the named joint makes at every row, everything else explained taken out: a soft spring is "
-            "a sloped line, lost motion two levels, a gear error a wave."
-        )
-        blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
     if split.small_errors is not None and split.small_errors.groups:
         kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
         caption = "Small errors in the updated robot, by place and kind."
@@ -269,6 +267,21 @@ def _show_next(steps: Sequence[Mapping[str, Any]]) -> Section:
     text = "Poses and loads are in diagnosis.json; all are within joint limits and the loads of this campaign."
     return Section("What to measure next",
                    [DataTable(["separates", "how", "poses", "loads", "expected gain"], rows), text])  # fmt: skip
+
+
+def _show_self_test(tested: Mapping[str, Any]) -> Section:
+    """Show which of the effects that were planted in these poses and this noise the diagnosis found."""
+    rows = []
+    for planted in tested["planted"]:
+        named = "; ".join(f"{name_effect(one)} ({one['probability']:.2f})" for one in planted["named"])
+        tone = "strong" if planted["outcome"] == "found" else "muted"
+        size = describe_parameters(planted["parameters"])
+        rows.append([name_effect(planted), planted["moved_rms_mm"], size, Cell(planted["outcome"], tone), named or "–"])
+    heads = ["planted", "moves the target [mm]", "parameters", "outcome", "named (probability)"]
+    caption = ("One effect a diagnosis, among small errors as large as those of this campaign; tied: an effect that the"
+               " poses cannot tell from it is named.")  # fmt: skip
+    lines = words.describe_self_test(tested)
+    return Section("Self-test", [DataTable(heads, rows, caption, 12), lines[0], lines[-1].strip()])
 
 
 def _show_calibration(assessment: Assessment) -> Section:

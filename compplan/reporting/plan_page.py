@@ -40,6 +40,7 @@ from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.reporting.scenes import describe_magnification, draw_cell, draw_deviation_paths, place_meshes
 from compplan.robot import Array
+from compplan.simulation.simulated_robot import EXACT_EVALUATION
 from compplan.uncertainty.band import PARTS, ErrorBand
 from compplan.uncertainty.ladder import DO
 
@@ -97,7 +98,7 @@ def write_plan_page(plan: Plan, file: Path) -> None:
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str]]:
-    facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", plan.evaluated_by)]
+    facts = [("strategy", plan.strategy), ("deviation computed by", EXACT_EVALUATION)]
     if plan.job is not None:
         facts += [("job", str(plan.job.file))] if plan.job.file.is_file() else []
         facts.append(("force model", name_force_model(plan.job.process.model)))
@@ -132,13 +133,12 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     rows.append([f"within {format_set_length(task.tolerance)}", *shares])
     tilts = (format_number(float(np.degrees(max(side.max_tilt, LEAST_TILT)))) for side in sides)
     rows.append(["tool axis off by up to", *(f"{tilt}\u00a0deg" for tilt in tilts)])
-    ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
+    ways = {"joints linear": between.joint, "tip linear": between.cartesian}
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:
         drives = "drives as identified" if plan.executed.known else "drives not known"
         way = "programs" if plan.executed.zone else "waypoints"
         planned[f"as the controller executes the {way}, {drives}"] = format_length(plan.executed.most)
-    planned[f"largest, {plan.mismatch.cell}"] = format_length(plan.mismatch.max_deviation)
     allowed = format_set_length(task.max_correction)
     planned["largest correction"] = f"{format_length(plan.margins.max_correction)} of {allowed}"
     for name, values, limits in rates:
@@ -181,16 +181,12 @@ def _show_deviation(plan: Plan, stations: Stations) -> Section:
     )  # fmt: skip
     evaluated = np.where(plan.after.cut, 1e3, np.nan)
     series = {name: np.maximum(side.distance, FLOOR) * evaluated for name, side in zip(names, sides, strict=True)}
-    series[plan.mismatch.cell] = np.maximum(plan.mismatch.distance, FLOOR) * evaluated
     limit = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
-    caption = (
-        f"Distance of the loaded tool tip from the path, logarithmic. {plan.mismatch.cell.capitalize()} (assumed): "
-    )
-    caption += "what the plan leaves if all of them are wrong by that much."
+    caption = "Distance of the loaded tool tip from the path, logarithmic, on the robot as modelled."
     caption += f" What is below {format_bound(0.0)} is drawn there." if after[cut].min() < FLOOR else ""
     caption += " Grey bands are rapid moves, which are not compensated." if len(stations.shaded) else ""
     caption += " Red bands mark waypoints that fail." if plan.command.failures else ""
-    colours = (BEFORE, AFTER, CATEGORIES[3], TOLERANCE)
+    colours = (BEFORE, AFTER, TOLERANCE)
     line = chart_lines(stations, series, "mm", "deviation", caption, colours=colours, log=True, limit=limit)
     failed = [_list_failures(plan, after)] if plan.command.failures else []
     about = "Distance of the loaded tool tip from the toolpath."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,7 +26,7 @@ from compplan.cli.options import (
     robot_option,
     split_names,
 )
-from compplan.cli.terminal import show_progress
+from compplan.cli.terminal import Work, show_progress
 from compplan.effects import EFFECTS
 from compplan.effects.requested import GEOMETRY
 from compplan.errors import InputError
@@ -38,6 +39,8 @@ from compplan.measurement.registration import folder_registration, parse_parts
 from compplan.robot import load_robot
 
 if TYPE_CHECKING:
+    from compplan.diagnosis import Diagnosis
+    from compplan.diagnosis.self_test import SelfTest
     from compplan.job.job import Job
 
 
@@ -46,8 +49,6 @@ if TYPE_CHECKING:
     click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".'),
     click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint."),
     click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".'),
-    click.option("--stepwise", is_flag=True,
-                 help="Try a spring about every axis; keep those that improve the prediction."),
     click.option("--links", type=click.Choice(LINK_TERMS), help="Terms of the links' 6x6 elasticities to identify."),
     click.option("--effects", help='Effects to fit too, such as "backlash,joint_coupling@joint_5:of joint_4".'),
     click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry fitted along."),
@@ -95,10 +96,13 @@ def run_identify(
     click.option("--register", help="Fit these frames in every model: base, tool or base,tool."),
     click.option("--without", multiple=True, metavar="EFFECT",
                  help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}."),
+    click.option("--self-test", is_flag=True,
+                 help="Plant 20 effects of known size in these poses and this noise, diagnose each, and say what was "
+                 "found; takes some twenty times as long, Ctrl-C ends it with what is done."),
     measured_options, assume_ok,
 )  # fmt: skip
 def run_diagnose(
-    measurements: Path, robot_name: str, folder: Path, register: str | None, **options: Any
+    measurements: Path, robot_name: str, folder: Path, register: str | None, self_test: bool, **options: Any
 ) -> CommandResult:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
@@ -109,22 +113,43 @@ def run_diagnose(
     from compplan.api.verbs import diagnose_measured
     from compplan.io.display import format_figures
     from compplan.reporting.diagnosis import deliver_diagnosis
-    from compplan.reporting.diagnosis_text import describe_next, describe_structure, list_effects, list_poses
+    from compplan.reporting.diagnosis_text import (
+        describe_next,
+        describe_self_test,
+        describe_structure,
+        list_effects,
+        list_poses,
+    )
 
     with show_progress() as progress:
+        start = perf_counter()
         diagnosis, questions = diagnose_measured(
             measurements, robot_name, register=parse_parts(register), progress=progress, **options
         )
-        table = deliver_diagnosis(diagnosis, folder, progress)
+        tested = _test_diagnosis(diagnosis, perf_counter() - start, progress) if self_test else None
+        table = deliver_diagnosis(diagnosis, folder, progress, tested)
     what, headline = diagnosis.summary()[0]
     todo = describe_next(table["verdict"], diagnosis.delivery.kind, list_poses(table, "in the report"))
     return CommandResult(table, [
         *(f"assumed to be meant: {question}" for question in questions),
         f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),
         *format_figures(diagnosis.list_figures()), *list_notes(diagnosis.fit.problem.campaign.notes),
+        *(describe_self_test(table["self_test"]) if tested else []),
         f"wrote diagnosis.json, report.html, robot/ to {folder}",
         f"next: {todo.replace('OUT/robot', str(folder / 'robot'))}",
     ])  # fmt: skip
+
+
+def _test_diagnosis(diagnosis: Diagnosis, seconds: float, work: Work) -> SelfTest:
+    """Run the self-test of a diagnosis that took some seconds, with the time that is left."""
+    from compplan.diagnosis.self_test import PLANTED, run_self_test
+
+    def show(done: int, left: float) -> None:
+        left = PLANTED * seconds if np.isnan(left) else left
+        work(f"self-test: {PLANTED - done} diagnoses to go, about {left:.0f} s; Ctrl-C ends it")
+        work.count("self-test", done, PLANTED)
+
+    return run_self_test(diagnosis, progress=show)
 
 
 @make_command(

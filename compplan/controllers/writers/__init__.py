@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from compplan.controllers.writers.fit import Fitted, fit_moves
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.machine import Wiring, describe_events
 from compplan.controllers.writers.post import describe_cell
@@ -50,7 +51,7 @@ KINDS = re.compile(r"_[JjLl]$")
 
 __all__ = [
     "WHOLE", "WRITERS", "Program", "Wiring", "build_program", "check_brand", "check_languages", "describe_program",
-    "write_program", "write_sequence",
+    "fit_program", "write_program", "write_sequence",
 ]  # fmt: skip
 
 
@@ -78,6 +79,12 @@ def write_program(
     if not any_brand:
         check_brand(program.controller, language)
     return WRITERS[language].write(program, Path(folder), most)
+
+
+def fit_program(program: Program, language: str) -> Fitted:
+    """Return a program at the ends of the moves of the tool that a language writes."""
+    form = getattr(WRITERS[language], "FORM", None)
+    return fit_moves(program) if form is None else form.fit(program)
 
 
 def check_brand(controller: str, language: str) -> None:

@@ -73,9 +73,7 @@ class PlanScene:
     @cached_property
     def ways(self) -> dict[str, str]:
         """What can be shown, with what it is called."""
-        factor = self.recording.facts["softer"]
-        softer = f"as planned, robot softer than modelled ({factor}, assumed)"
-        names = {"uncorrected": "without correction", "planned": "as planned, robot as modelled", "softer": softer}
+        names = {"uncorrected": "without correction", "planned": "as planned, robot as modelled"}
         known = {way: name for way, name in names.items() if np.isfinite(self.recording.deviation[way]).any()}
         if np.isfinite(self.recording.error_band).any():
             known[ERROR_BAND] = "95 % band of the true tip"

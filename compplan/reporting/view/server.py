@@ -133,7 +133,7 @@ class PlanViewer:
         gui, scene, facts = self.server.gui, self.scene, self.facts
         grade = GRADE_MEANING[facts["grade"]]
         gui.add_markdown(f"**{facts['name']}** \n\n{facts['robot']}, robot model {grade}")
-        shown = next(way for way in ("uncorrected", ERROR_BAND, "planned", "softer") if way in scene.ways)
+        shown = next(way for way in ("uncorrected", ERROR_BAND, "planned") if way in scene.ways)
         self.way = gui.add_dropdown("show the tip", list(scene.ways.values()), initial_value=scene.ways[shown])
         first = int(scene.magnification(shown))
         self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1, initial_value=first)

@@ -5,7 +5,7 @@ A fault in any of the files leaves nothing behind (`compplan.io.transaction`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from compplan.controllers.writers.program import Post
 from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
+from compplan.job.frames import ToolTable
 from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones
@@ -56,10 +57,11 @@ def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
 
     Returns the plan with what its files say, and the programs.
     """
-    programs = write_programs(plan, part)
+    program = make_program(plan)
+    programs = write_programs(plan, part, program)
     write_joints(plan, part / "joints.csv")
     before = plan.status
-    plan = read_back(plan, part)
+    plan = read_back(plan, part, program)
     if plan.status != before:  # the heads of the programs say so
         for file in programs:
             file.unlink(missing_ok=True)
@@ -76,10 +78,14 @@ def write_beside(plan: Plan, part: Path) -> None:
     write_json(part / "plan.json", summarise_plan(plan), indent=2)
 
 
-def read_back(plan: Plan, folder: Path) -> Plan:
-    """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
-    from compplan.controllers.readback.comparison import StiffArm, compare_written
-    from compplan.controllers.readback.joint_table import Commanded
+def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
+    """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is.
+
+    `program` is what they were written from, if it is at hand.
+    """
+    from compplan.controllers.readback.comparison import Commanded, StiffArm, compare_written
+    from compplan.controllers.readback.joint_table import check_joint_table
+    from compplan.controllers.writers import fit_program
     from compplan.simulation.exact_model import read_exact_robot
     from compplan.simulation.inertia import solve_rigid
 
@@ -98,26 +104,42 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     sent = np.vstack([way.q, plan.sent, back.q])
-    program = make_program(plan)
+    program = program or make_program(plan)
     stops = STOPPING.intersection(job.output.programs)
     may_stop = mark_corner_stops(program, job.output.programs) if stops else np.zeros(len(rows), bool)
-    table = choose_rows(plan)
     none = np.zeros((len(rows), 3))
     corner_distance = none[:, 0] if program.corner is None else program.corner
     programmed = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        q, time, tip, rows, feed, standstill, may_stop, free, table, sent, programmed, corner_distance, corner,
+        sent[rows], time[rows], 1e3 * feed[rows], standstill, may_stop, free, programmed, corner_distance, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 
-    def arm_with(tool: Mapping[str, Any] | None) -> StiffArm:
-        exact_robot = read_exact_robot(Path(robot), tool, geometry="controller.urdf")
-        return StiffArm(bool(exact_robot.ground), partial(solve_rigid, exact_robot))
-
-    tables = job.model_dump(by_alias=True, exclude_unset=True)
-    found = compare_written(folder, tables, Path(robot), wanted, arm_with)
-    return plan.add_checks((*state_breaches(found.breaches, "read back"), *state_notes(found.notes)))
+    tool = job.tool or ToolTable()
+    table_of_tool = None if job.tool is None else job.tool.model_dump(exclude_unset=True)
+    held, flange = (
+        read_exact_robot(Path(robot), told, geometry="controller.urdf")
+        for told in (table_of_tool, {"frame": "pendant"})
+    )
+    centre = np.linalg.inv(tool.pose) @ np.r_[1e-3 * np.array(tool.centre_of_mass_mm), 1.0]
+    arm = StiffArm(
+        bool(held.ground), partial(solve_rigid, held), partial(solve_rigid, flange), job.T_base_part, tool.mass_kg,
+        centre[:3],
+    )  # fmt: skip
+    said = check_joint_table(folder / "joints.csv", plan.robot, time, q, tip, choose_rows(plan))
+    output = job.output
+    breaches, notes = compare_written(
+        folder,
+        output.programs,
+        Path(robot),
+        arm,
+        wanted,
+        lambda language: fit_program(program, language).rows,
+        main=output.main,
+        excused=bool(output.io.model_fields_set),
+    )
+    return plan.add_checks((*state_breaches((*said, *breaches), "read back"), *state_notes(notes)))
 
 
 def _mark_standstills(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
@@ -233,15 +255,16 @@ def choose_rows(plan: Plan) -> NDArray[np.bool_]:
     return chosen
 
 
-def write_programs(plan: Plan, folder: Path) -> list[Path]:
+def write_programs(plan: Plan, folder: Path, program: Program | None = None) -> list[Path]:
     """Write the native programs that the job asks for, approach and retract included."""
     from compplan.controllers.writers import write_program
 
     if plan.job is None or not plan.job.output.programs:
         return []
-    program, output, files = make_program(plan), plan.job.output, []
+    program, output, files = program or make_program(plan), plan.job.output, []
     for language in output.programs:
-        own = replace(program, post=make_post(plan.job, language))
+        post = make_post(plan.job, language)
+        own = program if post == program.post else replace(program, post=post)
         files += write_program(own, language, folder, any_brand=output.any_brand)
     return files
 
@@ -290,7 +313,7 @@ def make_program(plan: Plan) -> Program:
         name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
         part=None if plan.job is None else plan.job.T_base_part,
         events=place_events(plan.task.nominal.events, before, len(plan.task), after),
-        wiring=None if plan.job is None else plan.job.output.io.wiring,
+        wiring=None if plan.job is None else plan.job.output.io,
     )  # fmt: skip
     if plan.job is None:
         return program

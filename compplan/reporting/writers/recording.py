@@ -1,7 +1,7 @@
 """What the folder of a plan keeps beside joints.csv: deviation.csv, and view.npz for the viewer.
 
-deviation.csv has the rows of joints.csv: attained minus wanted tip, base frame, uncorrected, as planned, and as planned
-on a softer robot, and the distance that holds the true tip with 95 %.
+deviation.csv has the rows of joints.csv: attained minus wanted tip, base frame, uncorrected and as planned, and the
+distance that holds the true tip with 95 %.
 
 view.npz holds a `PlanRecording`: what stands in the cell, and at most `ROWS` rows with the pose of every link.
 """
@@ -38,7 +38,7 @@ STOCK_COLOUR = (0.66, 0.70, 0.74, 0.35)
 #: Name of the viewer's file, and about how many rows it holds at most.
 FILE, ROWS = "view.npz", 4000
 #: Ways of showing the loaded tip, in the order that they are offered.
-WAYS = ("uncorrected", "planned", "softer")
+WAYS = ("uncorrected", "planned")
 
 
 def write_recording(plan: Plan, folder: Path, table: Mapping[str, NDArray[Any]], table_rows: NDArray[np.bool_]) -> None:
@@ -53,7 +53,7 @@ def write_recording(plan: Plan, folder: Path, table: Mapping[str, NDArray[Any]],
     poses, shapes = locate_chain(robot, q), [*place_arm(robot), *_place_cell(plan)]
     facts = {
         "name": plan.name, "robot": robot.name, "grade": robot.grade, "tolerance_mm": 1e3 * task.tolerance,
-        "configuration": dict(task.configuration), "softer": plan.mismatch.cell, "ground": robot.ground,
+        "configuration": dict(task.configuration), "ground": robot.ground,
         "joints": list(robot.joint_columns(q)), "links": list(poses),
         "shapes": [{"link": shape.link, "name": shape.name, "colour": shape.colour} for shape in shapes],
     }  # fmt: skip
@@ -77,13 +77,11 @@ def locate_chain(robot: Robot, q: Array) -> dict[str, Array]:
 
 def write_deviation(plan: Plan, path: Path, table_rows: NDArray[np.bool_]) -> dict[str, Array]:
     """Write deviation.csv and return its columns; `table_rows` are the rows that joints.csv holds."""
-    n, wrong = len(plan.task), plan.mismatch
-    softer, band = np.full((n, 3), np.nan), np.full((n, 1), np.nan)
-    softer[wrong.cut] = wrong.deviation[wrong.cut]
+    band = np.full((len(plan.task), 1), np.nan)
     if plan.error_band is not None:
         band[plan.error_band.cut, 0] = plan.error_band.radius[plan.error_band.cut]
     ends = ((len(plan.approach.q), len(plan.retract.q)), (0, 0))
-    sides = dict(zip(WAYS, (plan.before.deviation, plan.after.deviation, softer), strict=True))
+    sides = dict(zip(WAYS, (plan.before.deviation, plan.after.deviation), strict=True))
     columns: dict[str, Array] = {}
     for name, values in {**sides, "error_band": band}.items():
         padded = 1e3 * np.pad(values, ends, constant_values=np.nan)[table_rows]
