@@ -192,13 +192,13 @@ def _render(campaign: PoseCampaign) -> str:
         numbers = ", ".join(str(k + 1) for k in campaign.touching)
         warning = f"On the straight joint move to pose {numbers} the arm touches something: go around by hand."
     return render_page(
-        f"{plan.name}: {len(campaign.poses) - 1} poses to measure", _open(campaign), sections,
+        f"{plan.name}: {len(campaign.poses) - 1} poses to measure", open_campaign(campaign), sections,
         kind=f"Campaign, {plan.robot.name}", warning=warning, notes=campaign.notes,
         provenance=describe_robot(plan.robot, [("known from", campaign.design.known.source)]),
     )  # fmt: skip
 
 
-def _open(campaign: PoseCampaign) -> Summary:
+def open_campaign(campaign: PoseCampaign) -> Summary:
     """Return the first screen: what the poses bring."""
     choice = campaign.choice
     now, then = float(choice.greatest[0]), float(choice.greatest[-1])

@@ -20,7 +20,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.io.transaction import clear_parts, replace_file
+from compplan.io.transaction import PART, replace_file
 from compplan.robot import Array
 from compplan.studies.sampling import draw_points
 from compplan.studies.study import ChunkResult, Study
@@ -174,7 +174,8 @@ class ChunkFolder:
                 "version); name another folder, or take them away with --discard"
             )
             raise InputError(message, file=folder)
-        clear_parts(folder)
+        for part in folder.glob(f".*{PART}"):  # of a run that was killed
+            part.unlink()
 
     def _is_ours(self, file: Path) -> bool:
         """Tell whether a chunk is of this study; one that was cut off is nobody's."""

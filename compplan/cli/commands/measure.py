@@ -70,7 +70,7 @@ def run_identify(
     """
     from compplan.identification.campaign import identify_campaign
     from compplan.identification.problem import IdentifyOptions
-    from compplan.reporting.identify import describe_identification, write_identification
+    from compplan.reporting.identify import open_identification, write_identification
 
     options = IdentifyOptions(
         register=parse_parts(register), springs=None if springs is None else split_names(springs), add=split_names(add),
@@ -84,8 +84,11 @@ def run_identify(
     with show_progress() as progress:
         found = identify_campaign(robot, campaign, options, progress=progress)
     summary = write_identification(found, folder, list(campaign.notes))
-    wrote = f"wrote {folder / 'robot'}, {folder / 'identify.json'} and {folder / 'report.html'}"
-    return CommandResult(summary, [*describe_identification(summary), *list_notes(campaign.notes), wrote])
+    held = len(summary["unidentifiable"])
+    notes = [f"note: {held} parameters cannot be determined, see the report"] if held else []
+    notes += [*(f"note: {note}" for note in summary["notes"]), *list_notes(campaign.notes)]
+    files = ["identify.json", "report.html", "robot"]
+    return CommandResult(summary, open_identification(summary).format(folder, files, notes))
 
 
 @make_command(
@@ -219,7 +222,7 @@ def run_campaign(
     from compplan.learning.campaign import design_campaign, parse_weights
     from compplan.measurement.equipment import Equipment
     from compplan.planning.plan import plan_job
-    from compplan.reporting.campaign import write_campaign
+    from compplan.reporting.campaign import open_campaign, write_campaign
 
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
@@ -235,14 +238,14 @@ def run_campaign(
         campaign = design_campaign(plan, equipment, count, known, announce)
         announce("report")
         summary = write_campaign(campaign, folder)
-    lines = [summary["says"], *(f"put up {stand.says}" for stand in campaign.stands), *campaign.notes]
+    notes = [*(f"put up {stand.says}" for stand in campaign.stands), *campaign.notes]
     if len(campaign.touching):
         poses = ", ".join(str(k + 1) for k in campaign.touching)
-        lines.append(f"the way to pose {poses} touches something: go around")
-    more = "" if instrument == "tracker" else f" and --instrument {folder / 'instrument.toml'}"
-    more += f" and --register {','.join(equipment.frames)}" if equipment.frames else ""
-    todo = f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job{more}"
-    return CommandResult(summary, [*lines, f"wrote {', '.join(summary['files'])} to {folder}", todo])
+        notes.append(f"the way to pose {poses} touches something: go around")
+    more = [] if instrument == "tracker" else [f"--instrument {folder / 'instrument.toml'}"]
+    more += [f"--register {','.join(equipment.frames)}"] if equipment.frames else []
+    notes += [f"diagnose it with {' and '.join(more)}"] if more else []
+    return CommandResult(summary, open_campaign(campaign).format(folder, summary["files"], notes))
 
 
 @make_job_command(

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from compplan.errors import UnknownNameError
-from compplan.io.plugins import Registry
+from compplan.io.registry import Registry
 from compplan.job import names
 from compplan.planning.strategies import STRATEGIES, command_path
 from compplan.planning.task import PlanTask
