@@ -7,7 +7,7 @@ processor `compplan` in the job's output, and give the arguments there:
 
 FreeCAD calls `export` with the objects of the job; their moves, tool calls and feeds go to `compplan.post` as G-code in
 mm and mm/min. The corrected programs stand in FILE_corrected, from where the controller takes them; their text, one
-file after the other, is written to FILE and returned. Tried on recorded commands alone, not within FreeCAD
+file after the other, is written to FILE and returned. Tried in FreeCAD 0.20.2 on the outline of a box
 (tests/controllers/test_cam_posts.py).
 """
 
@@ -26,7 +26,7 @@ UNITS = "G21"
 #: Words that are lengths, angles or counts and stay as they are; FreeCAD gives feeds in mm/s.
 LETTERS = "XYZABCIJKRQPLTSDH"
 #: Results that are no program, by name and by ending.
-NO_PROGRAM, NO_PROGRAM_ENDINGS = ("joints.csv", "deviation.csv"), (".json", ".html")
+NO_PROGRAM, NO_PROGRAM_ENDINGS = ("joints.csv", "deviation.csv"), (".json", ".html", ".npz")
 
 
 def list_commands(objects: list[Any]) -> Iterator[Any]:

@@ -1,10 +1,13 @@
-"""Post-processors of CAM systems in examples/cam, on recorded calls and commands: no CAM system runs here."""
+"""Post-processors of CAM systems in examples/cam, on recorded calls, and in FreeCAD where it is installed."""
 
 from __future__ import annotations
 
 import csv
 import importlib.util
 import json
+import shutil
+import site
+import subprocess
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -85,3 +88,39 @@ def test_freecad_commands_become_the_corrected_program(tmp_path: Path) -> None:
     assert "F1200.0000" in (tmp_path / "part.nc").read_text()
     with pytest.raises(ValueError, match="arguments of the post-processor"):
         post.export([job], str(target), "--robot kuka_kr240")
+
+
+#: The outline of a box of 60 x 40 x 10 mm, posted as FreeCAD's own post command does.
+FREECAD = """
+import site, sys
+[site.addsitedir(folder) for folder in {packages}]
+sys.path[:0] = [{project}, *{packages}]
+import FreeCAD, Part
+import PathScripts.PathJob as PathJob, PathScripts.PathProfile as PathProfile
+from PathScripts.PathPostProcessor import PostProcessor
+document = FreeCAD.newDocument("part")
+box = document.addObject("Part::Box", "Box")
+box.Length, box.Width, box.Height = 60, 40, 10
+document.recompute()
+job = PathJob.Create("Job", [box], None)
+job.Tools.Group[0].HorizFeed, job.Tools.Group[0].VertFeed = "10 mm/s", "5 mm/s"
+PathProfile.Create("Profile").processPerimeter = True
+document.recompute()
+FreeCAD.ParamGet("User parameter:BaseApp/Preferences/Macro").SetString("MacroPath", {macros})
+words = "--robot kuka_kr240 --part 1800,0,700 --program krl"
+PostProcessor.load("compplan").export([job.Tools.Group[0], *job.Operations.Group], {target}, words)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("freecadcmd"), reason="FreeCAD is not installed")
+def test_freecad_itself_posts_the_outline_of_a_box(tmp_path: Path) -> None:
+    shutil.copy(CAM / "freecad_post.py", tmp_path / "compplan_post.py")
+    script, target = tmp_path / "box.py", tmp_path / "box.src"
+    places = {"packages": site.getsitepackages(), "project": str(CAM.parents[1]), "macros": str(tmp_path)}
+    script.write_text(FREECAD.format(**{name: repr(value) for name, value in places.items()}, target=repr(str(target))))
+    done = subprocess.run(["freecadcmd", str(script)], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert target.exists(), done.stdout[-1000:]
+    lower, upper = read_cut(tmp_path / "box_corrected").min(axis=0), read_cut(tmp_path / "box_corrected").max(axis=0)
+    # The default cutter of 5 mm runs around the box, down to the lower side of the stock, 1 mm below the box.
+    np.testing.assert_allclose([*lower, *upper[:2]], [1797.5, -2.5, 699.0, 1862.5, 42.5], atol=0.01)
