@@ -66,7 +66,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         message = "a DIN/ISO program of a Heidenhain control is not read; write it in Klartext"
         raise InputError(message, file=file, where=text.count("\n", 0, found.start()) + 1)
     reader = Klartext(file, options)
-    reader.it.run(lambda: reader.load(text), reader.check_unit)
+    reader.run(text)
     unit = "not stated" if not reader.begun else "inch" if reader.inch else "mm"
     return reader.it.log.finish(file, name, unit, count_lines(text))
 
@@ -95,8 +95,12 @@ class Klartext:
         self.inch = options.unit == "inch"
         self._set_unit()
 
-    def load(self, text: str) -> CncProgram:
-        """Return the program of a text, its labels found."""
+    def run(self, text: str) -> None:
+        """Read every block up to the end of the program."""
+        self.it.run(lambda: self._load(text), self._check_unit)
+
+    def _load(self, text: str) -> CncProgram:
+        """Return the program, its labels found."""
         blocks, flow = list(lexer.split_blocks(text)), self.it.flow
         for index, block in enumerate(blocks):
             if block.text.startswith("LBL"):
@@ -108,8 +112,7 @@ class Klartext:
                     self.labels[word] = index
         return CncProgram(blocks, 0, len(blocks), self.it.file)
 
-    def check_unit(self) -> None:
-        """Refuse a program that states no unit."""
+    def _check_unit(self) -> None:
         if not self.begun and self.it.options.unit is None:
             self.it.flow.line = 1
             raise refuse_unit("BEGIN PGM .. MM or INCH")

@@ -84,7 +84,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     The path stands in the work offset that is in force at the first move.
     """
     reader = Sinumerik(file, options)
-    reader.it.run(lambda: reader.flow.find_programs(split_lines(text), file), reader.origins.check_used)
+    reader.run(text)
     return reader.it.log.finish(file, name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
 
 
@@ -105,6 +105,10 @@ class Sinumerik:
         self.evaluate = self.values.evaluate
         self.flow = SinumerikFlow(self.it, self.values)
         self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
+
+    def run(self, text: str) -> None:
+        """Read the first main program of a file."""
+        self.it.run(lambda: self.flow.find_programs(split_lines(text), self.it.file), self.origins.check_used)
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""

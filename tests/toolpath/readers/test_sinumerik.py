@@ -161,6 +161,15 @@ def test_modal_calls_drill_every_place_until_they_end(read) -> None:
     cam = read(f"{HEAD}MCALL CYCLE81(20,0,2,-5)\nX10 Y10 F120\nX20\nMCALL\nX30\nM30\n")
     assert [point[:2] for point in cuts(cam) if point[2] == -5] == [[10, 10], [20, 10]]
 
+    def holes(pattern: str) -> list[list[float]]:
+        cam = read(f"{HEAD}F120\nMCALL CYCLE82(20,0,2,-5)\n{pattern}\nMCALL\nG0 X99\nM30\n")
+        return [point[:2] for point in cuts(cam)]
+
+    assert holes("HOLES1(10,20,90,5,10,3)") == [[10, 25], [10, 35], [10, 45]]
+    assert holes("HOLES2(0,0,10,0,90,4)") == [[10, 0], [0, 10], [-10, 0], [0, -10]]
+    assert holes("HOLES2(0,0,10,45,0,2)") == [[7.071068, 7.071068], [-7.071068, -7.071068]]
+    assert holes("CYCLE801(1,2,0,10,20,2,2)") == [[1, 2], [11, 2], [11, 22], [1, 22]]
+
 
 FLOWS = {
     "R1=0\nWHILE R1<3\nR1=R1+1\nG1 X=R1*10 F60\nENDWHILE": [10, 20, 30],
@@ -216,8 +225,7 @@ REFUSED = [
     ("EXTCALL \"A\"", "EXTCALL"), ("CASE R1 OF 1 GOTOF A", "CASE"),
     ("G1 X9 F9 RND=5\nG0 Y9", "no cutting move after"), ("G147 X5 DISR=2", "soft approach"),
     ("CYCLE81(20,0,2)", "no depth"),
-    ("HOLES2(0,0,9,0,0,4)", "HOLES2 is not read"),
-    ("MCALL L5", "L5"), ("CYCLE81(20,0,2,5)", "above its reference"),
+    ("HOLES2(0,0,9,0,0,4)", "no drilling cycle"), ("MCALL L5", "L5"), ("CYCLE81(20,0,2,5)", "above its reference"),
     ("G1 X5 B30 F9", "otary"), ("WHEN TRUE DO M8", "WHEN"),
     ("G1 X5 SUPA\nG1 X6 F9", "not known"),
 ]  # fmt: skip
