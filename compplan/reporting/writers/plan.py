@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers import Program
 from compplan.controllers.writers.program import Post
-from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.frames import ToolTable
@@ -84,7 +83,7 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     """
     from compplan.controllers.readback.comparison import Commanded, StiffArm, compare_written
     from compplan.controllers.readback.joint_table import check_joint_table
-    from compplan.controllers.writers import fit_program
+    from compplan.controllers.writers import find_ends
     from compplan.simulation.exact_model import read_exact_robot
     from compplan.simulation.inertia import solve_rigid
 
@@ -104,14 +103,12 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     sent = np.vstack([way.q, plan.sent, back.q])
     program = program or make_program(plan)
-    stops = STOPPING.intersection(job.output.programs)
-    may_stop = mark_corner_stops(program, job.output.programs) if stops else np.zeros(len(rows), bool)
     none = np.zeros((len(rows), 3))
     beside = none[:, 0] if program.corner is None else program.corner
     asked = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        sent[rows], time[rows], 1e3 * feed[rows], stands, may_stop, free, asked, beside, corner,
+        sent[rows], time[rows], 1e3 * feed[rows], stands, free, asked, beside, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 
@@ -134,7 +131,7 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
         Path(robot),
         arm,
         wanted,
-        lambda language: fit_program(program, language).rows,
+        partial(find_ends, program),
         main=output.main,
         excused=bool(output.io.model_fields_set),
     )
