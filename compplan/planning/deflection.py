@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.planning.posture.follow import reach_tip_and_axis
-from compplan.planning.posture.settings import PostureSettings
 from compplan.planning.task import PlanTask, pick_worst
 from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
 from compplan.statics.chain import Chain, locate_frames
 from compplan.statics.elastic import locate_loaded, solve_equilibrium
-from compplan.statics.ik import build_arm, middle_of_limits
+from compplan.statics.ik import build_arm
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
 from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.assumed import robot_uncertainty
@@ -142,15 +141,6 @@ def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
     if not np.isfinite(lowest).all():
         return default
     return float(np.clip(1.0 / lowest.min(), SHORTEST, LONGEST))
-
-
-def state_frequency(settings: PostureSettings, robot: Robot) -> PostureSettings:
-    """Weight the inertia of joint motion by the arm's lowest natural frequency at mid-range, where known."""
-    lowest = float(natural_frequencies(build_dynamics(robot), middle_of_limits(robot)[None], 1)[0, 0])
-    if not np.isfinite(lowest):
-        return settings
-    source = f"{settings.motion.source}; natural frequency of the robot folder's masses and springs"
-    return replace(settings, motion=settings.motion._replace(frequency=lowest, source=source))
 
 
 def _greatest(shift: Array) -> float:

@@ -18,7 +18,7 @@ from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
 from compplan.planning.checks import find_failures, run_checks, set_up_bench, state_notes
-from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending, state_frequency
+from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
@@ -28,7 +28,6 @@ from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
 from compplan.planning.notes import list_notes
-from compplan.planning.posture.configuration import check_start
 from compplan.planning.posture.kept_posture import Kept, find_kept_start, read_lock
 from compplan.planning.posture.settings import PostureSettings, read_settings
 from compplan.planning.posture.start import check_clearance
@@ -155,13 +154,11 @@ def plan_task(
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
-    checks = run_checks(
-        task, command, timing, found.between, after, margins, bench, job=job, bending=bending, executed=executed
-    )
+    checks = run_checks(task, command, timing, found.between, after, bench, job=job, bending=bending, executed=executed)
     told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
     told += list_notes(task, command, timing, bending, job)
     return Plan(
-        name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
+        name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
         executed=executed,
@@ -185,7 +182,6 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         raise InputError(message, file=file, where="robot" if file else None)
     tool_x, settings = np.asarray(options.tool_x, float), options.posture
     try:
-        check_start(robot, settings.start)
         start = find_kept_start(robot, nominal, tool_x, settings, options.lock)
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
@@ -255,7 +251,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
-        posture=state_frequency(read_settings(job, robot, posture_errors(job, robot)), robot),
+        posture=read_settings(job, robot, posture_errors(job, robot)),
         feed=FeedRequest(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,
         force=read_force_spread(job),

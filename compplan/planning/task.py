@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
-from compplan.planning.posture.motion import MotionFigures, list_plays
+from compplan.planning.posture.motion import list_plays
 from compplan.planning.posture.summary import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
@@ -39,6 +39,8 @@ AT_CORRECTION = 1e-6
 OUT_OF_REACH = "reach of the arm"
 #: Postures whose levers are looked at; least and greatest weight of a joint against the mean one.
 LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
+#: Amplitude of the gear error of a joint, lost motion where none is stated (assumed) [rad], and gear periods a turn.
+GEAR_ERROR, GEAR_PERIODS = float(np.radians(0.002)), 60.0
 
 
 @dataclass(frozen=True)
@@ -254,15 +256,14 @@ def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
 
         w = r^2 [ (a n)^2 / 2 + (b n / (4 pi))^2 ]
 
-    with the lost motion of the folder where it states one, else the assumed one; in shares of the mean. Shape (nq,).
+    with the lost motion of the folder where it states one, else an assumed one; in shares of the mean. Shape (nq,).
     """
     some = pick_even(q, LOOKED_AT)
     columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
     lever = np.einsum("nij,nij->j", columns, columns) / len(some)
-    gear, periods, lost, *_ = MotionFigures()
     stated = list_plays(robot)
-    width = np.where(stated > 0.0, stated, lost)
-    cost = lever * (0.5 * (gear * periods) ** 2 + (width * periods / (4.0 * np.pi)) ** 2)
+    width = np.where(stated > 0.0, stated, GEAR_ERROR)
+    cost = lever * (0.5 * (GEAR_ERROR * GEAR_PERIODS) ** 2 + (width * GEAR_PERIODS / (4.0 * np.pi)) ** 2)
     return np.clip(cost / max(float(cost.mean()), 1e-300), LEAST, MOST)
 
 

@@ -158,12 +158,14 @@ def test_no_other_preset_is_faster_than_fast(job: str, presets: list[str]) -> No
     assert any("one of the least time is driven" in note for note in task.start.notes)
 
 
-def test_a_feed_that_every_posture_holds_is_a_tie_and_the_plan_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_feed_that_every_posture_holds_is_told_with_its_figures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(candidates, "measure_runs", lambda *words: [])  # one program may start and end faster
     task, _ = stand("slow spin", "fast")
     assert task.start is not None and task.start.posture_choice is not None
     assert task.start.posture_choice.settings.preset == "fast"
-    assert any("compared tie at a time of" in note for note in task.start.notes)
+    assert any("the one of the least time is driven" in note for note in task.start.notes)
 
 
 @pytest.mark.parametrize("preset", ["accurate", "smooth"])

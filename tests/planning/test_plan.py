@@ -41,13 +41,6 @@ def test_loaded_tip_of_the_cone_stays_within_a_micrometre_in_the_exact_cell(cone
     assert cone.after.max_tilt < 1e-6
 
 
-def test_beside_the_plan_stands_what_a_softer_robot_leaves_of_it(cone):
-    # To first order a compliance wrong by 20 % leaves 20 % of the uncorrected deviation.
-    assert cone.mismatch.cell == "compliance x 1.2"
-    assert cone.mismatch.max_deviation == pytest.approx(0.2 * cone.before.max_deviation, rel=0.05)
-    assert cone.mismatch.max_deviation > 1e3 * cone.after.max_deviation
-
-
 def test_times_grow_and_rates_stay_within_limits(cone):
     assert (np.diff(cone.timing.time) > 0).all()
     assert cone.margins.velocity_ratio <= 1 + 1e-6
@@ -101,7 +94,7 @@ def test_without_its_limits_the_circle_out_of_limits_is_solved():
 def test_failing_waypoints_and_limits_are_named_in_a_sentence(out_of_reach):
     sentence = out_of_reach.explain_failures()
     assert "waypoints are out of reach, the first is waypoint 0 (s = 0 mm): lower position limit of joint_2" in sentence
-    assert "with the part moved by" in sentence and "plan.max_correction_mm stops others" in sentence
+    assert "`compplan place` looks for a place" in sentence and "plan.max_correction_mm stops others" in sentence
     assert len(sentence) <= 300
 
 

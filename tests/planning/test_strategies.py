@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import UnknownNameError
 from compplan.planning.evaluate import evaluate_run
 from compplan.planning.plan import PlanOptions, build_task
+from compplan.planning.posture.settings import PostureSettings
 from compplan.planning.strategies import command_path
 from compplan.robot import LinkElasticity, Robot, Spring, load_robot
 from compplan.robot.elasticity import hollow_beam_compliance
@@ -146,7 +147,8 @@ def load_spindle_robot() -> Robot:
 def test_position_limits_are_used_up_by_rotating_about_the_tool_axis():
     """The start leaves a limit that a rotation about the tool axis can keep."""
     robot = load_spindle_robot()
-    task = make_task(robot, spin_free=True)
+    flipped = PostureSettings(search=False, configuration={"wrist": "flip"})
+    task = make_task(robot, spin_free=True, posture=flipped)
     free = command_path(task, "nlp")
     assert free.status == "solved"
     top = np.r_[robot.upper[:4], free.q[:, 4].max() - 0.02, robot.upper[5]]

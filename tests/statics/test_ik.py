@@ -9,10 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from compplan.controllers.writers.joint_convention import load_controller, name_words
 from compplan.errors import InputError, ShapeError
-from compplan.planning.posture.configuration import choose_posture
+from compplan.planning.posture.settings import PostureSettings
+from compplan.planning.posture.start import find_start
+from compplan.planning.posture.summary import Start
 from compplan.robot import load_robot
 from compplan.statics import ik
 from compplan.statics.chain import locate_frames
+from compplan.toolpath.toolpath import Toolpath
 
 
 def random_joints(robot, n, seed=1):
@@ -116,12 +119,17 @@ def test_poses_of_a_wrong_shape_are_refused():
 
 def line_of_poses(n=30, half=0.4):
     position = np.column_stack([np.full(n, 1.5), np.linspace(-half, half, n), np.full(n, 0.6)])
-    return position, np.tile(np.diag([1.0, -1.0, -1.0]), (n, 1, 1))
+    up = np.tile([0.0, 0.0, 1.0], (n, 1))
+    return Toolpath(position, up, np.full(n, 0.05), np.zeros(n, bool), frame="base")
+
+
+def start_plain(robot, nominal, **asked) -> Start:
+    return find_start(robot, nominal, np.array([1.0, 0.0, 0.0]), PostureSettings(search=False, **asked))
 
 
 def test_one_configuration_is_kept_along_the_path():
     robot = load_robot("staubli_tx200")
-    posture = choose_posture(robot, *line_of_poses(), words={"elbow": "up", "wrist": "flip"})
+    posture = start_plain(robot, line_of_poses(), configuration={"elbow": "up", "wrist": "flip"})
     arm = ik.build_arm(robot)
     assert not posture.missed.any()
     assert posture.configuration == {"shoulder": "front", "elbow": "up", "wrist": "flip"}
@@ -131,10 +139,10 @@ def test_one_configuration_is_kept_along_the_path():
 
 def test_a_start_chooses_among_full_turns_of_a_joint():
     robot = load_robot("kuka_kr270")
-    position, rotation = line_of_poses(half=0.02)
-    first = choose_posture(robot, position, rotation).q[0]
+    nominal = line_of_poses(half=0.02)
+    first = start_plain(robot, nominal).q[0]
     away = first + np.array([0, 0, 0, 0, 0, -2 * np.pi if first[5] > 0 else 2 * np.pi])
-    again = choose_posture(robot, position, rotation, start=away).q
+    again = start_plain(robot, nominal, start=away).q
     assert np.allclose(again[0], away)
     assert ((again >= robot.lower) & (again <= robot.upper)).all()
 
@@ -142,4 +150,4 @@ def test_a_start_chooses_among_full_turns_of_a_joint():
 def test_a_configuration_that_reaches_nothing_is_named():
     robot = load_robot("staubli_tx200")
     with pytest.raises(InputError, match="configuration back reaches no waypoint, other configurations do"):
-        choose_posture(robot, *line_of_poses(), words={"shoulder": "back"})
+        start_plain(robot, line_of_poses(), configuration={"shoulder": "back"})

@@ -111,7 +111,7 @@ class _Track:
     def __init__(self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool) -> None:
         assert program.time is not None
         poses = program.positions
-        self.x, self.turn = 1e3 * poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3])
+        self.x, self.quaternion = 1e3 * poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]).as_quat()
         self.tolerance, self.arcs = np.full(len(program), tolerance), arcs
         self.cycle = program.cycle
         self.step = np.linalg.norm(np.diff(self.x, axis=0, prepend=self.x[:1]), axis=1)
@@ -261,7 +261,16 @@ class _Track:
 
     def _turn_from(self, a: int, b: int) -> Array:
         """Return rotation vectors from the orientation at a row to those up to another. Shape (b - a + 1, 3). [rad]"""
-        return np.asarray((self.turn[a].inv() * self.turn[a : b + 1]).as_rotvec())
+        x, y, z, w = self.quaternion[a]
+        vectors, real = self.quaternion[a : b + 1, :3], self.quaternion[a : b + 1, 3:]
+        skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        imaginary, real = (
+            w * vectors - real * self.quaternion[a, :3] + vectors @ skew,
+            w * real + vectors @ [[x], [y], [z]],
+        )
+        size = np.linalg.norm(imaginary, axis=1, keepdims=True)
+        angle = np.where(real < 0.0, -2.0, 2.0) * np.arctan2(size, np.abs(real))
+        return np.asarray(imaginary * angle / np.maximum(size, 1e-300))
 
     def measure(self, a: int, b: int, kind: int) -> float:
         """Return the length of a move. [mm]"""

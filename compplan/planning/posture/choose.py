@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
 
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.configuration import MARGIN_SAMPLES, solve_default_posture
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_weights
-from compplan.planning.posture.follow import REACHED, reach_tip_and_axis
+from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -27,20 +27,19 @@ from compplan.planning.posture.lattice import (
     orient_tool,
     pick_stations,
 )
-from compplan.planning.posture.motion import find_torn, least_strokes, price_motion, steady_slide
-from compplan.planning.posture.search import Line, Rungs, measure_rungs, search_line
+from compplan.planning.posture.motion import find_torn
+from compplan.planning.posture.search import Line, Rungs, find_nearest_rows, measure_rungs, search_line
 from compplan.planning.posture.settings import PostureProblem
-from compplan.planning.posture.summary import PostureSummary, PostureTrace, mark_collisions, slice_map, summarise_costs
+from compplan.planning.posture.summary import PostureSummary, PostureTrace, slice_map, summarise_costs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CONFIGURATIONS, pose_error, refine_ik, solve_branches
 from compplan.toolpath.toolpath import pick_even
 
-#: Errors of a finished posture that add up.
-ERRORS = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm")
 #: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
-#: known better (assumed), the others are compared as they are.
+#: known better (assumed), the others are compared as they are; and the figure itself.
 GAINS = {"accurate": 0.999, "error_band": 0.99, "smooth": 1.0, "fast": 1.0}
+FIGURES = {"smooth": "joint_travel_deg", "fast": "time_s"}
 #: Searches that collisions may ask for, and rounds of further stations.
 COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
 #: Rotation and leans below which a tool stands as the job has it. [rad]
@@ -53,6 +52,8 @@ NEAR = 0.3
 SMOOTH = 1.5
 #: Steps of the fine grid on either side of the coarse line.
 FINE_SPINS, FINE_HELD, FINE_TILTS = 5, 2, 1
+#: Waypoints of a finished line whose margin is looked at.
+MARGIN_SAMPLES = 600
 
 
 def choose_posture_path(problem: PostureProblem) -> PostureSummary:
@@ -64,11 +65,35 @@ def choose_posture_path(problem: PostureProblem) -> PostureSummary:
     return _prefer_still(problem, _choose_line(problem))
 
 
+def choose_partial(problem: PostureProblem) -> PostureSummary | None:
+    """Choose for every stretch of a path that the arm can follow, whatever is in the way; None where there is none.
+
+    The waypoints between are missed; there the arm stands as it does at the nearest that is reached.
+    """
+    alone = replace(problem, settings=replace(problem.settings, scene=None))
+    try:
+        found, _ = _choose_at(alone, _pick_stations(alone), partial=True)
+    except InfeasibleError:
+        return None
+    if found.missed.all():
+        return None
+    lost = np.flatnonzero(found.missed)
+    near = find_nearest_rows(np.flatnonzero(~found.missed), lost)
+    q, rotation = found.q.copy(), found.rotation.copy()
+    q[lost], rotation[lost] = q[near], turn_about_axis(rotation[near][:, :, 0], problem.nominal.axis[lost])
+    return replace(found, q=q, rotation=rotation)
+
+
+def _pick_stations(problem: PostureProblem) -> NDArray[np.int_]:
+    """Pick as many waypoints as the graph can have, with the options of each."""
+    options = build_options(problem, np.zeros(1, int)).spin.shape[1]
+    return pick_stations(problem.nominal, int(np.clip(NODE_BUDGET // options, 50, problem.settings.stations)))
+
+
 def _choose_line(problem: PostureProblem) -> PostureSummary:
     """Choose by the graph, with more stations where its way cannot be followed between them."""
     settings, nominal = problem.settings, problem.nominal
-    options = build_options(problem, np.zeros(1, int)).spin.shape[1]
-    stations = pick_stations(nominal, int(np.clip(NODE_BUDGET // options, 50, settings.stations)))
+    stations = _pick_stations(problem)
     for _ in range(STATION_ROUNDS):
         posture_choice, bad = _choose_at(problem, stations)
         if not len(bad):
@@ -87,19 +112,18 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
     )  # fmt: skip
 
 
-def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[PostureSummary, NDArray[np.int_]]:
-    """Choose at the given stations; return the posture and the waypoints between where it fails."""
-    settings, robot = problem.settings, problem.robot
+def _choose_at(
+    problem: PostureProblem, stations: NDArray[np.int_], *, partial: bool = False
+) -> tuple[PostureSummary, NDArray[np.int_]]:
+    """Choose at stations, of which a `partial` choice leaves some out; return the waypoints where it fails, too."""
+    settings = problem.settings
     rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step)
     coarse = fill_lattice(problem, stations, build_options(problem, stations))
-    travel = settings.motion.stated and settings.preset == "accurate"
-    weights = choose_weights(settings.preset, least_level(coarse, rungs), travel=travel)
-    if coarse.usable.any():  # none is where the part is out of reach, which the search says
-        reached = coarse.q[coarse.usable]
-        rungs = replace(rungs, price=price_motion(problem.chain, reached, robot.prismatic, settings.motion))
-    filled, keeps = coarse, settings.start is None  # the asked distance from joint limits, unless no way keeps it
+    weights = choose_weights(settings.preset, least_level(coarse, rungs))
+    filled = coarse
+    keeps = settings.start is None and not partial  # the asked distance from joint limits, unless no way keeps it
     try:
-        coarse, line = _search_clear(problem, filled, rungs, weights, away=keeps)
+        coarse, line = _search_clear(problem, filled, rungs, weights, away=keeps, partial=partial)
     except InfeasibleError:
         if not keeps:
             raise
@@ -110,7 +134,7 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
         slots = np.arange(coarse.reason.shape[2])
         finer = fill_lattice(problem, stations, options).refuse((slots != line.slot[:, None])[:, None], NOT_WANTED)
         try:
-            finer, found = _search_clear(problem, finer, rungs, weights, away=keeps)
+            finer, found = _search_clear(problem, finer, rungs, weights, away=keeps, partial=partial)
             fine, chosen = (coarse, line) if found.cost > line.cost else (finer, found)
         except InfeasibleError:
             pass
@@ -123,8 +147,6 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
         rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)
         bad[rows] |= problem.margin(trace.q[rows], rows) < 0
     picture = slice_map(coarse, line, chosen, fine.options, problem.nominal)
-    if problem.margin is not None and not bad.any():
-        picture = mark_collisions(picture, problem.margin)
     posture_choice = PostureSummary(
         **{**vars(trace), "missed": missed},
         configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),
@@ -136,45 +158,30 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
 def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary:
     """Keep one configuration and the tool's x where the job has it, unless the choice is better by what it is for.
 
-    Both finished postures are weighed as they are, by the measure of the preset (`measure_choice`). The plain one has
-    to stand as well as was asked for, or as the choice does.
+    Both finished postures are weighed as they are, by the figure of the preset. The plain one has to stand as well as
+    was asked for, or as the choice does.
     """
     settings = problem.settings
-    if problem.robot.nq < 6:
+    if not settings.search:
         return posture_choice
     leans = np.abs(np.stack([posture_choice.spin, posture_choice.lead, posture_choice.lean])).max()
     if leans < STILL and not posture_choice.changes and not len(problem.arm.held):  # the plain posture itself
-        return replace(posture_choice, plain=posture_choice.costs)
-    still = solve_default_posture(problem, posture_choice)
+        return posture_choice
+    still = choose_plain(problem, posture_choice)
     if still is None:
         return posture_choice
     chosen, costs = posture_choice.costs, still.costs
-    still, posture_choice = replace(still, plain=costs), replace(posture_choice, plain=costs)
     for name, asked in (
         ("limit_distance_deg", np.degrees(settings.limit_margin)),
         ("dexterity_min", SINGULARITY_MARGIN),
     ):
         if costs[name] < min(asked, chosen[name]):
             return posture_choice
-    counts = posture_choice.weights.travel > 0
-    ours, theirs = (measure_choice(settings.preset, value, counts_travel=counts) for value in (chosen, costs))
+    figure = FIGURES.get(settings.preset, "sensitivity_rms_mm")
+    ours, theirs = chosen[figure], costs[figure]
     gained = ours < GAINS[settings.preset] * theirs
     keeps = gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"])
     return posture_choice if keeps else still
-
-
-def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool = False) -> float:
-    """Return what a preset makes small, of a finished posture: deviation [mm], joint travel [deg] or time [s]."""
-    if preset == "smooth":
-        return costs["joint_travel_deg"]
-    if preset == "fast":
-        return costs["time_s"]
-    return sum_errors(costs) if preset == "error_band" or counts_travel else costs["sensitivity_rms_mm"]
-
-
-def sum_errors(costs: dict[str, float]) -> float:
-    """Return the root of the sum of squares of what compensation leaves, of gears and of inertia [mm]."""
-    return float(np.linalg.norm([costs[name] for name in ERRORS]))
 
 
 def least_level(lattice: Lattice, rungs: Rungs) -> float:
@@ -184,15 +191,30 @@ def least_level(lattice: Lattice, rungs: Rungs) -> float:
     return float(1e6 * (rungs.cut_share[known] * values[known] ** 2).sum() / max(rungs.cut_share[known].sum(), 1e-300))
 
 
+def choose_plain(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary | None:
+    """Return the plain posture in place of what the graph chose: one configuration, the tool's x as the job has it.
+
+    None where it cannot be followed.
+    """
+    try:
+        plain = _choose_line(replace(problem, settings=problem.settings.keep_plain()))
+    except InfeasibleError:
+        return None
+    if plain.changes:
+        return None
+    picture = replace(posture_choice.map, chosen=np.zeros(len(posture_choice.map.chosen)))
+    return replace(plain, map=picture, settings=posture_choice.settings, instead_of=posture_choice.costs)
+
+
 def _search_clear(
-    problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights, *, away: bool
+    problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights, *, away: bool, partial: bool = False
 ) -> tuple[Lattice, Line]:
     """Search until the line keeps clear, what collides leaves the graph; `away` from joint limits by what is asked."""
-    settings, checked = problem.settings, np.zeros(lattice.reason.shape, bool)
+    settings = problem.settings
     room = settings.limit_margin if away else settings.limit_room
     lattice = lattice.refuse(lattice.limits > 0, JOINT_LIMIT) if away else lattice
     for _ in range(COLLISION_ROUNDS):
-        line = search_line(lattice, rungs, weights, problem.robot, start=settings.start, room=room)
+        line = search_line(lattice, rungs, weights, problem.robot, start=settings.start, room=room, partial=partial)
         if problem.margin is None:
             return lattice, line
         rows = np.arange(len(line.option))
@@ -201,13 +223,10 @@ def _search_clear(
             return lattice, line
         reason = lattice.reason.copy()
         reason[rows[near], line.option[near], line.slot[near]] = COLLISION
-        checked[rows, line.option, line.slot] = True
-        suspects = np.zeros_like(checked)
+        suspects = np.zeros(reason.shape, bool)
         suspects[rows[near], :, line.slot[near]] = True
-        suspects &= ~checked & lattice.usable
-        node = np.nonzero(suspects)
+        node = np.nonzero(suspects & replace(lattice, reason=reason).usable)
         hits = problem.margin(lattice.q[node], lattice.stations[node[0]]) < 0
-        checked |= suspects
         reason[tuple(index[hits] for index in node)] = COLLISION
         lattice = replace(lattice, reason=reason)
     worst = lattice.stations[near]
@@ -278,12 +297,9 @@ def trace_line(
     spin_at, lead_at, lean_at = (_take(v, line.option) for v in (options.spin, options.lead, options.lean))
     along = np.unwrap(spin_at)
     if smooth and len(stations) > 3:
-        along, lead_at, lean_at = (_blur(v) for v in (along, lead_at, lean_at))
+        along, lead_at, lean_at = (gaussian_filter1d(v, SMOOTH, mode="nearest") for v in (along, lead_at, lean_at))
     spin, lead, lean = (_interpolate(place, stations, v) for v in (along, lead_at, lean_at))
     between = np.stack([_interpolate(place, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
-    for j, stroke in enumerate(least_strokes(arm.robot)):
-        if stroke > 0 and j in arm.held:
-            between[:, j] = np.clip(steady_slide(between[:, j], stroke), arm.robot.lower[j], arm.robot.upper[j])
     rotation = orient_tool(nominal, problem.tool_x, rows, spin, lead, lean)
     upright = rotation
     branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
@@ -320,18 +336,6 @@ def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> N
     span, on = np.searchsorted(stations, rows, side="right"), np.isin(rows, stations)
     spans = np.union1d(span[marked], span[marked & on] - 1)
     return np.flatnonzero(marked | (np.isin(span, spans) & ~on))
-
-
-def _blur(values: Array) -> Array:
-    """Blur along the stations by a Gaussian of SMOOTH stations; both ends go on as they are."""
-    reach, n = round(4.0 * SMOOTH), len(values)
-    weights = np.exp(-0.5 / SMOOTH**2 * np.arange(-reach, reach + 1) ** 2)
-    weights = (weights / weights.sum())[reach:]
-    wide = np.pad(values, reach, mode="edge")
-    blurred = weights[0] * values
-    for away in range(reach, 0, -1):
-        blurred += weights[away] * (wide[reach - away : reach - away + n] + wide[reach + away : reach + away + n])
-    return blurred
 
 
 def _interpolate(place: Array, stations: NDArray[np.int_], values: Array) -> Array:

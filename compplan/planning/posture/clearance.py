@@ -24,8 +24,9 @@ from compplan.planning.posture.collision_scene import (
 from compplan.robot import Array
 from compplan.toolpath.toolpath import interpolate, pick_even
 
-#: Evenly spaced waypoints whose distance is computed; others follow where the bound asks for them.
-SAMPLES, FURTHER = 120, 400
+#: Evenly spaced waypoints whose distance is computed; rounds in which others follow where a nearer one may lie, and
+#: how many in each.
+SAMPLES, ROUNDS, FURTHER = 120, 40, 10
 #: How exactly the least distance along a path is found. [m]
 EXACT = 5e-4
 #: Margins beyond this are not told apart, and motion of the arm from one posture to the next that is not halved: what
@@ -119,19 +120,17 @@ def _least_along(scene: CollisionScene, q: Array, pairs: NDArray[np.int_], far: 
         found = find_contacts(scene.robot, scene.solids, q[rows], pairs, far=far)
         return dict(zip(rows.tolist(), found, strict=True))
 
-    n = len(q)
-    contacts = find(pick_even(np.arange(n), SAMPLES))
+    contacts = find(pick_even(np.arange(len(q)), SAMPLES))
     travel = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)) @ scene.reach)]
-    for _ in range(FURTHER // 10):
+    for _ in range(ROUNDS):
         known = np.array(sorted(contacts))
         distance = _distances(contacts[w] for w in known.tolist())
-        lowest = _lower_bounds(travel, known, distance)
-        lowest[known] = np.inf
-        wanted = np.flatnonzero(lowest < distance.min() - EXACT)
-        if not len(wanted):
+        lowest = 0.5 * (distance[1:] + distance[:-1] - np.diff(travel[known]))  # that any between two can have
+        gaps = np.flatnonzero((lowest < distance.min() - EXACT) & (np.diff(known) > 1))
+        if not len(gaps):
             break
-        chosen = wanted[np.argsort(lowest[wanted])[:: max(1, len(wanted) // 10)][:10]]
-        contacts.update(find(chosen))
+        gaps = gaps[np.argsort(lowest[gaps])][:FURTHER]
+        contacts.update(find((known[gaps] + known[gaps + 1]) // 2))
     return contacts
 
 
@@ -153,13 +152,3 @@ def summarise_clearance(profile: ClearanceProfile, scene: CollisionScene | None 
 
 def _distances(contacts: Iterable[Contact]) -> Array:
     return np.array([contact.distance for contact in contacts])
-
-
-def _lower_bounds(travel: Array, known: NDArray[np.int_], distance: Array) -> Array:
-    """Bound the distance at every waypoint from those that are known on either side."""
-    rows = np.arange(len(travel))
-    after = np.clip(np.searchsorted(known, rows), 0, len(known) - 1)
-    before = np.clip(np.searchsorted(known, rows, side="right") - 1, 0, len(known) - 1)
-    left = distance[before] - np.abs(travel - travel[known[before]])
-    right = distance[after] - np.abs(travel[known[after]] - travel)
-    return np.asarray(np.maximum(left, right))

@@ -251,32 +251,46 @@ def _tip_in(robot: Robot, link: str) -> Array:
     return np.asarray((np.linalg.inv(frames[link][0]) @ frames[robot.tcp][0])[:3, 3])
 
 
-class _Gauge:
-    """Coal's distance of a pair, and the points of both solids that are nearest to each other."""
+class _Pair(NamedTuple):
+    """Two solids in one posture."""
 
-    def __init__(self, solids: Sequence[Solid], frames: dict[str, Array]) -> None:
-        import coal
+    posture: int
+    pair: int  #: Which of the pairs that were looked at.
+    distance: float  #: Negative where they overlap. [m]
+    points: tuple[Array, Array]  #: The points of both that are nearest to each other. Shape (3,) each. [m]
+    normal: Array  #: From the first to the second. Shape (3,).
 
-        self.solids, self.frames, self.distance = solids, frames, coal.distance
-        self.request, self.result = coal.DistanceRequest(), coal.DistanceResult()
-        self.transforms = [coal.Transform3s() for _ in range(2)]
 
-    def measure(self, posture: int, pair: NDArray[np.int_]) -> float:
-        """Return the signed distance of a pair in a posture. [m]."""
-        ends = [self.solids[s] for s in pair]
-        for transform, solid in zip(self.transforms, ends, strict=True):
-            pose = self.frames[solid.link][posture] @ solid.placement if solid.link else solid.placement
-            transform.setRotation(np.ascontiguousarray(pose[:3, :3]))
-            transform.setTranslation(np.ascontiguousarray(pose[:3, 3]))
-        self.result.clear()
-        (first, second), (at, there) = ends, self.transforms
-        return float(self.distance(first.geometry, at, second.geometry, there, self.request, self.result))
+def _measure_pair(solids: Sequence[Solid], frames: dict[str, Array], posture: int, pair: int, ends: Array) -> _Pair:
+    """Measure two solids, the `ends` (2,) of a pair, in a posture."""
+    import coal
 
-    def points(self, distance: float) -> tuple[Array, Array, Array]:
-        """Return the nearest points of the pair measured last, and the normal from the first to the second."""
-        first, second = (np.array(get()) for get in (self.result.getNearestPoint1, self.result.getNearestPoint2))
-        normal = (second - first) / distance if distance > APART else np.array(self.result.normal)
-        return first, second, normal
+    first, second = (solids[end] for end in ends)
+    poses = [frames[s.link][posture] @ s.placement if s.link else s.placement for s in (first, second)]
+    at, there = (coal.Transform3s(np.ascontiguousarray(pose[:3, :3]), pose[:3, 3].copy()) for pose in poses)
+    result = coal.DistanceResult()
+    distance = float(coal.distance(first.geometry, at, second.geometry, there, coal.DistanceRequest(), result))
+    points = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
+    normal = (points[1] - points[0]) / distance if distance > APART else np.array(result.normal)
+    return _Pair(posture, pair, distance, points, normal)
+
+
+def _find_nearest(
+    solids: Sequence[Solid], frames: dict[str, Array], pairs: NDArray[np.int_], count: int, *, far: float, most: int
+) -> list[_Pair]:
+    """Find the nearest pairs nearer than `far` [m] in each of `count` postures, `most` of them, the nearest first."""
+    bound, found = _bounds(solids, pairs, frames, count), list[_Pair]()
+    for i in range(count):
+        nearest: list[_Pair] = []
+        for k in np.argsort(bound[i]):
+            limit = far if len(nearest) < most else nearest[-1].distance
+            if bound[i, k] >= limit:
+                break
+            pair = _measure_pair(solids, frames, i, int(k), pairs[k])
+            if pair.distance < limit:
+                nearest = sorted([*nearest, pair], key=lambda each: each.distance)[:most]
+        found += nearest
+    return found
 
 
 def find_contacts(
@@ -286,19 +300,10 @@ def find_contacts(
 
     pairs: those to look at, as indices of solids. Shape (p, 2).
     """
-    if not len(q):
-        return []
-    frames = locate_all_links(robot, q)
-    bound, gauge, contacts = _bounds(solids, pairs, frames, len(q)), _Gauge(solids, frames), []
-    for i in range(len(q)):
-        best = Contact("", "", far)
-        for k in np.argsort(bound[i]):
-            if bound[i, k] >= best.distance:
-                break
-            distance = gauge.measure(i, pairs[k])
-            if distance < best.distance:
-                best = Contact(solids[pairs[k][0]].name, solids[pairs[k][1]].name, distance)
-        contacts.append(best)
+    contacts = [Contact("", "", far)] * len(q)
+    for found in _find_nearest(solids, locate_all_links(robot, q), pairs, len(q), far=far, most=1):
+        first, second = (solids[end].name for end in pairs[found.pair])
+        contacts[found.posture] = Contact(first, second, found.distance)
     return contacts
 
 
@@ -311,25 +316,14 @@ def find_near(robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np
     Pairs beyond `far` [m] are left out.
     """
     frames = locate_all_links(robot, q)
-    bound, gauge = _bounds(solids, pairs, frames, len(q)), _Gauge(solids, frames)
-    found: list[tuple[int, int, float, tuple[Array, Array, Array]]] = []
-    for i in range(len(q)):
-        nearest: list[tuple[int, int, float, tuple[Array, Array, Array]]] = []
-        for k in np.argsort(bound[i]):
-            most = far if len(nearest) < MOST_PAIRS else nearest[-1][2]
-            if bound[i, k] >= most:
-                break
-            distance = gauge.measure(i, pairs[k])
-            if distance < most:
-                nearest = sorted([*nearest, (i, int(k), distance, gauge.points(distance))], key=lambda each: each[2])
-        found += nearest[:MOST_PAIRS]
-    posture, rate = np.array([each[0] for each in found], int), np.zeros((len(found), robot.nq))
-    links = [[solids[s].link for s in pairs[each[1]]] for each in found]
-    normal = np.array([each[3][2] for each in found]).reshape(-1, 3)
+    found = _find_nearest(solids, frames, pairs, len(q), far=far, most=MOST_PAIRS)
+    posture, rate = np.array([each.posture for each in found], int), np.zeros((len(found), robot.nq))
+    normal = np.array([each.normal for each in found]).reshape(-1, 3)
     for end, sign in ((0, -1.0), (1, 1.0)):
-        point = np.array([each[3][end] for each in found]).reshape(-1, 3)
-        rate += sign * _move_points(robot, frames, posture, [pair[end] for pair in links], point, normal)
-    return Near(posture, np.array([each[2] for each in found]), rate)
+        point = np.array([each.points[end] for each in found]).reshape(-1, 3)
+        links = [solids[pairs[each.pair][end]].link for each in found]
+        rate += sign * _move_points(robot, frames, posture, links, point, normal)
+    return Near(posture, np.array([each.distance for each in found]), rate)
 
 
 def _move_points(

@@ -59,19 +59,17 @@ class Weights:
     time: float = 0.0  #: Per second of motion.
     #: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
     rate: float = 0.0
-    travel: float = 1.0  #: Per mm^2 of error that the motion of the joints makes, mean square along the cut.
 
 
 #: Presets: least remaining deviation, least band, least joint motion, shortest cycle; what else a preset counts decides
-#: between equals. `sensitivity` and `travel` count as they stand; the others are shares of the least
-#: squared sensitivity that any posture along the path has, so that a preset means the same for light and heavy cuts.
+#: between equals. `sensitivity` counts as it stands; the others are shares of the least squared sensitivity that any
+#: posture along the path has, so that a preset means the same for light and heavy cuts.
 PRESETS: dict[str, Weights] = {
-    "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0, travel=0.0),
+    "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0),
     "error_band": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
-    "smooth": Weights(sensitivity=0.001, limits=0.002, dexterity=0.0002, singularity=10.0, motion=5.0, rate=3.0,
-                      travel=0.0),
+    "smooth": Weights(sensitivity=0.001, limits=0.002, dexterity=0.0002, singularity=10.0, motion=5.0, rate=3.0),
     "fast": Weights(sensitivity=0.01, limits=0.01, dexterity=0.002, singularity=10.0, motion=0.02, time=10.0,
-                    rate=1000.0, travel=0.0),
+                    rate=1000.0),
 }  # fmt: skip
 RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate")
 
@@ -86,10 +84,8 @@ class NodeCosts(NamedTuple):
     dexterity: Array
 
 
-def choose_weights(preset: str, level: float, *, travel: bool = False) -> Weights:
-    """Turn a preset into weights; `travel` counts what joint motion does to accuracy where the preset does not.
-
-    The level is the least squared sensitivity along the path, mean over the cut. [mm^2]
+def choose_weights(preset: str, level: float) -> Weights:
+    """Turn a preset into weights; the level is the least squared sensitivity along the path, mean over the cut. [mm^2]
 
     Raises:
         UnknownNameError: If preset does not exist.
@@ -97,8 +93,7 @@ def choose_weights(preset: str, level: float, *, travel: bool = False) -> Weight
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, list(PRESETS))
     base, scale = PRESETS[preset], max(level, LEAST_LEVEL)
-    weights = replace(base, **{name: getattr(base, name) * scale for name in RELATIVE})
-    return replace(weights, travel=1.0) if travel else weights
+    return replace(base, **{name: getattr(base, name) * scale for name in RELATIVE})
 
 
 def measure_nodes(

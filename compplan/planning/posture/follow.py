@@ -1,157 +1,98 @@
-"""Follow a path from where the arm stands, joint by joint: the motion that goes on where the graph finds no way.
+"""Follow a path joint by joint: put tip and tool axis right from nearby, by the least motion of the joints.
 
-The graph knows an arm by its configurations and by positions of extra axes on a grid; an arm of seven joints can go on
-between them. Each waypoint is reached from the one before by the least motion of all joints (a pseudo-inverse), drawn
-a little towards the middle of the limits by what tip and tool axis leave free.
+The ladder graph knows an arm of six joints by its configurations, and extra axes by positions on a grid. Arms of fewer
+joints, and of seven that start where a job says, go on from waypoint to waypoint.
 """
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.robot import Array, Robot
-from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.planning.posture.motion import find_torn
+from compplan.robot import Array
+from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.ik import Arm, middle_of_limits
-from compplan.toolpath.toolpath import interpolate, pick_even
+from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 
 #: Waypoints that are followed one by one; those between are reached from a line through these.
 STATIONS = 500
-#: Newton steps at a waypoint, the greatest motion of a joint in one, and what counts as reached. [rad or m]
-STEPS, LARGEST, EXACT = 25, 0.2, 1e-8
-#: A waypoint is reached where it misses the pose by less. [m and rad]
+#: Newton steps, the greatest motion of a joint in one, and the step from which on a joint at a limit stays. [rad or m]
+STEPS, LARGEST, HELD_FROM = 25, 0.3, 5
+#: A waypoint is reached where it misses tip and axis by less. [m and rad]
 REACHED = 1e-6
-#: Share of the way to the middle of the limits that the free motion takes in a step.
+#: Share of the way to the middle of the limits that the free motion of joints takes at a waypoint.
 DRAWN = 0.02
-
-
-def follow_from(
-    robot: Robot, chain: Chain, position: Array, rotation: Array, start: Array, *, free_spin: bool, most_step: float
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Follow a path (n, 3), (n, 3, 3) from joint positions near its first waypoint (nq,).
-
-    Returns joint positions (n, nq) [rad or m], and which waypoints are not reached without a jump (n,): no joint moves
-    farther than `most_step` between neighbouring waypoints.
-    """
-    n = len(position)
-    rows = pick_even(np.arange(n), STATIONS)
-    stations = np.empty((len(rows), robot.nq))
-    q = np.clip(start, robot.lower, robot.upper)[None]
-    for k, row in enumerate(rows):
-        q, _ = reach_with_all(robot, chain, q, position[[row]], rotation[[row]], free_spin=free_spin, draw=k > 0)
-        stations[k] = q[0]
-    path = interpolate(np.arange(n), rows, stations)
-    path, reached = reach_with_all(robot, chain, path, position, rotation, free_spin=free_spin, draw=False)
-    torn = np.r_[False, np.abs(np.diff(path, axis=0)).max(axis=1) > most_step]
-    return path, ~reached | torn
-
-
-def reach_with_all(
-    robot: Robot, chain: Chain, q: Array, position: Array, rotation: Array, *, free_spin: bool, draw: bool
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Put tool tips and axes right with all joints, within their limits, from nearby; shapes as of `follow_from`.
-
-    The first step draws them a little to the middle of their limits where asked. Returns joint positions, and whether
-    tip and axis (and x, where the spin is not free) are right.
-    """
-    q, rest = np.array(q), middle_of_limits(robot)
-    for count in range(STEPS):
-        frames = locate_frames(chain, q)
-        error, task = _equations(chain, q, frames.tcp_position, frames.tcp_rotation, position, rotation, free_spin)
-        size = np.abs(error).max(axis=1)
-        if (size < 1e-11).all() and count:
-            break
-        columns = task * ~(((q <= robot.lower) | (q >= robot.upper)) & (count > 5))[:, None, :]
-        gram = columns @ np.swapaxes(columns, 1, 2) + 1e-10 * np.eye(columns.shape[1])
-        inverse = np.swapaxes(columns, 1, 2) @ np.linalg.inv(gram)
-        step = (inverse @ error[..., None])[..., 0]
-        if draw and count == 0:
-            preference = DRAWN * np.where(np.isfinite(rest), rest - q, 0.0)
-            step = step + preference - (inverse @ (columns @ preference[..., None]))[..., 0]
-        step *= np.minimum(1.0, LARGEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
-        q = np.clip(q + step, robot.lower, robot.upper)
-    frames = locate_frames(chain, q)
-    error, _ = _equations(chain, q, frames.tcp_position, frames.tcp_rotation, position, rotation, free_spin)
-    return q, np.abs(error).max(axis=1) < EXACT
-
-
-def _equations(
-    chain: Chain, q: Array, tip: Array, stood: Array, position: Array, rotation: Array, free_spin: bool
-) -> tuple[Array, Array]:
-    """Return by how much tips and axes are missed, and how that answers to the joints. Shapes (n, 5 or 6), (.., nq)."""
-    columns = joint_jacobian(chain, locate_frames(chain, q))
-    pairs = [(rotation[:, :, 0], stood[:, :, 2]), (rotation[:, :, 1], stood[:, :, 2])]
-    pairs += [] if free_spin else [(rotation[:, :, 1], stood[:, :, 0])]
-    missed = np.stack([np.einsum("ni,ni->n", a, b) for a, b in pairs], axis=1)
-    behind = np.einsum("ni,ni->n", rotation[:, :, 2], stood[:, :, 2]) < 0
-    missed[:, 0] += behind  # an axis that points the other way is no solution
-    turns = np.stack([np.einsum("ni,nij->nj", np.cross(b, a), columns[:, 3:]) for a, b in pairs], axis=1)
-    return np.concatenate([position - tip, -missed], axis=1), np.concatenate([columns[:, :3], turns], axis=1)
-
-
-#: Starts that are tried for the first waypoint, drawn between the joint limits, and rounds that follow the path.
-SEEDS, ROUNDS = 200, 40
-#: Limits that stand for missing ones where starts are drawn. [rad or m]
-WIDEST = float(np.pi)
-#: A joint that moves more than this from one waypoint to the next has changed its branch. [rad or m]
-BRANCH = 0.35
+#: Starts that are tried for the first waypoint, and limits that stand for missing ones where they are drawn. [rad or m]
+SEEDS, WIDEST = 200, float(np.pi)
 
 
 def follow_path(
-    arm: Arm, position: Array, rotation: Array, *, spin_free: bool = True
+    arm: Arm, nominal: Toolpath, rotation: Array, *, spin_free: bool, most_step: float, start: Array | None = None
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Find joint positions that put the unloaded tool's tip and axis on a path, along one branch.
+    """Find joint positions that put the unloaded tool's tip and axis on a path, every waypoint from the one before.
 
-    rotation: frames whose z is the wanted direction out of the tool (n, 3, 3). Returns joint positions (n, nq)
-    [rad or m], and which waypoints are not reached within the limits (n,).
+    rotation: frames whose z is the wanted direction out of the tool (n, 3, 3); `start`: joint positions near the first
+    waypoint (nq,), searched if left out. Returns joint positions (n, nq) [rad or m], and which waypoints are not
+    reached within the limits, or not without a jump: a joint moves by `most_step` at most between waypoints of a cut.
     """
-    robot, n = arm.robot, len(position)
+    n, robot = len(nominal), arm.robot
+    start = _search_start(arm, nominal.position[0], rotation[0], spin_free=spin_free) if start is None else start
+    if start is None:
+        return np.tile(middle_of_limits(robot), (n, 1)), np.ones(n, bool)
+    rows = pick_even(np.arange(n), STATIONS)
+    stations, q = np.empty((len(rows), robot.nq)), np.clip(start, robot.lower, robot.upper)[None]
+    for k, row in enumerate(rows):
+        found, reached = reach_tip_and_axis(arm, q, nominal.position[[row]], rotation[[row]], spin_free=spin_free,
+                                            every_joint=True, draw=k > 0)  # fmt: skip
+        q = found if reached.all() else q
+        stations[k] = q[0]
+    path = interpolate(np.arange(n), rows, stations)
+    path, reached = reach_tip_and_axis(arm, path, nominal.position, rotation, spin_free=spin_free, every_joint=True)
+    return path, ~reached | find_torn(path, nominal, most_step)
+
+
+def _search_start(arm: Arm, position: Array, rotation: Array, *, spin_free: bool) -> Array | None:
+    """Return joint positions that reach the first waypoint, the farthest from their limits of many tries, or None."""
+    robot = arm.robot
     low, high = np.maximum(robot.lower, -WIDEST), np.minimum(robot.upper, WIDEST)
     seeds = low + (high - low) * np.random.default_rng(0).random((SEEDS, robot.nq))
     seeds[0] = middle_of_limits(robot)
-    reach = partial(reach_tip_and_axis, arm, spin_free=spin_free)
-    found, reached = reach(seeds, np.tile(position[0], (SEEDS, 1)), np.tile(rotation[0], (SEEDS, 1, 1)))
-    room = np.minimum(found - robot.lower, robot.upper - found).min(axis=1)
-    if not (reached & (room >= 0)).any():
-        return np.tile(seeds[0], (n, 1)), np.ones(n, bool)
-    q = np.tile(found[int(np.where(reached, room, -np.inf).argmax())], (n, 1))
-    q, reached = reach(q, position, rotation)
-    for _ in range(ROUNDS):
-        off = np.r_[False, np.abs(np.diff(q, axis=0)).max(axis=1) > BRANCH] | ~reached
-        off[0] = False
-        if not off.any():
-            break
-        first = int(np.flatnonzero(off)[0])
-        q[first:] = q[first - 1]
-        q[first:], reached[first:] = reach(q[first:], position[first:], rotation[first:])
-    outside = ((q < robot.lower - 1e-9) | (q > robot.upper + 1e-9)).any(axis=1)
-    return q, ~reached | outside
+    wanted = np.tile(position, (SEEDS, 1)), np.tile(rotation, (SEEDS, 1, 1))
+    found, reached = reach_tip_and_axis(arm, seeds, *wanted, spin_free=spin_free)
+    room = np.where(reached, np.minimum(found - robot.lower, robot.upper - found).min(axis=1), -np.inf)
+    return None if room.max() < 0.0 else np.asarray(found[int(room.argmax())])
 
 
 def reach_tip_and_axis(
-    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool = True
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Put the tool's tip and axis right from nearby, with least joint motion; the rotation about the axis gives way.
+    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool = True, every_joint: bool = False,
+    draw: bool = False,
+) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
+    """Put tip and tool axis right from nearby, q (n, nq) [rad or m], with least joint motion.
 
-    Where `spin_free` is false it does not: that is for arms of four joints. Returns joint positions and whether tip and
-    axis are right.
+    The rotation about the axis gives way where `spin_free`. The joints of the arm move, without regard to their limits,
+    or `every_joint` within its limits, with `draw` first a little to the middle of them as far as the rest leaves free.
+    Returns joint positions, and where tip and axis are right.
     """
-    q = q.copy()
-    for _ in range(20):
+    q, robot = q.copy(), arm.robot
+    moved = np.arange(robot.nq) if every_joint else arm.arm
+    for count in range(STEPS):
         frames = locate_frames(arm.chain, q)
         cross, across = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2]), rotation[:, :, :2]
         if not spin_free:
-            cross, across = cross + np.cross(frames.tcp_rotation[:, :, 0], rotation[:, :, 0]), rotation
+            cross, across = 0.5 * np.cross(frames.tcp_rotation, rotation, axis=1).sum(axis=2), rotation
         error = np.concatenate([position - frames.tcp_position, np.einsum("nij,ni->nj", across, cross)], axis=1)
-        if np.abs(error).max() < 1e-10:
+        if np.abs(error).max() < 1e-10 and (count or not draw):
             break
-        columns = joint_jacobian(arm.chain, frames)[:, :, arm.arm]
+        columns = joint_jacobian(arm.chain, frames)[:, :, moved]
         task = np.concatenate([columns[:, :3], np.swapaxes(across, 1, 2) @ columns[:, 3:]], axis=1)
+        if every_joint and count > HELD_FROM:
+            task = task * ~((q <= robot.lower) | (q >= robot.upper))[:, None]
         gram = task @ np.swapaxes(task, 1, 2) + 1e-10 * np.eye(task.shape[1])
-        step = (np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None]))[..., 0]
-        q[:, arm.arm] += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        rest = (DRAWN if draw and not count else 0.0) * (middle_of_limits(robot) - q)[:, moved, None]
+        step = (rest + np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None] - task @ rest))[..., 0]
+        q[:, moved] += step * np.minimum(1.0, LARGEST / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        q = np.clip(q, robot.lower, robot.upper) if every_joint else q
     return q, np.abs(error).max(axis=1) < REACHED
 
 

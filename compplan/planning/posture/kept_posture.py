@@ -13,14 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import CompplanError, InputError
 from compplan.io.columns import FileColumn
 from compplan.io.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
 from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
-from compplan.planning.posture.motion import least_strokes, steady_slide
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import find_start, name_along
 from compplan.planning.posture.summary import Start, summarise_costs
@@ -149,28 +147,16 @@ def _follow_program(program: Kept, nominal: Toolpath, rotation: Array, settings:
     if settings.lead > 0 or settings.lean > 0:
         axis = interpolate(place, length, program.axis)
         axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-        rotation = tilt_tool(rotation, axis)
+        rotation = turn_about_axis(rotation[:, :, 0], axis)
         upright, nominal = nominal.axis, replace(nominal, axis=axis)
     missed = np.zeros(len(nominal), bool)
     return Start(nominal, near, rotation, {}, missed, settings, of_program=True, upright=upright)
 
 
-def tilt_tool(rotation: Array, axis: Array) -> Array:
-    """Lean TCP frames (n, 3, 3) by the least rotation that points their tool axis, against z, along axis (n, 3)."""
-    before = -rotation[:, :, 2]
-    across = np.cross(before, axis)
-    angle = np.arctan2(np.linalg.norm(across, axis=1), np.einsum("ni,ni->n", before, axis))
-    turn = across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None] * angle[:, None]
-    return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ rotation)
-
-
 def _stand_again(robot: Robot, start: Start) -> Start:
     """Solve the joints of a robot around a start; what it does not reach there is missed."""
     arm, nominal, rotation = build_arm(robot), start.nominal, start.rotation
-    strokes, near = least_strokes(robot), np.array(start.q)
-    for j in arm.held[strokes[arm.held] > 0]:
-        near[:, j] = steady_slide(near[:, j], strokes[j])
-    free = start.settings.free_spin
+    near, free = start.q, start.settings.free_spin
     if robot.nq < 6:
         q, reached = reach_tip_and_axis(arm, near, nominal.position, rotation, spin_free=free or robot.nq == 5)
         rotation = locate_frames(arm.chain, q).tcp_rotation

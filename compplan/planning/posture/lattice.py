@@ -28,6 +28,8 @@ FEW_SPINS, FEWER_SPINS = float(np.radians(10.0)), float(np.radians(20.0))
 #: Angle by which the tool axis has to turn about the joint next to the part before that is tried around it [rad], sides
 #: from which the tool is tried then, and sine of the angle between both axes from which on the turn is sure.
 FOLLOWED, SIDES, ACROSS = float(np.radians(45.0)), 8, float(np.sin(np.radians(20.0)))
+#: Distance of a rail's arm from the middle of a path at which the rail is held, in its reach.
+BESIDE = 0.6
 REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "configuration not wanted")
 
 
@@ -62,6 +64,12 @@ class Lattice:
     def usable(self) -> NDArray[np.bool_]:
         """Tell which nodes may be used; singular ones may, at a cost. Shape (k, g, b)."""
         return (self.reason == USABLE) | (self.reason == SINGULAR)
+
+    def part(self, first: int, last: int) -> Lattice:
+        """Return the lattice of the stations from first to last, that one left out."""
+        on = slice(first, last)
+        return Lattice(self.stations[on], self.options, self.q[on], self.sensitivity[on], self.limits[on],
+                       self.dexterity[on], self.reason[on])  # fmt: skip
 
     def refuse(self, nodes: NDArray[np.bool_], why: int) -> Lattice:
         """Return the lattice with some nodes, (k, g, b) or of a shape that spreads to it, refused for a reason."""
@@ -113,22 +121,23 @@ def count_positions(settings: PostureSettings, axes: int) -> int:
 
 def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Options:
     """Build the grid of options; it holds for every station (k,) but for what follows the tool axis (`follow_axis`)."""
-    arm, settings, follow = problem.arm, problem.settings, follow_axis(problem.arm, problem.nominal)
+    arm, settings = problem.arm, problem.settings
+    follow = follow_axis(arm, problem.nominal) if settings.search else None
     varies = bool(len(arm.held)) or settings.lead > 0 or settings.lean > 0
     step = max(settings.spin_step, FEW_SPINS if len(arm.held) < 2 else FEWER_SPINS) if varies else settings.spin_step
     count = max(1, round(2 * np.pi / step)) if settings.free_spin else 1
     spins = np.arange(count) * 2 * np.pi / count
-    robot = arm.robot
+    robot, rest = arm.robot, _hold_axes(problem)
     ranges = []
     followed = -1 if follow is None else int(robot.carriers.sum()) - 1
     for joint in arm.held:
         low, high = robot.lower[joint], robot.upper[joint]
         if joint == followed:
             ranges.append(np.arange(-SIDES // 2, SIDES - SIDES // 2) * 2 * np.pi / SIDES)
-        elif np.isfinite(low) and np.isfinite(high) and high > low:
+        elif settings.search and np.isfinite(low) and np.isfinite(high) and high > low:
             ranges.append(np.linspace(low, high, count_positions(settings, len(arm.held))))
         else:
-            ranges.append(middle_of_limits(robot)[[joint]])
+            ranges.append(rest[[joint]])
     cells = list(product(*ranges))
     held = np.array(cells, float).reshape(len(cells), len(arm.held))
     leans = [np.linspace(-limit, limit, 3) if limit > 0 else np.zeros(1) for limit in (settings.lead, settings.lean)]
@@ -147,6 +156,34 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
         shape=(len(spins), len(held), len(tilts)),
         steps=np.array([v[1] - v[0] if len(v) > 1 else 0.0 for v in ranges]),
     )
+
+
+def _hold_axes(problem: PostureProblem) -> Array:
+    """Place axes that stand: where the job starts, slides so that the arm has the path well in reach, else mid-range.
+
+    A rail slides until the arm's first axis stands a share of its reach beside the middle of the path. Shape (nq,).
+    """
+    arm, settings = problem.arm, problem.settings
+    rest = middle_of_limits(arm.robot)
+    if settings.search:
+        return rest
+    if settings.start is not None:
+        return settings.start
+    if arm.robot.prismatic[arm.held].all():
+        for j in arm.held:
+            grid = np.tile(rest, (61, 1))
+            grid[:, j] = np.linspace(arm.robot.lower[j], arm.robot.upper[j], 61)
+            origin = locate_frames(arm.chain, grid).origin[:, arm.chain.joint_elements[arm.arm[0]]]
+            away = np.linalg.norm((origin - problem.nominal.position.mean(axis=0))[:, :2], axis=1)
+            rest = grid[np.abs(away - BESIDE * stretch_arm(arm)).argmin()]
+    return rest
+
+
+def stretch_arm(arm: Arm) -> float:
+    """Return the length of the stretched arm. [m]"""
+    frames = locate_frames(arm.chain, np.zeros((1, arm.chain.nq)))
+    points = np.vstack([frames.origin[0, arm.chain.joint_elements[arm.arm]], frames.tcp_position])
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def orient_tool(

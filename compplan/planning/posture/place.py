@@ -1,8 +1,7 @@
 """Where the part should stand: the place in the cell at which least of the deviation would remain after compensation.
 
 A grid of places is rated by a lower bound: at some stations of the path the best posture of all rotations and
-configurations, each for itself. The best places are then refined, and the plan's own search (with continuity, limits
-and collision) decides among them.
+configurations, each for itself. The plan's own search (with continuity, limits and collision) decides among the best.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5
 MOST_PLACES = 20_000
 #: Range around the job's own place where [place] says nothing. [m]
 AROUND, AROUND_HEIGHT = 0.5, 0.2
-#: Places that the full search is tried at, best first, and the cost by which they are compared.
-TRIED, RANK = 6, "sensitivity_rms_mm"
+#: Places that the full search is tried at, best first, as many more while it finds none, and the cost that compares.
+TRIED, MOST_TRIED, RANK = 6, 30, "sensitivity_rms_mm"
 
 
 @dataclass(frozen=True)
@@ -80,29 +79,14 @@ def place_part(
         InputError: If the table [place] asks for too many places.
         InfeasibleError: If the path can be followed at none of them.
     """
-    axes = _grid_axes(job)
-    here = job.T_base_part[:3, 3]
-    settings = read_settings(job, robot, errors)
-    ratings = []
-    for turn_deg in job.place.turn_deg:
-        announce(f"place: {np.prod([len(v) for v in axes])} places, part turned by {turn_deg:g} deg")
-        turned = _move_job(job, here, float(np.radians(turn_deg)))
-        cells = np.array(list(product(*axes)))
+    axes, here = _grid_axes(job), job.T_base_part[:3, 3]
+    cells, settings = np.array(list(product(*axes))), read_settings(job, robot, errors)
+    ratings: list[Ratings] = []
+    for turn in np.radians(job.place.turn_deg).tolist():
+        announce(f"place: {len(cells)} places, part turned by {np.degrees(turn):g} deg")
+        turned = _move_job(job, here, turn)
         bound = rate_places(turned, robot, settings, load_nominal(turned), cells - here)
-        ratings.append(Ratings(float(np.radians(turn_deg)), axes, bound.reshape([len(v) for v in axes])))
-    candidates = sorted(
-        ((float(rating.bound[index]), np.array([axis[i] for axis, i in zip(axes, index, strict=True)]), rating.turn)
-         for rating in ratings for index in zip(*np.nonzero(np.isfinite(rating.bound)), strict=True)),
-        key=lambda entry: entry[0],
-    )  # fmt: skip
-    if not candidates:
-        raise InfeasibleError(
-            "the path is within reach at none of the places; widen [place], or choose a larger robot or another tool",
-            limits=["reach of the arm"],
-        )
-    announce("place: refine, and search postures at the best places")
-    candidates = [*_refine(job, robot, settings, candidates[:3], axes), *candidates]
-    candidates.sort(key=lambda entry: entry[0])
+        ratings.append(Ratings(turn, axes, bound.reshape([len(v) for v in axes])))
 
     def search(place: Array, turn: float) -> PostureSummary | None:
         moved = _move_job(job, place, turn)
@@ -112,11 +96,26 @@ def place_part(
         except InfeasibleError:  # nothing leads along the path
             return None
 
-    posture_choice, position, turn = _decide(search, job.place.step_mm, candidates)
+    announce("place: search postures at the best places")
+    best: tuple[PostureSummary, Array, float] | None = None
+    bounds = np.concatenate([rating.bound.ravel() for rating in ratings])
+    order = np.argsort(bounds)[: np.isfinite(bounds).sum()].tolist()
+    for count, k in enumerate(order[:MOST_TRIED]):
+        if best is not None and (count >= TRIED or 1e3 * bounds[k] >= best[0].costs[RANK]):
+            break
+        place, turn = cells[k % len(cells)], ratings[k // len(cells)].turn
+        found = search(place, turn)
+        if found is not None and (best is None or found.costs[RANK] < best[0].costs[RANK]):
+            best = found, place, turn
+    if best is None:
+        limit, what = "reach of the arm", "the path is within reach at none of the places"
+        if order:
+            limit, what = "continuity or clearance", "no posture leads along the path at the best of the places"
+        raise InfeasibleError(f"{what}; widen [place], or choose a larger robot or another tool", limits=[limit])
     before = search(here, 0.0)
-    if before is not None and before.costs[RANK] <= posture_choice.costs[RANK]:
-        posture_choice, position, turn = before, here, 0.0
-    return PlaceResult(position, turn, posture_choice, before, tuple(ratings), here)
+    if before is not None and before.costs[RANK] <= best[0].costs[RANK]:
+        best = before, here, 0.0
+    return PlaceResult(best[1], best[2], best[0], before, tuple(ratings), here)
 
 
 def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
@@ -145,8 +144,8 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
                 "turn_deg": float(np.degrees(rating.turn)),
                 **{f"{name}_mm": (1e3 * axis).round(3).tolist() for name, axis in zip("xyz", rating.axes, strict=True)},
                 "bound_mm": [
-                    [[None if np.isnan(v) else round(1e3 * v, 6) for v in column] for column in sheet]
-                    for sheet in rating.bound.tolist()
+                    [[None if np.isnan(v) else v for v in column] for column in sheet]
+                    for sheet in (1e3 * rating.bound).round(6).tolist()
                 ],
             }
             for rating in result.ratings
@@ -176,74 +175,19 @@ def rate_places(job: Job, robot: Robot, settings: PostureSettings, nominal: Tool
 def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
     """Build the grid."""
     table, step = job.place, job.place.step_mm * 1e-3
-    here = job.T_base_part[:3, 3]
-    axes = []
+    here, spans = job.T_base_part[:3, 3], list[tuple[float, float]]()
     for k, span in enumerate((table.x_mm, table.y_mm, table.z_mm)):
         around = AROUND_HEIGHT if k == 2 else AROUND
         low, high = (here[k] - around, here[k] + around) if span is None else (span[0] * 1e-3, span[1] * 1e-3)
         if low > high:
             raise InputError("has its bounds in the wrong order", file=job.file, where=f"place.{'xyz'[k]}_mm")
-        if not (np.isfinite([low, high]).all() and (high - low) / step < MOST_PLACES):
-            message = f"from {low * 1e3:g} to {high * 1e3:g} mm in steps of {table.step_mm:g} mm are too many places"
-            raise InputError(f"{message}, at most {MOST_PLACES} are allowed", file=job.file, where="place.step_mm")
-        axes.append(np.linspace(low, high, max(1, int(np.ceil((high - low) / step - 1e-9)) + 1)))
-    count = int(np.prod([len(v) for v in axes]))
-    if count > MOST_PLACES:
-        message = f"a step of {table.step_mm:g} mm makes {count} places, at most {MOST_PLACES} are allowed"
+        spans.append((low, high))
+    counts = [np.ceil((high - low) / step - 1e-9) + 1.0 for low, high in spans]
+    if not np.prod(counts) <= MOST_PLACES:
+        message = f"a step of {table.step_mm:g} mm makes too many places, at most {MOST_PLACES} are allowed"
         raise InputError(message, file=job.file, where="place.step_mm")
-    return axes[0], axes[1], axes[2]
-
-
-def _refine(
-    job: Job,
-    robot: Robot,
-    settings: PostureSettings,
-    candidates: list[tuple[float, Array, float]],
-    axes: tuple[Array, ...],
-) -> list[tuple[float, Array, float]]:
-    """Halve the step around the best places, three times; places stay within the grid."""
-    refined, here = [], job.T_base_part[:3, 3]
-    low, high = np.array([v[0] for v in axes]), np.array([v[-1] for v in axes])
-    for bound, start, turn in candidates:
-        best, place, step = bound, start, job.place.step_mm * 0.5e-3
-        moved = _move_job(job, here, turn)
-        nominal = load_nominal(moved)
-        for _ in range(3):
-            around = place + step * np.array(list(product((-1, 0, 1), repeat=3)))
-            around = np.unique(np.clip(around, low, high), axis=0)
-            values = rate_places(moved, robot, settings, nominal, around - here)
-            if np.isfinite(values).any() and np.nanmin(values) < best:
-                best, place = float(np.nanmin(values)), around[int(np.nanargmin(values))]
-            step *= 0.5
-        refined.append((best, place, turn))
-    return refined
-
-
-def _decide(
-    search: Callable[[Array, float], PostureSummary | None],
-    step_mm: float,
-    candidates: list[tuple[float, Array, float]],
-) -> tuple[PostureSummary, Array, float]:  # fmt: skip
-    """Search postures at the best places that lie apart, and take the best."""
-    best: tuple[PostureSummary, Array, float] | None = None
-    tried: list[tuple[Array, float]] = []
-    for bound, place, turn in candidates:
-        if any(np.linalg.norm(place - p) < 0.4e-3 * step_mm and turn == t for p, t in tried):
-            continue
-        if best is not None and (len(tried) >= TRIED or 1e3 * bound >= best[0].costs[RANK]):
-            break
-        if len(tried) >= 5 * TRIED:
-            break
-        tried.append((place, turn))
-        posture_choice = search(place, turn)
-        if posture_choice is not None and (best is None or posture_choice.costs[RANK] < best[0].costs[RANK]):
-            best = posture_choice, place, turn
-    if best is None:
-        raise InfeasibleError(
-            "the path is within reach at some places, but no continuous posture keeps clear and within limits at the "
-            "best of them; widen [place]", limits=["continuity or clearance"],
-        )  # fmt: skip
-    return best
+    x, y, z = (np.linspace(*span, int(count)) for span, count in zip(spans, counts, strict=True))
+    return x, y, z
 
 
 def _turned_rotation(job: Job, turn: float) -> tuple[float, float, float]:

@@ -3,17 +3,18 @@
 The cost of a way is a sum over its nodes and edges:
 
     sum_i omega_i (w_s s_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2 + w_c c_i)
-        + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i + w_e p_i),
+        + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i),
 
 k the inverse condition number, omega the share of the cut (for the first) or of the path, dsigma the share of the path
 of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
-joint takes, r the share of the programmed time by which it is too short for joints at half their rates, and p what the
-motion of the joints costs in accuracy (`compplan.planning.posture.motion`). A change of configuration within the cut
-passes a singularity and costs w_g once.
+joint takes, and r the share of the programmed time by which it is too short for joints at half their rates. A change of
+configuration within the cut passes a singularity and costs w_g once.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -24,7 +25,6 @@ from numpy.typing import NDArray
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights
 from compplan.planning.posture.lattice import REASONS, USABLE, Lattice
-from compplan.planning.posture.motion import MotionPrice
 from compplan.robot import Array, Robot
 from compplan.toolpath.toolpath import Toolpath
 
@@ -53,13 +53,15 @@ class Rungs:
     #: Greatest motion of a joint on each edge; infinite where the arm may change its configuration. Shape (k - 1,).
     #: [rad]
     most_motion: Array
-    cut_edge: Array  #: Share of the cut that each edge is. Shape (k - 1,).
-    settle: Array  #: Time in which the feed of each edge goes 100 mm. Shape (k - 1,). [s]
-    price: MotionPrice | None = None  #: What motion of joints costs in accuracy, or None.
+
+    def part(self, first: int, last: int) -> Rungs:
+        """Return what lies between and on the stations from first to last, that one left out."""
+        on = (self.cut_share[first:last], self.path_share[first:last])
+        between = (edge[first : last - 1] for edge in (self.sigma, self.feed_time, self.most_motion))
+        return Rungs(*on, *between)
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """A way through the graph."""
 
     option: NDArray[np.int_]  #: Option at each station. Shape (k,).
@@ -89,9 +91,7 @@ def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: f
     touches[0] = not nominal.rapid[1] if len(nominal) > 1 else True
     free = [nominal.rapid[a + 1 : b + 1].all() and not touches[[a, b]].any() for a, b in pairwise(stations)]
     most = np.where(np.array(free, bool), np.inf, most)
-    settle = feed_time * LENGTH / np.maximum(between, 1e-9)
-    edge = between / max(between.sum(), 1e-300)
-    return Rungs(cut_share, spread / max(spread.sum(), 1e-300), sigma, feed_time, most, edge, settle)
+    return Rungs(cut_share, spread / max(spread.sum(), 1e-300), sigma, feed_time, most)
 
 
 def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
@@ -107,17 +107,22 @@ def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
 
 
 def search_line(
-    lattice: Lattice, rungs: Rungs, weights: Weights, robot: Robot, *, start: Array | None = None, room: float = 0.0
-) -> Line:
+    lattice: Lattice, rungs: Rungs, weights: Weights, robot: Robot, *, start: Array | None = None, room: float = 0.0,
+    partial: bool = False,
+) -> Line:  # fmt: skip
     """Find the cheapest way through the graph.
 
     Joints that may turn more than once around are first taken modulo a full turn and keep `room` [rad] from their
     limits; where no way fits between these so, every full turn becomes a slot of its own. The way starts near the joint
-    positions `start` (nq,), if given.
+    positions `start` (nq,), if given. A `partial` way ends where none leads on and begins again beyond; the stations
+    between stand as the nearest of it.
 
     Raises:
         InfeasibleError: If no way leads through, with the waypoint at which it ends and what stands there.
     """
+    if partial:
+        search = functools.partial(search_line, weights=weights, robot=robot, start=start, room=room)
+        return _search_stretches(lattice, rungs, search)
     cost = cost_nodes(lattice, rungs, weights)
     if start is not None:
         cost = _start_near(lattice.q, cost, start, robot)
@@ -131,30 +136,41 @@ def search_line(
     if shifted is not None:
         return Line(option, slot, shifted, total)
     q, expanded = _expand_turns(lattice.q, cost, robot, turns, room)
-    width = lattice.q.shape[2]
-    passes = np.eye(width, dtype=bool)
-    passes[slot[:-1], slot[1:]] = True
-    passes = np.tile(passes, (q.shape[2] // width,) * 2)
-    option, slot, total = _sweep(lattice, q, expanded, rungs, weights, robot, np.zeros_like(turns), passes)
+    option, slot, total = _sweep(lattice, q, expanded, rungs, weights, robot, np.zeros_like(turns))
     return Line(option, slot % lattice.q.shape[2], q[np.arange(len(option)), option, slot], total)
 
 
-class _Joints(NamedTuple):
-    """Which joints turn more than once around, which slide, and how fast they are."""
+def _search_stretches(lattice: Lattice, rungs: Rungs, search: Callable[[Lattice, Rungs], Line]) -> Line:
+    """Search every stretch of the stations that a way leads along."""
+    count = len(lattice.stations)
+    first, last, rows, lines = 0, count, list[int](), list[Line]()
+    while first < count:
+        try:
+            lines.append(search(lattice.part(first, last), rungs.part(first, last)))
+            rows += range(first, last)
+            first, last = last, count
+        except InfeasibleError as error:
+            stop = int(np.searchsorted(lattice.stations, error.waypoints[0]))
+            first, last = (first, stop) if stop > first else (first + 1, count)
+            if first == count and not lines:
+                raise
+    near = np.searchsorted(rows, find_nearest_rows(np.array(rows), np.arange(count)))
+    option, slot, q = (np.concatenate([line[k] for line in lines])[near] for k in range(3))
+    return Line(option, slot, q, float("inf"))
 
-    turns: NDArray[np.bool_]
-    slides: NDArray[np.bool_]
-    fastest: Array
+
+def find_nearest_rows(rows: NDArray[np.int_], wanted: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return of rising rows (k,) those nearest to wanted ones (m,), the lower of two as near. Shape (m,)."""
+    after = np.clip(np.searchsorted(rows, wanted), 0, len(rows) - 1)
+    before = rows[np.maximum(after - 1, 0)]
+    return np.where(np.abs(wanted - before) <= np.abs(rows[after] - wanted), before, rows[after])
 
 
 def _sweep(
     lattice: Lattice, q: Array, cost: Array, rungs: Rungs, weights: Weights, robot: Robot, turns: NDArray[np.bool_],
-    passes: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.int_], NDArray[np.int_], float]:  # fmt: skip
     """Sweep over the stations; return option and slot at each, and the total cost."""
     k, g, b = cost.shape
-    passes = np.ones((b, b), bool) if passes is None else passes
-    joints = _Joints(turns, robot.prismatic, robot.velocity_limits)
     best = cost[0]
     back = np.zeros((k, g, b), np.int32)
     last = np.concatenate([best, np.full((1, b), np.inf)])
@@ -166,7 +182,7 @@ def _sweep(
         free = not np.isfinite(rungs.most_motion[i - 1])
         around = everything if free or neighbours.shape[1] >= g else neighbours
         last = np.concatenate([best, np.full((1, b), np.inf)])
-        best, back[i] = _step(last, q[i - 1], q[i], around, i, rungs, weights, joints, passes)
+        best, back[i] = _step(last, q[i - 1], q[i], around, i, rungs, weights, robot, turns)
         best = best + cost[i]
     if not np.isfinite(best).any():
         _refuse(lattice, k - 1, cost)
@@ -185,7 +201,7 @@ def _sweep(
 
 def _step(
     last: Array, before: Array, here: Array, around: NDArray[np.int_], i: int, rungs: Rungs, weights: Weights,
-    joints: _Joints, passes: NDArray[np.bool_],
+    robot: Robot, turns: NDArray[np.bool_],
 ) -> tuple[Array, NDArray[np.int32]]:  # fmt: skip
     """Find the cheapest predecessor of every node; only options and slots that are alive take part."""
     g, b = here.shape[:2]
@@ -197,14 +213,11 @@ def _step(
     for s in slots:
         start = np.concatenate([before[:, s], np.full((1, before.shape[2]), np.nan)])
         source, value = np.ascontiguousarray(start.T)[:, around], last[around, s]
-        mine = targets[passes[s, targets]]
-        for some in np.split(mine, np.arange(block, len(mine), block)):
-            rows, which = _near_rows(source, at[:, :, some], value, rungs.most_motion[i - 1], joints)
-            if not len(rows):
-                continue
-            t = some[which]
+        for some in np.split(targets, np.arange(block, len(targets), block)):
+            rows, t = np.nonzero(np.isfinite(at[0][:, some]))
+            t = some[t]
             change = np.where(free | (s % 8 == t % 8), 0.0, weights.singularity)[:, None]
-            edge = _cost_edges(source[:, rows], at[:, rows, t], change, i - 1, rungs, weights, joints)
+            edge = _cost_edges(source[:, rows], at[:, rows, t], change, i - 1, rungs, weights, robot, turns)
             edge += value[rows]
             edge[np.isnan(edge)] = np.inf
             choice = _first_least(edge)
@@ -221,52 +234,26 @@ def _first_least(cost: Array) -> NDArray[np.int_]:
     return np.argmax(cost <= cost.min(axis=1, keepdims=True) + TIE, axis=1)
 
 
-def _near_rows(
-    source: Array, here: Array, value: Array, limit: float, joints: _Joints
-) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Return options and targets that any predecessor alive may reach, by the joints that turn the most.
-
-    source: joint positions of predecessors (nq, g, w); here: those of the targets (nq, g, t); value: cost of the
-    predecessors (g, w); limit: greatest motion of a joint.
-    """
-    near = np.isfinite(value)[:, None, :] & np.isfinite(here[0])[:, :, None]
-    if np.isfinite(limit):
-        turning = np.flatnonzero(~joints.slides)
-        for j in turning[[-1, -3]] if len(turning) >= 3 else turning:
-            step = here[j][:, :, None] - source[j][:, None, :]
-            if joints.turns[j]:
-                _take_turns_out(step)
-            near &= np.abs(step, out=step) <= limit
-    rows, which = np.nonzero(near.any(axis=2))
-    return rows, which
-
-
 def _cost_edges(
-    source: Array, here: Array, change: Array, i: int, rungs: Rungs, weights: Weights, joints: _Joints
-) -> Array:
+    source: Array, here: Array, change: Array, i: int, rungs: Rungs, weights: Weights, robot: Robot,
+    turns: NDArray[np.bool_],
+) -> Array:  # fmt: skip
     """Cost edges, those beyond the greatest motion infinite. Shapes (nq, r, w), (nq, r) and (r, 1) give (r, w)."""
-    motion, most, time, strayed = (np.zeros(source.shape[1:]) for _ in range(4))
+    motion, most, time = (np.zeros(source.shape[1:]) for _ in range(3))
     timed, limit = weights.time > 0 or weights.rate > 0, rungs.most_motion[i]
-    price = None if rungs.price is None or not rungs.cut_edge[i] > 0 or not weights.travel else rungs.price
     for j in range(len(here)):
         step = here[j][:, None] - source[j]
-        if joints.turns[j]:
+        if turns[j]:
             _take_turns_out(step)
-        square = step * step
-        motion += square
-        if price is not None:
-            strayed += price.cost(square, j, rungs.cut_edge[i], rungs.feed_time[i], rungs.settle[i])
+        motion += step * step
         step = np.abs(step, out=step)
-        if not joints.slides[j]:
+        if not robot.prismatic[j]:
             np.maximum(most, step, out=most)
         if timed:
-            np.maximum(time, np.divide(step, joints.fastest[j], out=step), out=time)
+            np.maximum(time, np.divide(step, robot.velocity_limits[j], out=step), out=time)
     motion *= weights.motion
     motion /= rungs.sigma[i]
     edge = motion + change
-    if price is not None:
-        strayed *= weights.travel
-        edge += strayed
     if weights.time > 0:
         edge += weights.time * np.maximum(time, rungs.feed_time[i])
     if timed and rungs.feed_time[i] > 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene, read_scene
 from compplan.planning.posture.costs import ASSUMED, ModelScatter
-from compplan.planning.posture.motion import MotionFigures, list_plays
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import Arm, build_arm
@@ -31,7 +30,8 @@ Margin = Callable[[Array, NDArray[np.int_]], Array]
 class PostureSettings:
     """What the search may vary and what it weighs."""
 
-    search: bool = True  #: Whether the graph chooses; else one configuration and the tool's x as programmed are kept.
+    #: Whether spin, leans and extra axes are chosen too; else they stay, and one configuration is chosen.
+    search: bool = True
     free_spin: bool = True  #: Whether the rotation about the tool axis is free.
     #: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
     configuration: dict[str, str] = field(default_factory=dict)
@@ -39,7 +39,6 @@ class PostureSettings:
     preset: str = "accurate"  #: "accurate", "error_band", "smooth" or "fast".
     #: Whether the preset was asked for by name: finished postures are then measured beside those of others.
     compares: bool = False
-    #: How well wrench and compliance are known.
     spin_step: float = float(np.radians(5.0))  #: Step of the grid of rotations about the tool axis. [rad]
     lead: float = 0.0  #: How far the tool axis may lean along the travel. [rad]
     lean: float = 0.0  #: How far it may lean across the travel. [rad]
@@ -50,13 +49,16 @@ class PostureSettings:
     limit_room: float = float(np.radians(2.0))
     #: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
     most_step: float = float(np.radians(20.0))
-    motion: MotionFigures = field(default_factory=MotionFigures)  #: What the motion of joints does to accuracy.
     #: What the 95 % band knows of the robot, in place of what is assumed; None for other presets.
     errors: PostureErrors | None = None
     #: Axes in whose components the wrench errs, as columns in base axes (the part's). Shape (3, 3).
     axes: Array = field(default_factory=lambda: np.eye(3))
     scene: CollisionScene | None = None  #: What may touch what, or None.
     clearance: float = 0.0  #: Distance from part and fixture that is asked for. [m]
+
+    def keep_plain(self) -> PostureSettings:
+        """Return the settings that keep one configuration and the tool's x where the job points it."""
+        return replace(self, search=False, free_spin=False, lead=0.0, lean=0.0)
 
     @property
     def known(self) -> ModelScatter | PostureErrors:
@@ -108,12 +110,6 @@ def read_settings(job: Job, robot: Robot, errors: PostureErrors | None = None) -
     start = None if job.plan.start_deg is None else np.asarray(job.plan.start_deg, float)
     if start is not None and len(start) == robot.nq:
         start = np.where(robot.prismatic, start * 1e-3, np.radians(start))
-    motion, widths = MotionFigures(), list_plays(robot)[~robot.prismatic]
-    if widths.any():  # gear error and the rest are assumed
-        source = "assumed, lost motion of the robot folder"
-        motion = MotionFigures(lost=float(widths.max()), source=source, stated=True)
-    if errors is not None:  # both are errors of the band: motion pays for inertia alone
-        motion = motion._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the 95 % band")
     table = job.posture
     return PostureSettings(
         free_spin=job.plan.rotate_about_tool_axis and getattr(job.process, "frame", "part") != "tool",
@@ -124,7 +120,6 @@ def read_settings(job: Job, robot: Robot, errors: PostureErrors | None = None) -
         lead=float(np.radians(table.lead_deg)),
         lean=float(np.radians(table.lean_deg)),
         limit_margin=float(np.radians(table.limit_margin_deg)),
-        motion=motion,
         errors=errors,
         axes=job.T_base_part[:3, :3],
         scene=read_scene(job, robot),

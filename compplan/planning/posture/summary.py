@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.planning.posture.costs import ASSUMED, Weights, draw_errors, error_columns, measure_nodes
-from compplan.planning.posture.lattice import COLLISION, SINGULAR, USABLE, Lattice, Options
-from compplan.planning.posture.motion import measure_inertia_error, measure_travel_error
+from compplan.planning.posture.lattice import Lattice, Options
 from compplan.planning.posture.search import Line
-from compplan.planning.posture.settings import Margin, PostureProblem, PostureSettings
+from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath, pick_even
 
@@ -28,10 +27,6 @@ class PostureMap:
     sensitivity: Array  #: NaN where there is no solution. Shape (k, g). [m]
     reason: NDArray[np.int8]  #: Index into `compplan.planning.posture.lattice.REASONS`. Shape (k, g).
     chosen: Array  #: Rotation of the chosen line. Shape (k,). [rad]
-    held: Array  #: Positions of the extra axes along the chosen line. Shape (k, h). [m or rad]
-    held_grid: Array  #: Grid positions of the first extra axis, or empty. Shape (r,). [m or rad]
-    held_sensitivity: Array  #: Least sensitivity over all rotations against the first extra axis. Shape (k, r). [m]
-    q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, nq). [rad or m]
 
 
 @dataclass(frozen=True)
@@ -58,8 +53,6 @@ class PostureSummary(PostureTrace):
     costs: dict[str, float]  #: What the posture costs, by criterion, with the unit in the key.
     map: PostureMap  #: What the search saw.
     keeps_margin: bool = True  #: Whether some way along the path keeps the asked distance from joint limits.
-    #: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
-    plain: dict[str, float] | None = None
     #: Costs of the graph's way where the plain posture was preferred to it, or None.
     instead_of: dict[str, float] | None = None
     #: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
@@ -79,18 +72,11 @@ class PostureSummary(PostureTrace):
 
     def describe(self) -> dict[str, Any]:
         """Describe the posture for plan.json."""
-        spin, motion = np.degrees(self.spin), self.settings.motion
+        spin = np.degrees(self.spin)
         return {
             "preset": self.settings.preset,
             "weights_mm2": {name: float(value) for name, value in vars(self.weights).items()},
             **self.describe_errors(),
-            "motion_figures": {
-                "gear_error_deg": float(np.degrees(motion.gear)),
-                "gear_periods": motion.periods,
-                "lost_motion_deg": float(np.degrees(motion.lost)),
-                "natural_frequency_hz": motion.frequency,
-                "source": motion.source,
-            },
             "costs": dict(self.costs),
             **({} if not self.compared else {f"postures_{self.compared_by}": dict(self.compared)}),
             **({} if self.instead_of is None else {"plain_posture_instead_of": dict(self.instead_of)}),
@@ -143,8 +129,6 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     travel = np.abs(steps[:, revolute]).sum()
     feed = np.where(nominal.rapid[1:] | (nominal.feed[1:] <= 0), np.inf, nominal.feed[1:])
     time = np.maximum(nominal.steps / feed, (np.abs(steps) / robot.velocity_limits).max(axis=1))
-    gear, periods, lost, frequency, *_ = settings.motion
-    travelled = measure_travel_error(chain, q, share, robot.prismatic, gear=gear, periods=periods, lost=lost)
     return {
         "sensitivity_rms_mm": expected,
         "sensitivity_p95_mm": p95,
@@ -152,8 +136,6 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
         "limit_distance_deg": float(np.degrees(room.min())) if room.size else float("inf"),
         "dexterity_min": float(nodes.dexterity.min()),
         "joint_travel_deg": float(np.degrees(travel)),
-        "travel_error_rms_mm": 1e3 * travelled,
-        "inertia_rms_mm": 1e3 * measure_inertia_error(chain, q, nominal, frequency),
         "time_s": float(time.sum()),
     }
 
@@ -169,37 +151,14 @@ def slice_map(coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal:
         grid = values.reshape(k, spins, positions, tilts, b, *values.shape[3:])
         return grid[rows, :, held_at, tilt_at, line.slot]
 
-    held_grid = coarse.options.held[0, :, 0].reshape(spins, positions, tilts)[0, :, 0] if positions > 1 else np.zeros(0)
-    best = np.where(coarse.usable, coarse.sensitivity, np.inf).reshape(k, spins, positions, tilts * b)
-    best = best.min(axis=(1, 3)) if positions > 1 else np.zeros((k, 0))
-    pick = rows, chosen.option
     return PostureMap(
         length=nominal.arc_length[coarse.stations],
         waypoint=coarse.stations,
         spin=coarse.options.spin[0].reshape(spins, positions, tilts)[:, 0, 0],
         sensitivity=cut(coarse.sensitivity),
         reason=cut(coarse.reason),
-        chosen=np.broadcast_to(fine.spin, (k, fine.spin.shape[1]))[pick],
-        held=np.broadcast_to(fine.held, (k, *fine.held.shape[1:]))[pick],
-        held_grid=held_grid,
-        held_sensitivity=np.where(np.isfinite(best), best, np.nan),
-        q=cut(coarse.q),
+        chosen=np.broadcast_to(fine.spin, (k, fine.spin.shape[1]))[rows, chosen.option],
     )
-
-
-def mark_collisions(picture: PostureMap, margin: Margin, stride: int = 2) -> PostureMap:
-    """Mark the postures of a map that come too near, from every `stride`-th station and rotation."""
-    reason = picture.reason.copy()
-    coarse = reason[::stride, ::stride]
-    node = np.nonzero((coarse == USABLE) | (coarse == SINGULAR))
-    if not len(node[0]):
-        return picture
-    hits = margin(picture.q[::stride, ::stride][node], picture.waypoint[::stride][node[0]]) < 0
-    touching = np.zeros(coarse.shape, bool)
-    touching[tuple(index[hits] for index in node)] = True
-    spread = touching.repeat(stride, axis=0).repeat(stride, axis=1)[: reason.shape[0], : reason.shape[1]]
-    reason[spread & ((reason == USABLE) | (reason == SINGULAR))] = COLLISION
-    return replace(picture, reason=reason)
 
 
 class Easing(NamedTuple):
