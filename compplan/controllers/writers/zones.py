@@ -54,17 +54,6 @@ ZONES = {
 OTHER = BlendZone(1e-4, "assumed")
 
 
-def widest_zone(languages: tuple[str, ...]) -> BlendZone:
-    """Return the zone of the language among some that leaves the path the most at a corner.
-
-    That of a language which is not listed stands in its own file (`ZONE`); where it does not, it is assumed.
-    """
-    from compplan.controllers.writers import WRITERS  # its files read this one
-
-    zones = (ZONES.get(name) or getattr(WRITERS.get(name), "ZONE", OTHER) for name in languages)
-    return max(zones, key=lambda zone: (zone.size, zone.overlap))
-
-
 def mark_moves(program: Program) -> NDArray[np.bool_]:
     """Tell the moves of a fitted program that lead somewhere, or stop; a controller reads past others. Shape (m,)."""
     step = np.linalg.norm(np.diff(program.positions[:, :3, 3], axis=0), axis=1)
