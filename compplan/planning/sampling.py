@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, reach_with_all, turn_about_axis
+from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames

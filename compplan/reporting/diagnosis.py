@@ -29,10 +29,9 @@ from compplan.reporting import diagnosis_text as words
 from compplan.reporting.diagnosis_text import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.reporting.gap_figures import (
     draw_gap_shares,
-    draw_histogram,
     draw_residuals,
 )
-from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, Summary, render_page
+from compplan.reporting.page import Block, Cell, Chart, DataTable, Fold, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, explain_grade
 from compplan.reporting.scenes import describe_magnification
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
@@ -125,8 +124,8 @@ def render_diagnosis(
     rows = _UsedRows(used, np.nan_to_num(campaign.q[used]), diagnosis.points[used], before[used], after[used])
     structure, robot, kind = words.describe_structure(diagnosis), diagnosis.robot, diagnosis.delivery.kind
     verdict, gap, steps = table["verdict"], table["gap"], table["next_measurement"]
-    sections = [_show_where(diagnosis, split, rows), _show_which(table, structure), _show_how_far(diagnosis, gap, rows)]
-    sections += [] if assessment is None else [_show_calibration(assessment, robot.joint_names)]
+    sections = [_show_where(diagnosis, split, rows), _show_which(table, structure), _show_how_far(gap)]
+    sections += [] if assessment is None else [_show_calibration(assessment)]
     sections += [_show_next(steps)] if steps else []
     sections += [_show_self_test(table["self_test"])] if "self_test" in table else []
     notes = [
@@ -218,21 +217,11 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
         kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
         caption = "Small errors in the updated robot, by place and kind."
         blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
-    blocks.append(Fold("By run", [_list_runs(split)]))
     return Section("Where it lies", blocks)
 
 
 def _show_share(share: Share) -> tuple[str, str]:
     return format_percent(share.share), f"{format_percent(share.low)} to {format_percent(share.high)}"
-
-
-def _list_runs(split: Split) -> DataTable:
-    rows = [
-        [name, int(run["rows"]), float(run["rms_mm"]), float(run["after_rms_mm"]), format_percent(run["share"]),
-         f"{format_percent(run['low'])} to {format_percent(run['high'])}"]
-        for name, run in split.spread.by_run.items()
-    ]  # fmt: skip
-    return DataTable(["run", "rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], rows, scroll=12)
 
 
 def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
@@ -255,7 +244,7 @@ def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
     return Section("Which effect", blocks)
 
 
-def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedRows) -> Section:
+def _show_how_far(gap: Mapping[str, Any]) -> Section:
     floor = Cell(gap.get("noise_floor_mm"), "muted")
     rows: list[list[Any]] = [
         ["nominal model", gap.get("before_rms_mm"), gap.get("held_out_before_rms_mm")],
@@ -264,10 +253,7 @@ def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedR
     ]  # fmt: skip
     heads = ["model", "all rows [mm]", "rows left out of the choice [mm]"]
     figures = DataTable(heads, rows, "Rms of the 3D distance, outliers left out.")
-    before, after = (np.linalg.norm(side, axis=1) for side in (measured.before, measured.after))
-    histogram = draw_histogram(before, after, 1e-3 * float(gap.get("noise_floor_mm") or 0.0))
-    bars = Chart(histogram, "Deviations of all rows; dashed: what noise alone would give.", 320)
-    return Section("How far it shrinks", [Columns([[figures], [bars]], (0.45, 0.55))])
+    return Section("How far it shrinks", [figures])
 
 
 def _show_next(steps: Sequence[Mapping[str, Any]]) -> Section:
@@ -298,8 +284,8 @@ def _show_self_test(tested: Mapping[str, Any]) -> Section:
     return Section("Self-test", [DataTable(heads, rows, caption, 12), lines[0], lines[-1].strip()])
 
 
-def _show_calibration(assessment: Assessment, joints: Sequence[str]) -> Section:
-    """Show what a diagnosis is worth to the one who calibrates: what to enter, how accurate, where worst."""
+def _show_calibration(assessment: Assessment) -> Section:
+    """Show what a diagnosis is worth to the one who calibrates: what to enter, how accurate."""
     accuracy = []
     for name, word in (("before", "nominal model"), ("after", "delivered model, not in the fit")):
         a = assessment.accuracy[name]
@@ -320,13 +306,7 @@ def _show_calibration(assessment: Assessment, joints: Sequence[str]) -> Section:
         blocks.append(Fold(text, [_list_corrections(others, caption)]))
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
-    worst = [
-        [pose["row"], ", ".join(f"{v:.1f}" for v in pose["joints_deg_or_mm"]), pose["held_out_mm"]]
-        for pose in assessment.worst
-    ]
-    names = f"{joints[0]} … {joints[-1]}" if len(joints) > 1 else str(joints[0])
-    poses = DataTable(["row", f"{names} [deg or mm]", "not in the fit [mm]"], worst, "Worst poses.")
-    return Section("For the controller", [*blocks, _list_frames(assessment.frames), poses])
+    return Section("For the controller", [*blocks, _list_frames(assessment.frames)])
 
 
 def _list_corrections(corrections: Sequence[Correction], caption: str) -> DataTable:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from compplan.io.palette import AFTER, BEFORE, CATEGORIES, NEUTRAL
+from compplan.io.palette import AFTER, BEFORE, CATEGORIES
 from compplan.io.quantities import format_length
-from compplan.reporting.charts import Bars, Figure, draw_bars, thin_rows, use_decades
+from compplan.reporting.charts import Bars, Figure, draw_bars, thin_rows
 from compplan.reporting.scenes import (
     add_path,
     add_shapes,
@@ -68,29 +68,4 @@ def draw_gap_shares(shares: Mapping[str, Share], title: str) -> Figure:
     bars = Bars(value, CATEGORIES[0], low, high)
     figure = draw_bars(list(shares), {"": bars}, f"share of the gap by {title}, %", hover="%{x:.1f} %")
     figure.axis("x", range=[0, 104])
-    return figure
-
-
-def draw_histogram(before: Array, after: Array, noise: float) -> Figure:
-    """Draw how often distances of each size occur, before and after, shape (n,) [m], and what noise alone would give.
-
-    noise: noise floor, rms of the 3D distance [m].
-    """
-    from scipy.stats import maxwell
-
-    both = np.concatenate([before, after])
-    high = float(both.max()) or 1e-3
-    low = max(float(both[both > 0].min(initial=high)), 1e-3 * high)
-    edges = np.geomspace(low, 1.05 * high, BINS + 1)
-    middle, figure, hover = 1e3 * np.sqrt(edges[1:] * edges[:-1]), Figure(), "%{x:.3g} mm: %{y:.1f} %"
-    for (name, colour), values in zip(MODELS, (before, after), strict=True):
-        share = 100 * np.histogram(np.maximum(values, low), edges)[0] / max(len(values), 1)
-        line = {"color": colour, "width": 1.4, "shape": "hvh"}
-        figure.line(middle, share, name, line=line, fill="tozeroy", hovertemplate=hover)
-    if noise > 0:  # three axes that scatter alike
-        share = 100 * np.diff(maxwell.cdf(edges, scale=noise / np.sqrt(3)))
-        line = {"color": NEUTRAL, "width": 1.6, "dash": "dash"}
-        figure.line(middle, share, "noise alone", line=line, hovertemplate=hover)
-    use_decades(figure, "x", 1e3 * low, 1e3 * high, title="deviation")
-    figure.axis("y", title="share of rows, %", rangemode="tozero")
     return figure

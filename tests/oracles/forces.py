@@ -96,7 +96,7 @@ def _local(
         size = np.maximum(np.linalg.norm(travel, axis=1), 1e-300)
         across = np.sqrt(np.maximum(1.0 - (along / size) ** 2, 0.0))
         return np.outer(_speeds(rows) * np.r_[across[:1], across], _mean_of_a_turn(process))
-    if model not in ("columns", "file"):  # a plug-in's, which stands nowhere else
+    if model not in ("columns", "file"):  # a user's own
         return None
     named = process["file"] if model == "file" else job["toolpath"]
     if not isinstance(named, str) or not named.lower().endswith(".csv"):

@@ -19,7 +19,7 @@ from compplan.controllers.writers.program import Program, build_program
 from compplan.controllers.writers.text import legal_name
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.notes import Stop
-from compplan.io.plugins import Registry
+from compplan.io.registry import Registry
 from compplan.io.tables import write_text
 from compplan.robot import Robot
 
@@ -40,7 +40,7 @@ class Language(Protocol):
 _OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "own", "csv")
 #: Every language, by the name of its module. It may also say whose controllers
 #: speak the language (BRAND), its words for events (PHRASES), and what a user has to know of a program (describe).
-WRITERS: Registry[Language] = Registry[Language](_OWN, __name__).install("languages").load_installed()
+WRITERS: Registry[Language] = Registry[Language](_OWN, __name__)
 
 #: Letters that a main program adds to the name of the job: _ALL, and _L for linear moves.
 ADDED = 6
