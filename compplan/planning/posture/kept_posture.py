@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from compplan.errors import CompplanError, InputError
 from compplan.io.columns import FileColumn
@@ -147,10 +148,19 @@ def _follow_program(program: Kept, nominal: Toolpath, rotation: Array, settings:
     if settings.lead > 0 or settings.lean > 0:
         axis = interpolate(place, length, program.axis)
         axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-        rotation = turn_about_axis(rotation[:, :, 0], axis)
+        rotation = tilt_tool(rotation, axis)
         upright, nominal = nominal.axis, replace(nominal, axis=axis)
     missed = np.zeros(len(nominal), bool)
     return Start(nominal, near, rotation, {}, missed, settings, of_program=True, upright=upright)
+
+
+def tilt_tool(rotation: Array, axis: Array) -> Array:
+    """Lean TCP frames (n, 3, 3) by the least rotation that points their tool axis, against z, along axis (n, 3)."""
+    before = -rotation[:, :, 2]
+    across = np.cross(before, axis)
+    angle = np.arctan2(np.linalg.norm(across, axis=1), np.einsum("ni,ni->n", before, axis))
+    turn = across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None] * angle[:, None]
+    return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ rotation)
 
 
 def _stand_again(robot: Robot, start: Start) -> Start:
