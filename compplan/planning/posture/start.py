@@ -87,7 +87,7 @@ def _follow_start(problem: PostureProblem) -> Start | None:
         return None
     told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
     return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, name_along(robot, q), missed, settings,
-                 notes=(told,), of_program=True)  # fmt: skip
+                 notes=(told,))  # fmt: skip
 
 
 def check_start(robot: Robot, start: Array | None) -> None:
@@ -173,7 +173,7 @@ def find_partial(problem: PostureProblem, reason: str) -> Start:
         start = build_start(found, nominal, problem.settings)
         return replace(start, notes=(f"{reason} The posture is that without anything in the way.", *start.notes))
     return _say_missed(problem, Start(nominal, found.q, found.rotation, found.configuration, found.missed,
-                                      problem.settings, of_program=True))  # fmt: skip
+                                      problem.settings))  # fmt: skip
 
 
 def _stand_near(problem: PostureProblem) -> Start:
