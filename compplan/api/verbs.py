@@ -133,7 +133,7 @@ def plan_operations(job: Job, folder: Path, note: str = "", progress: Progress =
         result = note_programs(plan_job(one, progress=progress))
         plans.append(result.add_checks(state_notes([note]), first=True) if note and not plans else result)
         progress("95 % band: where the true tip is")
-        _ = plans[-1].error_band, plans[-1].mismatch
+        _ = plans[-1].error_band
     progress("write: programs, joints.csv, report.html")
     if len(plans) == 1:
         done, files = deliver_plan(plans[0], folder)
@@ -272,8 +272,8 @@ def learn(
     from compplan.errors import InputError
     from compplan.learning.measured_path import reach_of
     from compplan.learning.part import learn_from_part
-    from compplan.learning.scan import read_surface
     from compplan.measurement.instrument import read_instrument
+    from compplan.measurement.part_points import read_surface
     from compplan.reporting.learn import write_learning
 
     if frame not in ("part", "base"):

@@ -16,7 +16,7 @@ from compplan.io.transaction import check_file, check_results
 Command = TypeVar("Command", bound=Callable[..., Any])
 #: Results whose names are known before anything is computed, by command; programs are named after the job.
 RESULTS = {
-    "plan": ("plan.json", "joints.csv", "report.html", "cell.json", "deviation.csv"),
+    "plan": ("plan.json", "joints.csv", "report.html", "view.npz", "deviation.csv"),
     "compare": ("compare.json", "report.html"),
     "montecarlo": ("montecarlo.json", "report.html"),
     "map": ("map.json", "map_horizontal.png", "map_vertical.png"),

@@ -11,7 +11,7 @@ import functools
 import logging
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -39,24 +39,6 @@ def show(summary: Mapping[str, Any], as_json: bool, lines: Iterable[str]) -> Non
         _drop(sys.stdout)
         if error.errno not in GONE:
             raise refuse_output(error) from None
-
-
-def format_table(
-    rows: Iterable[Sequence[str]], columns: Sequence[str] = (), title: str | None = None, width: int | None = None
-) -> list[str]:
-    """Format a table; the first column is aligned left, the others right; without heads all are aligned left."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=title) if columns else Table(box=None, show_header=False, pad_edge=False)
-    for number, column in enumerate(columns):
-        table.add_column(column, justify="right" if number else "left")
-    for row in rows:
-        table.add_row(*row)
-    console = Console(width=width, highlight=False)
-    with console.capture() as captured:
-        console.print(table)
-    return captured.get().splitlines()
 
 
 class Work:

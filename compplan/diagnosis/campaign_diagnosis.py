@@ -102,16 +102,16 @@ def _conclude(
     progress("held out")
     folds = Folds(add_gear_waves(fit), make_folds(campaign))
     before = position_residual(campaign, nominal, solve_model_poses(nominal))
-    plain = folds.hold_out([])
+    state = FitState(problem.fixed, {}, registration, fit.state.use)
+    plain = folds.hold_out(lambda number: state)
     if not problem.register:
         plain = replace(plain, residual=before[plain.rows])
     good = campaign.usable.copy()
     good[fit.outliers] = False
     refuse_open_frames(rms_length(before[good]), plain.of(good[plain.rows]).rms, campaign)
-    state = FitState(problem.fixed, {}, registration, fit.state.use)
     first = deliver_robot(folds, verdict, plain, state, good)
     seen = good[plain.rows]
-    verdict, sizes = size_named(fit, verdict, first.uncertainty.calibration)
+    verdict, sizes = size_named(folds.fit, first.posterior, verdict, first.uncertainty.calibration)
     verdict = check_calibration(verdict, plain.of(seen).rms, first.held.of(seen).rms)
     gap = Gap(
         before=rms_length(before[good]),

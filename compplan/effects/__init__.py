@@ -29,13 +29,13 @@ from compplan.effects.checks import check_effect
 from compplan.effects.forward_model import Attained, ForwardModel, build_model, solve_model_poses
 from compplan.effects.signature import Effect, EffectModel, Signature
 from compplan.errors import InputError, UnknownNameError
-from compplan.io.plugins import Registry
+from compplan.io.registry import Registry
 from compplan.job import names
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 
 #: Every effect of the vocabulary, by name. A new effect is one new file and one line in `compplan.job.names`.
-EFFECTS: Registry[EffectModel] = names.EFFECTS.held_by(__name__).load_installed()
+EFFECTS: Registry[EffectModel] = names.EFFECTS.held_by(__name__)
 
 __all__ = [
     "EFFECTS",

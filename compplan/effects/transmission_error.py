@@ -101,15 +101,16 @@ def spline_basis(angle: Array, knots: Array) -> Array:
     return np.asarray(np.where((angle[:, None] >= knots[3]) & (angle[:, None] <= knots[-4]), basis, 0.0))
 
 
-def spline_at(at: Linearization, index: int) -> Signature:
-    """Return a spline over the visited angles of a joint without mean and slope."""
+def spline_at(at: Linearization, index: int, knots: Sequence[float] = ()) -> Signature:
+    """Return a spline on some knots, else over the visited angles of a joint without mean and slope."""
     joint = at.robot.actuated[index]
     angle = np.nan_to_num(at.campaign.q[:, index])
-    most = min(len(np.unique(at.campaign.stay)) // POSES_A_VALUE, MAX_SPLINES)
-    inner = spline_knots(float(angle.min()) - 1e-9, float(angle.max()) + 1e-9, SPLINE_SPACING, most)
-    step = inner[1] - inner[0]
-    knots = np.r_[inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)]
-    shape = spline_basis(angle, knots)
+    if not len(knots):
+        most = min(len(np.unique(at.campaign.stay)) // POSES_A_VALUE, MAX_SPLINES)
+        inner = spline_knots(float(angle.min()) - 1e-9, float(angle.max()) + 1e-9, SPLINE_SPACING, most)
+        step = inner[1] - inner[0]
+        knots = np.r_[inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)]
+    shape = spline_basis(angle, np.asarray(knots))
     unit = "m" if joint.kind == "prismatic" else "rad"
     keys = tuple(f"spline_{unit}#{k}" for k in range(shape.shape[1]))
     fixed = {"knots_m" if joint.kind == "prismatic" else "knots_rad": [float(k) for k in knots]}

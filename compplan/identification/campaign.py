@@ -7,25 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.effects.requested import GEOMETRY
 from compplan.identification.estimate import Estimate
 from compplan.identification.parameters import FreeRobot
 from compplan.identification.problem import (
-    GAIN_LIMIT,
     IdentifyOptions,
     IdentifyProblem,
     Refinement,
     check_options,
     choose_geometry,
     choose_reference,
-    held_out_score,
     place_frames,
     refine_structure,
     screen_outliers,
 )
 from compplan.identification.update import IdentifiedGap, identified_uncertainty, measure_gap, update_robot
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit.intervals import gain_score
 from compplan.measurement.fit.rows import Rows, take_rows
 from compplan.measurement.registration import Registration
 from compplan.robot import Robot
@@ -76,10 +72,9 @@ def identify_campaign(
     screened, outliers, said = screen_outliers(IdentifyProblem(robot, chosen, rows))
     progress("geometry")
     problem, more = choose_reference(choose_geometry(screened))
-    growth = _grow(problem, progress)
-    if chosen.stepwise and chosen.geometry == "auto":
-        growth = _prefer_less_geometry(growth, progress)
-    problem, estimate, kept = growth.problem, growth.estimate, growth.kept
+    progress(f"compliances, geometry {problem.geometry}")
+    growth = _grow(problem)
+    estimate, kept = growth.estimate, growth.kept
     source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(rows)} rows"
     progress("held-out poses")
     updated, unwritten = update_robot(robot, kept, source=source)
@@ -107,39 +102,24 @@ def identify_campaign(
 class _Growth:
     """A model that grew at one choice of geometry."""
 
-    problem: IdentifyProblem
     structure: FreeRobot
     estimate: Estimate
     refinement: Refinement
     kept: Estimate
 
 
-def _grow(problem: IdentifyProblem, progress: Callable[[str], None]) -> _Growth:
+def _grow(problem: IdentifyProblem) -> _Growth:
     """Fit everything that is considered, and grow the model from what is demanded."""
-    progress(f"compliances, geometry {problem.geometry}")
     structure = problem.structure()
     estimate = problem.fit(structure)
     told = {name for name, free in zip(estimate.names, estimate.free, strict=True) if free}
-    grown = problem.structure(extras=True) if problem.options.stepwise else structure
     hidden = set(structure.names) - told
     refinement = refine_structure(
-        grown.select([name for name in grown.names if name not in hidden]),
+        structure.select([name for name in structure.names if name not in hidden]),
         [name for name in problem.demanded(structure) if name in told],
         problem.rows,
     )
-    if not set(refinement.names) <= set(structure.names):
-        estimate = problem.fit(grown.select([*structure.names, *refinement.names]))
-    return _Growth(problem, grown, estimate, refinement, _drop_negative(problem, grown, refinement))
-
-
-def _prefer_less_geometry(growth: _Growth, progress: Callable[[str], None]) -> _Growth:
-    """Take less geometry where springs explain as much: bending that is left out looks like wrong geometry."""
-    for level in GEOMETRY[: GEOMETRY.index(growth.problem.geometry)]:
-        plainer = _grow(replace(growth.problem, geometry=level), progress)
-        scores = [held_out_score(entry.problem, entry.kept) for entry in (plainer, growth)]
-        if gain_score(*scores) < GAIN_LIMIT:
-            return plainer
-    return growth
+    return _Growth(structure, estimate, refinement, _drop_negative(problem, structure, refinement))
 
 
 def _describe_clustered(kept: Estimate) -> list[str]:

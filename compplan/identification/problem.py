@@ -27,7 +27,7 @@ from compplan.measurement.fit.rows import Rows, count_poses, usable_rows
 from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import PARTS, Registration, fitted_parts, folder_registration, match_targets
 from compplan.robot import Array, Robot
-from compplan.robot.springs import candidate_springs, label_spring, link_springs, missing_springs, read_spring
+from compplan.robot.springs import label_spring, link_springs, missing_springs, read_spring
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,6 @@ class IdentifyOptions:
     add: tuple[str, ...] = ()  #: Springs ("joint_3.rx") that the model is given besides.
     #: Whether own-axis springs beyond the link-side encoders are candidates too (double encoders).
     link_side: bool = False
-    stepwise: bool = False  #: Whether springs about every other axis are candidates too.
     links: str | None = None  #: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
     #: Effects whose parameters are fitted too, by name or "name@joint" or "name@joint:form".
     effects: tuple[str, ...] = ()
@@ -94,19 +93,18 @@ class IdentifyProblem:
         at = linearize_model(scene, solve_model_poses(scene))
         return [*geometry_forms(at, self.geometry), *effect_forms(at, self.options.effects)]
 
-    def structure(self, *, extras: bool = False) -> FreeRobot:
-        """Build the structure of everything that is considered; `extras` are candidates of the stepwise refinement."""
+    def structure(self) -> FreeRobot:
+        """Build the structure of everything that is considered."""
         robot, options = self.robot, self.options
         demanded = tuple(read_spring(robot, name) for name in options.add)
         present = replace(robot, springs=(*robot.springs, *demanded))
         own = () if options.springs is not None else missing_springs(present)
         present = replace(present, springs=(*present.springs, *own))
         beyond = link_springs(present) if options.link_side else ()
-        more = candidate_springs(present) if extras else ()
         springs = None
         if options.springs is not None:
-            springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond, *more)))
-        added = (*demanded, *own, *beyond, *more)
+            springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond)))
+        added = (*demanded, *own, *beyond)
         return build_structure(robot, springs=springs, add=added, links=options.links, forms=self.forms())
 
     def demanded(self, structure: FreeRobot) -> list[str]:
@@ -163,7 +161,7 @@ def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[in
     if options.geometry == "auto" and rows.poses >= IDENTIFY.geometry_poses and options.reference != "difference":
         geometry = GEOMETRY[-1]
     richest = replace(problem, geometry=geometry)
-    apart = richest.fit(richest.structure(extras=options.stepwise)).weights < IDENTIFY.outlier_weight
+    apart = richest.fit(richest.structure()).weights < IDENTIFY.outlier_weight
     if apart.mean() > IDENTIFY.most_outliers:
         said = f"{apart.mean():.0%} of the rows lie apart from every model tried, too many for gross outliers"
         wide = replace(problem, rows=replace(rows, loss="huber"))

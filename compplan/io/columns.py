@@ -12,29 +12,19 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 
-#: Unit suffix -> (dimension, factor to SI). Temperatures stay in degrees Celsius.
-UNITS: dict[str, tuple[str, float]] = {
-    "m": ("length", 1.0),
-    "mm": ("length", 1e-3),
-    "um": ("length", 1e-6),
-    "rad": ("angle", 1.0),
-    "mrad": ("angle", 1e-3),
-    "deg": ("angle", np.pi / 180.0),
-    "N": ("force", 1.0),
-    "kN": ("force", 1e3),
-    "Nm": ("moment", 1.0),
-    "Nmm": ("moment", 1e-3),
-    "kNm": ("moment", 1e3),
-    "s": ("time", 1.0),
-    "ms": ("time", 1e-3),
-    "m_s": ("speed", 1.0),
-    "mm_s": ("speed", 1e-3),
-    "m_min": ("speed", 1.0 / 60.0),
-    "mm_min": ("speed", 1e-3 / 60.0),
-    "C": ("temperature", 1.0),
-    "W": ("power", 1.0),
-    "kW": ("power", 1e3),
+#: Units of each dimension, with their factor to SI. Temperatures stay in degrees Celsius.
+DIMENSIONS = {
+    "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180.0},
+    "force": {"N": 1.0, "kN": 1e3},
+    "moment": {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3},
+    "time": {"s": 1.0, "ms": 1e-3},
+    "speed": {"m_s": 1.0, "mm_s": 1e-3, "m_min": 1.0 / 60.0, "mm_min": 1e-3 / 60.0},
+    "temperature": {"C": 1.0},
+    "power": {"W": 1.0, "kW": 1e3},
 }
+#: Unit suffix -> (dimension, factor to SI).
+UNITS = {unit: (name, factor) for name, units in DIMENSIONS.items() for unit, factor in units.items()}
 
 
 @dataclass(frozen=True)
@@ -42,7 +32,7 @@ class FileColumn:
     """One column that a table may have."""
 
     name: str  #: Name without unit. A trailing or inner `#` stands for a number from 1: `q#` is q1, q2, ...
-    #: "length", "angle", "force", "moment", "time", "speed", "temperature", "power", "number" (no unit) or "text";
+    #: "length", "angle", "force", "moment", "time", "speed", "temperature", "number" (no unit) or "text";
     #: several where the unit decides.
     dimension: str | tuple[str, ...] = "number"
     required: bool = False  #: Whether a table without it is refused.

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
-from compplan.io.columns import UNITS, FileColumn, match_columns
-from compplan.io.tables import Array, Table, read_table
+from compplan.io.columns import FileColumn
+from compplan.io.tables import Table, build_table, read_table
 
 
 def open_table(
@@ -55,29 +55,8 @@ def take_table(data: Any, columns: Sequence[FileColumn], *, what: str, unknown: 
         if held.ndim > 1 or (held.ndim and len(held) != longest):
             message = f"column '{name}' has shape {held.shape}, expected ({longest},)"
             raise InputError(message, file=path)
-    header = list(given)
-    matched, notes = match_columns(path, 1, header, columns, unknown)
-    lines = np.arange(1, longest + 1)
-    values: dict[str, Array] = {}
-    text: dict[str, NDArray[np.str_]] = {}
-    for key, (index, column, unit) in matched.items():
-        cells = np.broadcast_to(given[header[index]], (longest,))
-        if column.dimension == "text":
-            text[key] = np.array([str(cell).strip() for cell in cells.tolist()], dtype=np.str_)
-            continue
-        try:
-            numbers = np.array(cells, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InputError(f"column '{header[index]}' holds no numbers", file=path) from None
-        wrong = np.isinf(numbers) if column.missing else ~np.isfinite(numbers)
-        if wrong.any():
-            row = int(np.flatnonzero(wrong)[0])
-            message = f"column '{header[index]}' is {numbers[row]:g}, expected a number"
-            raise InputError(message, file=path, where=row + 1)
-        values[key] = numbers * UNITS[unit][1] if unit else numbers
-    headers = {key: header[index] for key, (index, _, _) in matched.items()}
-    units = {key: unit for key, (_, _, unit) in matched.items()}
-    return Table(path, values, text, headers, units, lines, tuple(notes))
+    cells = [np.broadcast_to(column, (longest,)) for column in given.values()]
+    return build_table(path, 1, list(given), cells, np.arange(1, longest + 1), columns, unknown)
 
 
 #: Names of array columns, and the names of their parts; {} is the unit.

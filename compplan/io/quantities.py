@@ -75,20 +75,6 @@ def format_bound(metres: float) -> str:
     return "0.01\u00a0µm" if metres < 1e-8 else format_length(metres)
 
 
-def format_angle(radians: float, digits: int = 3) -> str:
-    """Format an angle: urad below 0.01 deg, deg otherwise.
-
-    Args:
-        radians: The angle. [rad]
-        digits: Significant digits.
-    """
-    if 0 < abs(radians) < 1e-8:
-        return "below 0.01\u00a0µrad"
-    if abs(radians) < math.radians(0.01):
-        return f"{format_number(radians * 1e6, digits)}\u00a0µrad"
-    return f"{format_number(math.degrees(radians), digits)}\u00a0deg"
-
-
 def format_percent(share: float) -> str:
     """Format a share in percent; only exact 0 and 1 read as 0 and 100."""
     if math.isnan(share):

@@ -119,33 +119,44 @@ def read_table(
     """
     path = Path(path)
     plain = None if any(column.dimension == "text" for column in columns) else _read_plain(path)
-    header_line, header, rows, lines = (
-        _read_rows(path, rename is not None) if plain is None else (1, plain[0], [], plain[2])
+    line, header, cells, lines = _read_rows(path, rename is not None) if plain is None else plain
+    return build_table(path, line, header, cells, lines, columns, unknown, rename)
+
+
+def build_table(
+    path: Path, line: int, header: list[str], cells: Sequence[Any], lines: NDArray[np.int64],
+    columns: Sequence[FileColumn], unknown: str, rename: Callable[[str], str] | None = None,
+) -> Table:  # fmt: skip
+    """Build a table from the cells of each column, text or numbers.
+
+    path, line: file and line of the header, for messages; lines: line of each row. Shape (n,). See `read_table`.
+    """
+    matched, notes = match_columns(
+        path, line, [rename(name) for name in header] if rename else header, columns, unknown
     )
-    names = [rename(name) for name in header] if rename else header
-    matched, notes = match_columns(path, header_line, names, columns, unknown)
-    by_column = list(zip(*rows, strict=True)) if rows else [()] * len(header)
     values: dict[str, Array] = {}
     text: dict[str, NDArray[np.str_]] = {}
-    units: dict[str, str] = {}
     for key, (index, column, unit) in matched.items():
-        units[key] = unit
         if column.dimension == "text":
-            text[key] = np.array([value.strip() for value in by_column[index]], dtype=np.str_)
+            text[key] = np.array([str(cell).strip() for cell in cells[index]], dtype=np.str_)
             continue
-        fields = by_column[index]
-        numbers = _parse_numbers(path, header[index], fields, lines) if plain is None else plain[1][:, index].copy()
+        numbers = _parse_numbers(path, header[index], cells[index], lines)
         if not column.missing and np.isnan(numbers).any():
             row = int(np.flatnonzero(np.isnan(numbers))[0])
             message = f"column '{header[index]}' is empty (or NaN) here; every row needs a number"
             raise InputError(message, file=path, where=int(lines[row]))
         values[key] = numbers * UNITS[unit][1] if unit else numbers
     headers = {key: header[index] for key, (index, _, _) in matched.items()}
+    units = {key: unit for key, (_, _, unit) in matched.items()}
     return Table(path, values, text, headers, units, lines, tuple(notes))
 
 
-def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None:
-    """Return header, numbers and lines of a long table of numbers alone; None for any other file."""
+#: Line of the header, the header, the cells of each column, and the line of each row.
+Cells = tuple[int, list[str], Sequence[Any], NDArray[np.int64]]
+
+
+def _read_plain(path: Path) -> Cells | None:
+    """Read a long table of numbers alone; None for any other file."""
     if not path.is_file() or not LONG <= path.stat().st_size <= MOST_BYTES:
         return None
     head, _, body = path.read_bytes().partition(b"\n")
@@ -161,11 +172,11 @@ def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None
     except InputError:  # ragged or empty: the slow path reports the line
         return None
     whole = grid.shape[1] == len(header) and bool(np.isfinite(grid).all())
-    return (header, grid, np.arange(2, 2 + len(grid))) if whole else None
+    return (1, header, list(grid.T), np.arange(2, 2 + len(grid))) if whole else None
 
 
-def _read_rows(path: Path, exported: bool) -> tuple[int, list[str], list[list[str]], NDArray[np.int64]]:
-    """Return header line, header, rows and the line of every row; refuse ragged rows."""
+def _read_rows(path: Path, exported: bool) -> Cells:
+    """Read any other table; refuse ragged rows."""
     content = read_text(path)
     text_lines = content.splitlines()
     head = next((line for line in text_lines if line.strip() and line.lstrip()[0] != "#"), "")
@@ -196,7 +207,8 @@ def _read_rows(path: Path, exported: bool) -> tuple[int, list[str], list[list[st
         lines.append(reader.line_num)
     if not header:
         raise InputError("the file is empty, expected a header line with column names", file=path, where=1)
-    return header_line, header, rows, np.array(lines, dtype=np.int64)
+    cells = list(zip(*rows, strict=True)) if rows else [()] * len(header)
+    return header_line, header, cells, np.array(lines, dtype=np.int64)
 
 
 def _split_rows(reader: Any, path: Path) -> Iterator[list[str]]:
@@ -205,20 +217,23 @@ def _split_rows(reader: Any, path: Path) -> Iterator[list[str]]:
         yield from reader
 
 
-def _parse_numbers(path: Path, title: str, fields: Sequence[str], lines: NDArray[np.int64]) -> Array:
-    """Return fields as numbers, NaN where they are empty."""
+def _parse_numbers(path: Path, title: str, cells: Sequence[Any], lines: NDArray[np.int64]) -> Array:
+    """Return cells as numbers, NaN where they are empty. Shape (n,)."""
     try:
-        if not is_plain("".join(fields)):
+        if isinstance(cells, np.ndarray):
+            numbers = cells.astype(np.float64)
+        elif not is_plain("".join(cells)):
             raise ValueError
-        numbers = np.array([field or "nan" for field in fields], dtype=np.str_).astype(np.float64)
-    except ValueError:
-        rows = zip(fields, lines.tolist(), strict=True)
-        numbers = np.array([_parse_number(path, title, text, line) for text, line in rows])
+        else:
+            numbers = np.array([cell or "nan" for cell in cells], dtype=np.str_).astype(np.float64)
+    except (TypeError, ValueError):
+        rows = zip(cells, lines.tolist(), strict=True)
+        numbers = np.array([_parse_number(path, title, str(cell), line) for cell, line in rows])
     if np.isinf(numbers).any():
         row = int(np.flatnonzero(np.isinf(numbers))[0])
         message = f"column '{title}' is infinite here; expected a finite number"
         raise InputError(message, file=path, where=int(lines[row]))
-    return numbers if len(numbers) else np.empty(0)
+    return numbers
 
 
 def _parse_number(path: Path, title: str, text: str, line: int) -> float:

@@ -1,8 +1,8 @@
 """Atomic writing of files and result folders.
 
-A file is written beside its place and renamed. A result folder is written beside its place and exchanged with the old
-one in one step; the user's own files are linked into both. Where an exchange is impossible (mount point, working
-directory, file system without links) the new files are moved one by one; after a crash the next run moves the rest.
+A file is written beside its place and renamed. A result folder is written in a hidden folder inside its place; when it
+is complete its files are moved to theirs one by one, the manifest last. After a crash in between, the next run moves
+the rest.
 
 `manifest.json` lists which command wrote which file, with its digest. A command removes its own earlier files that the
 run does not replace and nobody has changed. Files outside the manifest belong to the user and are kept.
@@ -10,7 +10,6 @@ run does not replace and nobody has changed. Files outside the manifest belong t
 
 from __future__ import annotations
 
-import ctypes
 import fcntl
 import hashlib
 import json
@@ -18,54 +17,20 @@ import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
 from compplan.io.provenance import describe_origin, is_input
 
-#: Remedy.
-ADVICE = "move it away or name another folder"
-
-
-def refuse_foreign(
-    names: Iterable[str], place: Path, known: Collection[str], shown: Path,
-    same: Callable[[str], bool] = lambda name: False,
-) -> None:  # fmt: skip
-    """Refuse to replace a directory or a file of the user, or to write into a read-only folder.
-
-    Args:
-        names: Files of the result, relative to its folder.
-        place: The folder, resolved.
-        known: Files in it that its manifest lists.
-        shown: The folder as the user named it.
-        same: Returns whether a file of the result equals the one in its place.
-
-    Raises:
-        InputError: With the file in the way; nothing has changed.
-
-    """
-    for name in names:
-        target, parts = place / name, Path(name).parts
-        for depth in range(1, len(parts)):
-            above, inside = place.joinpath(*parts[:depth]), shown.joinpath(*parts[:depth])
-            if above.is_symlink() or (above.exists() and not above.is_dir()):
-                raise InputError(f"is no folder, but the result needs one of this name; {ADVICE}", file=inside)
-            if above.is_dir() and not os.access(above, os.W_OK | os.X_OK):
-                raise InputError("cannot be written: no permission to write", file=inside)
-        if target.is_dir() and not target.is_symlink():
-            raise InputError(f"is a folder, but the result is a file of this name; {ADVICE}", file=shown / name)
-        if (target.exists() or target.is_symlink()) and name not in known and not same(name):
-            message = f"was not written by compplan (it is in no manifest.json) and would be replaced; {ADVICE}"
-            raise InputError(message, file=shown / name)
-
-
 LOG = logging.getLogger(__name__)
 MANIFEST = "manifest.json"
-#: Endings of hidden files and folders: incomplete; complete and to be moved.
-PART, READY = ".part", ".ready"
+#: Endings of hidden files and folders: incomplete; complete and to be moved. The beginning of hidden folders.
+PART, READY, HIDDEN = ".part", ".ready", ".compplan."
+#: Remedy.
+ADVICE = "move it away or name another folder"
 #: Folders locked by this process.
 _HELD: set[Path] = set()
 
@@ -79,24 +44,18 @@ def replace_file(path: str | Path) -> Iterator[Path]:
     """
     check_file(Path(path))
     place = Path(path).resolve()
-    home = place.parent
-    made = [folder for folder in (home, *home.parents) if not folder.exists()]
-    with _describe_faults(Path(path)):
-        home.mkdir(parents=True, exist_ok=True)
-        _clear_leftovers(home, place)
-        handle, name = tempfile.mkstemp(dir=home, prefix=f".{place.name}."[:200], suffix=PART)
+    with _describe_faults(Path(path)), _make_folder(place.parent):
+        handle, name = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}."[:200], suffix=PART)
+        os.close(handle)
         part = Path(name)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX)
             yield part
             part.chmod(0o666 & ~_umask())
             _sync(part)
             part.replace(place)
-            _sync(home)
+            _sync(place.parent)
         finally:
-            os.close(handle)
             part.unlink(missing_ok=True)
-            _remove_empty(made)
 
 
 @contextmanager
@@ -114,21 +73,25 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
     check_folder(folder)
     place = folder.resolve()
     with _describe_faults(folder), lock_folder(folder):
-        home = _home_of(place)
-        part = Path(tempfile.mkdtemp(dir=home, prefix=f".{place.name}."[:200], suffix=PART))
-        handle = os.open(part, os.O_RDONLY)
+        part = Path(tempfile.mkdtemp(dir=place, prefix=HIDDEN, suffix=PART))
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX)
             yield part
-            _refuse_inputs(part, folder)
-            names = [MANIFEST, *list_files(part)]
-            refuse_foreign(names, place, known_files(place), folder, same=lambda name: _is_same(part, place, name))
+            names = list_files(part)
+            for name in names:
+                if is_input(place / name):
+                    raise InputError("is a file that this run reads, name another folder to write", file=folder / name)
+            same = {
+                name for name in names if (place / name).is_file() and _digest(part / name) == _digest(place / name)
+            }
+            refuse_foreign([MANIFEST, *names], place, known_files(place) | same, folder)
             part.chmod(0o777 & ~_umask())
             _write_manifest(part, place, command)
             for path in [*part.rglob("*"), part]:
                 _sync(path)
-            _put_in_place(part, place, command)
-            _sync(place.parent)
+            ready = part.with_suffix(READY)
+            part.rename(ready)
+            _move_over(ready, place)
+            _sync(place)
             LOG.info("wrote %s", folder)
         except InputError as error:
             file = Path(error.file or "")
@@ -136,7 +99,6 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
                 raise
             raise InputError(error.message, file=folder / file.relative_to(part), where=error.where) from None
         finally:
-            os.close(handle)
             shutil.rmtree(part, ignore_errors=True)
 
 
@@ -152,25 +114,23 @@ def lock_folder(folder: str | Path) -> Iterator[None]:
     if place in _HELD:
         yield
         return
-    with _describe_faults(folder), ExitStack() as stack:
-        made = [path for path in (place, *place.parents) if not path.exists()]
-        place.mkdir(parents=True, exist_ok=True)
+    with _describe_faults(folder), _make_folder(place):
         handle = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
-        stack.callback(os.close, handle)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError("another run of compplan writes into it; wait, or name another", file=folder) from None
-        if os.fstat(handle).st_ino != place.stat().st_ino:
-            raise InputError("another run of compplan has just written it; run again", file=folder)
-        for home in {place.parent, place}:
-            _clear_leftovers(home, place)
-        _HELD.add(place)
-        try:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                message = "another run of compplan writes into it; wait, or name another"
+                raise InputError(message, file=folder) from None
+            for ready in place.glob(f"{HIDDEN}*{READY}"):
+                _move_over(ready, place)
+            for part in place.glob(f"{HIDDEN}*{PART}"):
+                shutil.rmtree(part, ignore_errors=True)
+            _HELD.add(place)
             yield
         finally:
             _HELD.discard(place)
-            _remove_empty(made)
+            os.close(handle)
 
 
 def check_file(path: Path) -> None:
@@ -178,7 +138,6 @@ def check_file(path: Path) -> None:
 
     Raises:
         InputError: With the file in the way.
-
     """
     with _describe_faults(path):
         if path.is_dir():
@@ -195,7 +154,6 @@ def check_folder(path: Path) -> None:
 
     Raises:
         InputError: With the file in the way.
-
     """
     with _describe_faults(path):
         if path.exists() and not path.is_dir():
@@ -221,36 +179,45 @@ def check_results(path: Path, names: Iterable[str]) -> None:
 
     Raises:
         InputError: With the file in the way.
-
     """
     check_folder(path)
     if path.is_dir():
         refuse_foreign([MANIFEST, *names], path.resolve(), known_files(path), path)
 
 
+def refuse_foreign(names: Iterable[str], place: Path, known: Collection[str], shown: Path) -> None:
+    """Refuse to replace a directory or a file of the user, or to write into a read-only folder.
+
+    Args:
+        names: Files of the result, relative to its folder.
+        place: The folder, resolved.
+        known: Files in it that may be replaced: those that its manifest lists.
+        shown: The folder as the user named it.
+
+    Raises:
+        InputError: With the file in the way; nothing has changed.
+    """
+    for name in names:
+        target = place / name
+        for parent in Path(name).parents[:-1]:
+            above = place / parent
+            if above.is_symlink() or (above.exists() and not above.is_dir()):
+                message = f"is no folder, but the result needs one of this name; {ADVICE}"
+                raise InputError(message, file=shown / parent)
+            if above.is_dir() and not os.access(above, os.W_OK | os.X_OK):
+                raise InputError("cannot be written: no permission to write", file=shown / parent)
+        if target.is_dir() and not target.is_symlink():
+            raise InputError(f"is a folder, but the result is a file of this name; {ADVICE}", file=shown / name)
+        if (target.exists() or target.is_symlink()) and name not in known:
+            message = f"was not written by compplan (it is in no manifest.json) and would be replaced; {ADVICE}"
+            raise InputError(message, file=shown / name)
+
+
 def known_files(folder: Path) -> set[str]:
-    """Return the files in the manifest of a folder, and the manifest itself."""
+    """Return the files that a folder's manifest lists, and the manifest itself unless another program wrote it."""
     commands = read_manifest(folder)
-    names = {name for entry in commands.values() for name in entry["files"]}
-    try:
-        table = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        table = {}  # damaged: ignored
-    foreign = isinstance(table, dict) and table and "commands" not in table
-    return names if foreign else {MANIFEST, *names}
-
-
-def _is_same(part: Path, place: Path, name: str) -> bool:
-    """Return whether a new file equals the one in its place."""
-    both = (part / name).is_file() and (place / name).is_file()
-    return both and digest_file(part / name) == digest_file(place / name)
-
-
-def _refuse_inputs(part: Path, folder: Path) -> None:
-    """Refuse to replace an input of this run."""
-    for name in list_files(part):
-        if is_input(folder / name):
-            raise InputError("is a file that this run reads, name another folder to write", file=folder / name)
+    own = {MANIFEST} if commands or not (folder / MANIFEST).exists() else set()
+    return own | {name for entry in commands.values() for name in entry["files"]}
 
 
 def list_files(folder: Path) -> list[str]:
@@ -259,7 +226,51 @@ def list_files(folder: Path) -> list[str]:
     return sorted(name for name in names if name != MANIFEST)
 
 
-def digest_file(path: Path) -> str:
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Return the manifest of a folder by command; empty if missing or invalid."""
+    try:
+        commands = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["commands"]
+        return {str(name): entry for name, entry in commands.items() if isinstance(entry["files"], dict)}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return {}
+
+
+def _write_manifest(part: Path, place: Path, command: str) -> None:
+    """Write the manifest of a new result and keep entries of other commands."""
+    own = {name: _digest(part / name) for name in list_files(part)}
+    commands: dict[str, Any] = {}
+    for name, entry in read_manifest(place).items():
+        files = {file: digest for file, digest in entry["files"].items() if file not in own}
+        if name != command and files:
+            commands[name] = {**entry, "files": files}
+    commands[command] = {"made_by": describe_origin(), "files": own}
+    table = {"schema": 1, "commands": dict(sorted(commands.items()))}
+    (part / MANIFEST).write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+
+
+def _move_over(ready: Path, place: Path) -> None:
+    """Move the files of a complete result to their place, the manifest last; restartable.
+
+    Files of earlier runs of its commands that it does not replace go, unless somebody has changed them.
+    """
+    new, old = read_manifest(ready), read_manifest(place)
+    for name in list_files(ready):
+        target = place / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        (ready / name).replace(target)
+    earlier = {name: digest for command in new for name, digest in old.get(command, {"files": {}})["files"].items()}
+    for name in earlier.keys() - {name for entry in new.values() for name in entry["files"]}:
+        path, inside = place / name, not Path(name).is_absolute() and ".." not in Path(name).parts
+        if inside and path.is_file() and _digest(path) == earlier[name]:
+            path.unlink()
+            with suppress(OSError):
+                path.parent.rmdir()
+    if new:
+        (ready / MANIFEST).replace(place / MANIFEST)
+    shutil.rmtree(ready, ignore_errors=True)
+
+
+def _digest(path: Path) -> str:
     """Return the SHA-256 of a file."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -273,11 +284,17 @@ def _describe_faults(path: Path) -> Iterator[None]:
         raise InputError(f"cannot be written: {error.strerror or error}", file=path) from None
 
 
-def _remove_empty(folders: Iterable[Path]) -> None:
-    """Remove empty folders, innermost first."""
-    for folder in folders:
-        with suppress(OSError):
-            folder.rmdir()
+@contextmanager
+def _make_folder(place: Path) -> Iterator[None]:
+    """Make a folder with its parents; at the end those that are new and empty are removed."""
+    made = [path for path in (place, *place.parents) if not path.exists()]
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        yield
+    finally:
+        for path in made:
+            with suppress(OSError):
+                path.rmdir()
 
 
 def _umask() -> int:
@@ -294,139 +311,3 @@ def _sync(path: Path) -> None:
             os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _home_of(place: Path) -> Path:
-    """Return a writable folder on the same file system for temporary files."""
-    inside = os.path.ismount(place) or not os.access(place.parent, os.W_OK)
-    return place if inside else place.parent
-
-
-def _clear_leftovers(home: Path, place: Path) -> None:
-    """Move the complete files of a crashed run to their place and remove the others."""
-    if not home.is_dir():
-        return
-    for path in [p for p in home.iterdir() if p.name.startswith(f".{place.name}."[:200])]:
-        if path.suffix not in (PART, READY) or path.is_symlink() or not _is_abandoned(path):
-            continue
-        if path.suffix == READY:
-            _move_over(path, place)
-        elif path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
-
-
-def clear_parts(folder: Path) -> None:
-    """Remove incomplete files that crashed runs left in a folder."""
-    for path in folder.glob(f".*{PART}"):
-        if path.is_file() and not path.is_symlink() and _is_abandoned(path):
-            path.unlink(missing_ok=True)
-
-
-def _is_abandoned(path: Path) -> bool:
-    """Return whether no living process owns a temporary file or folder."""
-    try:
-        handle = os.open(path, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
-    except OSError:
-        return False
-    finally:
-        os.close(handle)
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a folder by command; empty if missing or invalid."""
-    try:
-        table = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        commands = table["commands"]
-        return {str(name): entry for name, entry in commands.items() if isinstance(entry["files"], dict)}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return {}
-
-
-def _write_manifest(part: Path, place: Path, command: str) -> None:
-    """Write the manifest of a new result and keep entries of other commands."""
-    own = {name: digest_file(part / name) for name in list_files(part)}
-    commands: dict[str, Any] = {}
-    for name, entry in read_manifest(place).items():
-        files = {file: digest for file, digest in entry["files"].items() if file not in own}
-        if name != command and files:
-            commands[name] = {**entry, "files": files}
-    commands[command] = {"made_by": describe_origin(), "files": own}
-    table = {"schema": 1, "commands": dict(sorted(commands.items()))}
-    (part / MANIFEST).write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
-
-
-def _stale_files(place: Path, manifest: Mapping[str, Any], command: str, new: set[str]) -> list[Path]:
-    """List unchanged files of the last run that the command does not replace."""
-    stale = []
-    for name, digest in manifest.get(command, {"files": {}})["files"].items():
-        path = place / name
-        inside = not Path(name).is_absolute() and ".." not in Path(name).parts
-        if inside and name not in new and path.is_file() and digest_file(path) == digest:
-            stale.append(path)
-    return stale
-
-
-def _put_in_place(part: Path, place: Path, command: str) -> None:
-    """Replace the old result by a complete one, in one step if possible."""
-    if part.parent == place.parent and not Path.cwd().is_relative_to(place):
-        stale = {str(path) for path in _stale_files(place, read_manifest(place), command, set(list_files(part)))}
-        if _link_rest(place, part, stale) and _exchange(part, place):
-            return
-    ready = part.with_suffix(READY)
-    part.rename(ready)
-    _move_over(ready, place)
-
-
-def _link_rest(place: Path, part: Path, stale: set[str]) -> bool:
-    """Link the kept files of the old folder into the new one; return whether all were linked."""
-    try:
-        for path in sorted(place.rglob("*")):
-            target = part / path.relative_to(place)
-            if path.is_dir() and not path.is_symlink():
-                if not target.is_dir() and (not any(path.iterdir()) or not _only_stale(path, stale)):
-                    target.mkdir()
-                    shutil.copystat(path, target)
-            elif str(path) not in stale and not target.exists():
-                os.link(path, target, follow_symlinks=False)
-    except OSError:
-        return False
-    return True
-
-
-def _only_stale(folder: Path, stale: set[str]) -> bool:
-    """Return whether a folder holds stale files only."""
-    return all(str(path) in stale for path in folder.rglob("*") if not path.is_dir())
-
-
-def _exchange(one: Path, other: Path) -> bool:
-    """Exchange two folders in one step (Linux renameat2); return whether it worked."""
-    library = ctypes.CDLL(None, use_errno=True)
-    if not hasattr(library, "renameat2"):
-        return False
-    here, exchange = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
-    return bool(library.renameat2(here, os.fsencode(one), here, os.fsencode(other), exchange) == 0)
-
-
-def _move_over(ready: Path, place: Path) -> None:
-    """Move the files of a complete result to their place, the manifest last; restartable."""
-    commands, old = read_manifest(ready), read_manifest(place)
-    place.mkdir(parents=True, exist_ok=True)
-    for name in list_files(ready):
-        target = place / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        (ready / name).replace(target)
-    for command, entry in commands.items():
-        if command in old:
-            for path in _stale_files(place, old, command, set(entry["files"])):
-                path.unlink()
-                with suppress(OSError):
-                    path.parent.rmdir()
-    (ready / MANIFEST).replace(place / MANIFEST)
-    shutil.rmtree(ready, ignore_errors=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from compplan.io.plugins import Registry
+from compplan.io.registry import Registry
 
 #: Effects in the order in which they enter the forward model: changes of the robot first.
 EFFECTS: Registry[Any] = Registry[Any]((
@@ -33,8 +33,8 @@ EFFECTS: Registry[Any] = Registry[Any]((
     "tool_shift",
     "joint_coupling",
     "time_skew",
-)).install("effects")  # fmt: skip
+))  # fmt: skip
 #: Strategies of a plan: a file with `words` and `command_path(task)`.
-STRATEGIES: Registry[Any] = Registry[Any](("none", "mirror", "iterated_mirror", "nlp")).install("strategies")
+STRATEGIES: Registry[Any] = Registry[Any](("none", "mirror", "iterated_mirror", "nlp"))
 #: Strategies that read sensors while the part is cut: a file with `words` and `prepare(task, maps)`.
 ONLINE: Registry[Any] = Registry[Any](("secondary_encoder", "both_encoders", "force_sensor"))

@@ -2,42 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from compplan.controllers.writers import WRITERS, Wiring
 from compplan.io.tomlfile import OneOf, StrictTable
-
-
-def _check_signal(value: object) -> object:
-    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 99999:
-        return value
-    if isinstance(value, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", value):
-        return value
-    raise ValueError(f"is {value!r}, expected the number of a signal (0 to 99999), or its name")
-
-
-SignalValue = Annotated[int | str, BeforeValidator(_check_signal)]
-
-
-class IoTable(StrictTable):
-    """[output.io]: signals of the cell for events of the CAM file; events without one ask the operator."""
-
-    spindle: SignalValue | None = None
-    spindle_ready: SignalValue | None = None
-    coolant: SignalValue | None = None
-    tool_change: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
-    optional_stop: SignalValue | None = None
-    signals: dict[str, SignalValue] = Field(default_factory=dict)
-
-    @property
-    def wiring(self) -> Wiring:
-        """The signals for program writers; names are case-insensitive."""
-        signals = {name.upper(): signal for name, signal in self.signals.items()}
-        return Wiring(**{**self.model_dump(exclude={"signals"}), "signals": signals})
-
 
 #: Default distance of written moves from the tip: a share of the tolerance, and its minimum (assumed). [1, m]
 FITTED, FINEST = 0.05, 2e-6
@@ -61,7 +31,7 @@ class OutputTable(StrictTable):
     templates: dict[Annotated[str, OneOf(WRITERS)], Annotated[str, Field(min_length=1)]] = Field(default_factory=dict)
     main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None
     cell: CellTable = CellTable()
-    io: IoTable = IoTable()
+    io: Wiring = Wiring()
 
     def bound_fit(self, tolerance: float) -> float:
         """Return the allowed distance of written moves from the tip. [m]

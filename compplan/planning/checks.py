@@ -1,7 +1,7 @@
 """Checks of a plan, as one list: name, value, limit, sentence and severity of each.
 
 Status, notes, terminal, page and plan.json come from this list (`compplan.planning.result.Plan`). The independent check
-reads robot folder and tool by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest at and
+reads the robot folder by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest at and
 between waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints
 by engines of their own. Sentences without a figure, such as a remark of a reader, are checks that failed.
 """
@@ -16,21 +16,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.readback.joint_table import JointTable, read_joints
 from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED, Bending
-from compplan.planning.evaluate import Evaluation, Margins, find_part
+from compplan.planning.evaluate import Evaluation, find_part
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
-from compplan.planning.stability import find_buckling
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
-from compplan.planning.timing import Timing, find_slowdown
-from compplan.robot import Array
+from compplan.planning.timing import Timing
+from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.exact import ExactRobot, hold_load
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.simulation.inertia import (
-    average_loads,
     find_inside,
     fit_parabolas,
     load_springs,
@@ -45,6 +42,7 @@ from compplan.simulation.simulated_robot import (
     touch_cell,
 )
 from compplan.simulation.vibration import build_dynamics
+from compplan.statics.inertia import smooth_loads
 from compplan.toolpath.toolpath import pick_even
 
 #: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
@@ -113,7 +111,7 @@ class Bench:
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
-    """Read robot and tool a second time; a robot or a path in memory is taken as it is."""
+    """Read the robot a second time; a robot or a path in memory is taken as it is."""
     if job is None or task.robot.folder is None or job.context.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
@@ -130,12 +128,12 @@ def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
     """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
     loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], task.rests)
-    return average_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
+    return smooth_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
 
 
 def run_checks(
-    task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, margins: Margins,
-    bench: Bench, *, job: Job | None = None, bending: Bending | None = None, executed: ExecutedPath | None = None,
+    task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, bench: Bench, *,
+    job: Job | None = None, bending: Bending | None = None, executed: ExecutedPath | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
     """Run all checks of a command with its run and what was measured of it.
 
@@ -146,14 +144,12 @@ def run_checks(
     position, rotation = solve_rigid(bench.cell.exact_robot, q)
     checks = [
         _check_tip(task, after), _check_models(task, q, after), *_check_between(task, q, between, bench),
-        _check_rates(task, q, timing), _check_range(task, margins), _check_correction(task, position),
-        *([] if executed is None else [_check_executed(task, executed)]), _check_holes(task),
+        _check_correction(task, position), *([] if executed is None else [_check_executed(task, executed)]),
+        _check_holes(task), *_check_joints(task, q, time),
     ]  # fmt: skip
     if bench.folder is None or job is None:
         return tuple(checks)
-    joints = read_joints(bench.folder)
-    checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job)]
-    checks += [*_check_joints(task, q, time, joints, job), _check_feed(task, time)]
+    checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job), _check_feed(task, time)]
     if bending is not None and bench.moving is not None:
         checks.append(_check_inertia(task, time, bending, bench.moving))
     return tuple(checks)
@@ -164,7 +160,7 @@ def _check_tip(task: PlanTask, after: Evaluation) -> Check:
     use = np.where(after.cut, after.distance, 0.0) / task.tolerance
     worst = int(use.argmax())
     sentence = (
-        f"the independent check finds the loaded tip {_mm(after.distance[worst])} off the path at waypoint {worst}"
+        f"the independent check finds the loaded tip {state_mm(after.distance[worst])} off the path at waypoint {worst}"
     )
     return Check("tip at waypoints, share of the tolerance", float(use[worst]), 1.0, sentence)
 
@@ -176,7 +172,7 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
         rows = pick_even(rows, COMPARED)
         away = np.linalg.norm(attain_rows(task, q, rows, slope=False).position - after.position[rows], axis=1)
         apart, worst = float(away.max()), int(rows[away.argmax()])
-    sentence = (f"the planner and the independent check place the loaded tip {_mm(apart)} apart "
+    sentence = (f"the planner and the independent check place the loaded tip {state_mm(apart)} apart "
                 f"at waypoint {worst}: one of them misreads the robot, the tool or the load")  # fmt: skip
     return Check("planner and independent check apart, m", apart, AGREED + AGREED_SHARE * task.tolerance, sentence)
 
@@ -184,34 +180,21 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
 def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[Check, ...]:
     """The loaded tip stays within the tolerance of each move."""
     found, move = evaluate_between(task, q, between, bench)
-    sentence = f"the independent check finds the loaded tip {_mm(found)} off the path after waypoint {move}"
-    own = between.driven / task.tolerance
+    sentence = f"the independent check finds the loaded tip {state_mm(found)} off the path after waypoint {move}"
+    own = between.most / task.tolerance
     worst = int(own.argmax())
-    stray = f"between waypoints the tip strays by {_mm(between.driven[worst])}, after waypoint {worst}"
+    stray = f"between waypoints the tip strays by {state_mm(between.most[worst])}, after waypoint {worst}"
     first = Check("tip between waypoints, share of the tolerance", found / task.tolerance, 1.0, sentence)
     value = 0.0 if first.fails else float(own[worst])
     return first, Check("tip between waypoints by the planner, share of the tolerance", value, 1.0, stray)
-
-
-def _check_rates(task: PlanTask, q: Array, timing: Timing) -> Check:
-    slower = float(find_slowdown(task, q, timing.time).max())
-    ratio = max(slower, timing.velocity_ratio, timing.acceleration_ratio**0.5)
-    sentence = f"a joint's velocity or acceleration passes its limit by a factor of {ratio:.3g} in time"
-    return Check("joint rates, share of their limits", ratio, ROUNDING, sentence)
-
-
-def _check_range(task: PlanTask, margins: Margins) -> Check:
-    name = task.robot.joint_names[margins.joint]
-    sentence = f"the position limit of {name} is passed by {-margins.position:.3g} rad or m"
-    return Check("joint range passed, rad or m", -margins.position, 1e-9, sentence)
 
 
 def _check_correction(task: PlanTask, position: Array) -> Check:
     """The unloaded tip, where the independent check has it, stays within the correction that the job allows."""
     size = np.where(task.compensated, np.linalg.norm(position - task.position, axis=1), 0.0)
     worst = int(size.argmax())
-    sentence = (f"the independent check finds a correction of {_mm(size[worst])} at waypoint {worst}, allowed are "
-                f"{_mm(task.max_correction)}")  # fmt: skip
+    sentence = (f"the independent check finds a correction of {state_mm(size[worst])} at waypoint {worst}, allowed are "
+                f"{state_mm(task.max_correction)}")  # fmt: skip
     limit = task.max_correction + 2 * AT_CORRECTION
     return Check("correction by the independent check, m", float(size[worst]), limit, sentence)
 
@@ -269,35 +252,26 @@ def _angle(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
 
 
-def _check_each_joint(name: str, joints: JointTable, use: Array, limit: float, says: str) -> list[Check]:
-    """Check a figure of every joint; `says` what a failed check says of joint and figure."""
-    return [Check(name, float(value), limit, says.format(joint=joint, value=value))
-            for joint, value in zip(joints.names, use, strict=True)]  # fmt: skip
-
-
-def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
-    """Joints stay within the limits that the robot folder states, in place and in time."""
-    limits, step = job.limits, np.diff(time)
-    over = np.maximum(joints.lower - q, q - joints.upper).max(axis=0)
+def _check_joints(task: PlanTask, q: Array, time: Array) -> list[Check]:
+    """Joints stay within their limits, in place and in time."""
+    robot, step = task.robot, np.diff(time)
+    over = np.maximum(robot.lower - q, q - robot.upper).max(axis=0)
     checks = [
-        Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its limits in robot.urdf by "
-              + (f"{1e3 * over[j]:.3g} mm" if joints.slides[j] else f"{np.degrees(over[j]):.3g} deg"))
-        for j, name in enumerate(joints.names)
+        Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its position limits by "
+              + (f"{1e3 * over[j]:.3g} mm" if robot.prismatic[j] else f"{np.degrees(over[j]):.3g} deg"))
+        for j, name in enumerate(robot.joint_names)
     ]  # fmt: skip
     back = int(step.argmin()) + 1
     checks.append(Check("time runs on, s", -float(step.min()), 0.0, f"time runs backwards at waypoint {back}"))
     if checks[-1].fails:
         return checks
-    moved = np.abs(np.diff(q, axis=0))
-    use = (moved / np.maximum(step, 1e-12)[:, None] / joints.velocity / limits.velocity_scale).max(axis=0)
-    checks += _check_each_joint("joint velocity, share of robot.urdf", joints, use, ROUNDED,
-                                "{joint} moves {value:.3g} times as fast as robot.urdf allows")  # fmt: skip
+    rate = np.abs(np.diff(q, axis=0)) / np.maximum(step, 1e-12)[:, None] / task.velocity_limits
     rows = _find_moving(task, time)
-    if len(rows):
-        most = (np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.acceleration_scale).max(axis=0)
-        checks += _check_each_joint("joint acceleration, share of elasticity.toml", joints, most, ROUNDED * 1.01,
-                                    "{joint} accelerates {value:.3g} times as much as elasticity.toml allows"
-                                    )  # fmt: skip
+    push = np.abs(fit_parabolas(q, time, rows)[1]) / task.acceleration_limits
+    for name, share, limit in (("velocity", rate, ROUNDED), ("acceleration", push, 1.01 * ROUNDED)):
+        for joint, value in zip(robot.joint_names, share.max(axis=0, initial=0.0).tolist(), strict=True):
+            sentence = f"the {name} of {joint} is {value:.3g} times its limit"
+            checks.append(Check(f"joint {name}, share of its limit", value, limit, sentence))
     return checks
 
 
@@ -366,7 +340,7 @@ def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[
     lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
     jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
     stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
-    for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
+    for waypoint, limit in command.failures.items():
         stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     return stopped
 
@@ -399,5 +373,6 @@ def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:
     }
 
 
-def _mm(length: float) -> str:
+def state_mm(length: float) -> str:
+    """Write a length in mm with three digits at most."""
     return f"{1e3 * length:.3g} mm"

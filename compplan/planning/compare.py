@@ -56,7 +56,6 @@ class Comparison(Shown):
     cells: tuple[SimulatedRobot, ...]  #: The cells; in the first the planner's model is the truth.
     commands: Mapping[str, Command]  #: What each strategy commands.
     evaluations: Mapping[str, Mapping[str, Evaluation]]  #: By cell name and strategy, the run against the path.
-    evaluated_by: str = EXACT_EVALUATION  #: Name of the model that computed the evaluations.
     job: Job | None = None  #: The job, or None.
     drawn: Drawn | None = None  #: What the strategies leave on robots drawn from the folder's own uncertainty, or None.
 
@@ -129,7 +128,7 @@ class Comparison(Shown):
             "robot": self.task.robot.name,
             "waypoints": len(self.task),
             "cell": nominal.name,
-            "judge": self.evaluated_by,
+            "judge": EXACT_EVALUATION,
             **({"drawn_from": self.drawn.source} if self.drawn is not None else {}),
             "strategies": strategies,
             "made_by": describe_origin(),

@@ -33,11 +33,11 @@ from compplan.planning.task import (
 )
 from compplan.robot import Array
 from compplan.statics.stiffness import attain_pose
-from compplan.toolpath.toolpath import pick_even
+from compplan.toolpath.toolpath import interpolate, pick_even
 
 LOG = logging.getLogger(__name__)
 
-#: Stations of a path without and with redundancy.
+#: Stations of a path without and with redundancy. As many of the waypoints out of reach become stations too.
 STATIONS, REDUNDANT_STATIONS = 100, 150
 #: Missed pose that counts as none, that Newton steps stop at, and that a station may have. [m and rad]
 KEPT, EXACT, CAN_KEEP = 1e-6, 1e-10, 1e-8
@@ -77,10 +77,10 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
     It begins at joint positions `near` (n, nq), those of the task if left out.
     """
     most = REDUNDANT_STATIONS if task.redundant else STATIONS
-    stations, released = pick_stations(task, most), task.missed.copy()
-    q = correct_pose(task, task.q_start if near is None else near, np.flatnonzero(released))
-    leaving = _find_leaving(task, q, np.flatnonzero(released))
-    stations = np.union1d(stations, np.r_[leaving, pick_even(np.flatnonzero(released), MOST_MORE)])
+    stations, released, lost = pick_stations(task, most), task.missed.copy(), np.flatnonzero(task.missed)
+    q = correct_pose(task, task.q_start if near is None else near, lost)
+    leaving = _find_leaving(task, q, lost)
+    stations = np.union1d(np.setdiff1d(stations, lost), np.r_[leaving, pick_even(lost, STATIONS)])
     q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
     if released.any() or (len(leaving) and not task.redundant):  # Newton steps found the only solution there is
         released[stations] = True
@@ -93,7 +93,7 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
             released[stations] = True
             continue
         q = fill_waypoints(task, solution, q)
-        if len(leaving := _find_leaving(task, q, stations)) and last < SOLVES:
+        if len(leaving := _find_leaving(task, q, np.union1d(stations, lost))) and last < SOLVES:
             stations = np.union1d(stations, leaving)
             q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
             released[stations] = not task.redundant or released.any()
@@ -174,11 +174,15 @@ def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
 
 
 def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
-    """Solve the loaded pose at every waypoint from `near` (n, nq), with the choice of the program at its stations."""
-    rows, missing = solution.problem.waypoint, np.abs(solution.slack).max(axis=1) > CAN_KEEP
-    held = rows[missing]
+    """Solve the loaded pose at every waypoint from `near` (n, nq), with the choice of the program at its stations.
+
+    Out of reach joint positions between stations are interpolated.
+    """
+    rows, missing, lost = solution.problem.waypoint, np.abs(solution.slack).max(axis=1) > CAN_KEEP, task.missed
+    held = np.union1d(rows[missing], np.flatnonzero(lost))
     q = np.array(near)
-    q[held] = solution.q[missing]
+    q[lost] = interpolate(np.flatnonzero(lost), rows, solution.q)
+    q[rows[missing]] = solution.q[missing]
     q = correct_pose(task, q, held)
     away = solution.q - q[rows]
     if not task.redundant or np.abs(away).max() < ALIKE:

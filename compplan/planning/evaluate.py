@@ -13,18 +13,12 @@ from compplan.planning.task import PlanTask, attain_rows, measure_correction
 from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
-    MISMATCHES,
     SimulatedRobot,
     SimulatedRun,
-    build_simulated_robot,
     run_simulated_robot,
     touch_cell,
 )
 from compplan.statics.stiffness import attain_pose
-from compplan.toolpath.toolpath import interpolate
-
-#: Waypoints that are judged in a cell with other compliances.
-MOST_JUDGED = 10_000
 
 
 @dataclass(frozen=True)
@@ -77,23 +71,6 @@ class Margins(NamedTuple):
     velocity_ratio: float  #: Greatest joint velocity against its limit.
     acceleration_ratio: float  #: Greatest joint acceleration against its limit.
     max_correction: float  #: Greatest correction in the cut. [m]
-
-
-def evaluate_mismatch(task: PlanTask, q: Array) -> Evaluation:
-    """Run a command (n, nq) in a cell whose compliances are all wrong by one factor, which is assumed, not measured.
-
-    At most MOST_JUDGED waypoints are judged, those of `cut`; between them the deviation is interpolated.
-    """
-    cell = build_simulated_robot(task.robot.scale_compliance(MISMATCHES[0]), f"compliance x {MISMATCHES[0]:g}")
-    cell = find_part(task, cell)
-    if task.robot.effects:  # they see the whole path in order
-        return _compare(task, cell.name, run_simulated_robot(cell, q, task.wrench, task.step_time))
-    rows, every, cut = np.flatnonzero(task.compensated), np.arange(len(q)), np.zeros(len(q), bool)
-    rows = rows[:: max(1, -(-len(rows) // MOST_JUDGED))]
-    cut[rows] = True
-    run = run_simulated_robot(cell, q[rows], task.wrench[rows])
-    away = interpolate(every, rows, run.position - task.programmed[rows])
-    return Evaluation(cell.name, task.programmed + away, task.rotation, away, np.zeros(len(q)), cut)
 
 
 def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:

@@ -34,7 +34,7 @@ from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.joint_convention import believed_robot, load_motion
 from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion
 from compplan.controllers.writers.program import build_program
-from compplan.controllers.writers.zones import BlendZone, find_zones, mark_moves, widest_zone
+from compplan.controllers.writers.zones import BlendZone, find_zones, widest_zone
 from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
@@ -67,8 +67,6 @@ class ExecutedPath:
     source: str  #: Who says how the drives follow, or "assumed".
     #: How far before a corner programs let it leave; None where it follows the waypoints.
     zone: BlendZone | None = None
-    duration: float = 0.0  #: Time that it takes for the moves of the path, as far as its speed law is known. [s]
-    smaller: int = 0  #: Corners at which programs ask for a smaller zone than their language's.
 
     @property
     def known(self) -> bool:
@@ -82,15 +80,13 @@ class ExecutedPath:
                  "source": self.source}  # fmt: skip
         if self.zone is None:
             return {**found, "follows": "waypoints"}
-        zone = {"zone_mm": 1e3 * self.zone.size, "zone_from": self.zone.source, "blend": "parabola, assumed",
-                "smaller_zones": self.smaller}  # fmt: skip
-        return {**found, "follows": "written moves", **zone, "duration_s": self.duration}
+        zone = {"zone_mm": 1e3 * self.zone.size, "zone_from": self.zone.source, "blend": "parabola, assumed"}
+        return {**found, "follows": "written moves", **zone}
 
     def say(self) -> str:
         """Say in a sentence where the drives take the tip, and what programs do about it; "" where none is known."""
         if not self.known:
-            return (f"{self.smaller} corners have zones of their own size, so that programs leave the path there "
-                    f"by at most {ROUNDED:.0%} of the tolerance.") if self.smaller else ""  # fmt: skip
+            return ""
         left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm off the path"
         if self.leads:
             return f"{left}: the programs lead by their lag (without that {1e3 * self.plain[1]:.3g} mm)."
@@ -98,12 +94,10 @@ class ExecutedPath:
 
 
 class ReachedPath(NamedTuple):
-    """What a controller makes of a command; the last three as of `ExecutedPath`."""
+    """What a controller makes of a command."""
 
     q: Array  #: Joints that the drives reach. Shape (k, nq). [rad or m]
     place: Array  #: The place of each in the waypoints. Shape (k,).
-    duration: float
-    smaller: int = 0
 
 
 def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
@@ -138,8 +132,8 @@ def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable
         ahead = follow(task, led, time, motion)
         left = _measure(task, q, ahead)
         if inside and left[1] < plain[1] and left[2] < plain[2]:
-            return ExecutedPath(*left, plain[1:], led, True, source, zone, *ahead[2:])
-    return ExecutedPath(*plain, plain[1:], q, False, source, zone, *found[2:])
+            return ExecutedPath(*left, plain[1:], led, True, source, zone)
+    return ExecutedPath(*plain, plain[1:], q, False, source, zone)
 
 
 def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Array:
@@ -187,7 +181,7 @@ def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion
     at = np.arange(0.0, float(time[-1]) + motion.cycle, motion.cycle)
     reached = follow_command(CubicHermiteSpline(time, q, rate)(np.minimum(at, time[-1])), motion)
     when = np.clip(at - float(motion.lag.mean()), 0.0, time[-1])
-    return ReachedPath(reached, np.interp(when, time, np.arange(len(time))), float(time[-1]))
+    return ReachedPath(reached, np.interp(when, time, np.arange(len(time))))
 
 
 def _write_follower(
@@ -209,21 +203,19 @@ def _write_follower(
         shift = find_corner_shifts(nominal, program.tcp[:, :3, 3], program.corner)
         fitted = fit_moves(replace(program, corner_shift=shift))
         arm = build_arm(believed)
-        zones, stated, _ = find_zones(fitted.program, zone)
+        zones = find_zones(fitted.program, zone)[0]
         nodes, rows = build_moves(fitted, q, arm, zones)
         path = build_path(nodes, arm, motion.blend_share)
-        schedule = schedule_path(path, motion)
         step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)
         length = np.r_[0.0, np.cumsum(step + 1e-9)]
         reached, s = path.q, path.s
         if known:
-            reached = follow_command(follow_path(path, schedule.s), motion)
-            s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), schedule.s][: len(reached)]
+            driven = schedule_path(path, motion).s
+            reached = follow_command(follow_path(path, driven), motion)
+            s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), driven][: len(reached)]
         some = slice(None, None, -(-len(s) // MOST_PLACES))
         along = np.interp(s[some], path.ends, length[rows])
-        smaller = int((np.isfinite(stated) & mark_moves(fitted.program)).sum())
-        place = np.interp(along, length, np.arange(len(q)))
-        return ReachedPath(reached[some], place, float(schedule.time[-1]), smaller)
+        return ReachedPath(reached[some], np.interp(along, length, np.arange(len(q))))
 
     return follow
 
@@ -236,7 +228,7 @@ def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
 
 def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, float, float]:
     """Return how far the executed loaded tip is across the path of the cut: beside each waypoint, 95 %, at most. [m]"""
-    reached, place, *_ = followed
+    reached, place = followed
     every, effect = np.arange(len(q)), np.zeros((len(q), 3))
     if task.robot.effects:  # what they move the tip by at the waypoints, they move it by beside them
         effect = attain_rows(task, q, every, slope=False).position

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from compplan.job.output import OutputTable
 from compplan.planning.deflection import follow_links, plan_loads
@@ -27,7 +28,6 @@ from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.sampling import (
     MOST_PIECES,
     Between,
-    Mending,
     divide_by,
     divide_task,
     grow_places,
@@ -50,14 +50,10 @@ from compplan.toolpath.toolpath import interpolate
 SETTLED = 1e-3
 #: Turns between two divisions, and divisions of the path.
 TURNS, DIVISIONS = 12, 5
+#: Moves on both sides of one that crosses lost motion that are divided as finely: a slow crossing holds up less.
+BESIDE = 2
 #: Shift of the tip that asks for no new correction. [m]
 EXACT = 1e-10
-#: Moves this near to a waypoint that fails are not divided for it.
-FAR = 8
-#: Moves on both sides of one that crosses lost motion that are divided as finely.
-EVEN = 4
-#: Greatest change of the deflection over one move, in chords.
-STEP_CHORDS = 4.0
 
 
 @dataclass(frozen=True)
@@ -65,14 +61,12 @@ class Compensation:
     """A command with the time and the loads that belong to it."""
 
     task: PlanTask  #: The task as divided, with the feed programmed and the wrench at the feed driven.
-    strategy: str  #: The strategy.
     command: Command  #: The command.
     timing: Timing  #: Its run.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
     executed: ExecutedPath | None = None  #: Where the controller takes the tip, None where it is not known.
     excess: float = 0.0  #: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
     change: float = 0.0  #: Shift of the tip that the last turn still made. [m]
-    turns: int = 1  #: Turns of the loop.
     notes: tuple[str, ...] = ()  #: Sentences for the user.
 
 
@@ -89,26 +83,14 @@ def compensate(
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
         task = replace(task, inertia=False)
     found = _settle(task, strategy, feed_request, output, progress)
-    if found.task.inertia and (reason := _refuse_inertia(found)):
-        task = replace(task, inertia=False)
-        found = _settle(task, strategy, feed_request, output, progress)
+    settled = found.excess <= 1.0 and found.change <= SETTLED * task.tolerance
+    kept = found.command.status == "solved" and found.between.max_deviation <= task.tolerance
+    if found.task.inertia and not (settled and kept):
+        found = _settle(replace(task, inertia=False), strategy, feed_request, output, progress)
+        reason = "a limit or the tolerance is not held" if settled else "motion and correction do not settle"
         note = f"The inertia of the motion is not compensated here: with it {reason}. The 95 % band counts all of it."
         found = replace(found, notes=(*found.notes, note))
     return found
-
-
-def _refuse_inertia(found: Compensation) -> str:
-    """Say what keeps a plan that compensates inertia from being one, "" where nothing does."""
-    task = found.task
-    if found.command.status != "solved":
-        return "a limit is not held"
-    if found.excess > 1.0:
-        return f"joint limits are passed by a factor of {found.excess:.3g}"
-    if found.change > SETTLED * task.tolerance:
-        return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
-    if ((driven := found.between.driven) > task.tolerance).any():
-        return f"the tip strays by {1e3 * float(driven.max(initial=0.0)):.2g} mm between waypoints"
-    return ""
 
 
 def _settle(
@@ -122,8 +104,8 @@ def _settle(
     """
     coupled = task.follows_feed or task.inertia
     masses = build_moving_chain(task.robot) if task.inertia else None
-    task = _divide_ahead(resolve_starts(task, feed_request), feed_request)
-    mending, slow, run, command = Mending(), np.ones(len(task)), None, None
+    task = resolve_starts(task, feed_request)
+    slow, run, command = np.ones(len(task)), None, None
     turn, divisions = 0, 0
     while True:
         turn += 1
@@ -153,11 +135,10 @@ def _settle(
             driven = replace(driven, wrench=task.wrench, bias=task.bias)
         if excess > 1.0:
             notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
-        between = measure_between(driven, command.q, timing.time)
-        found = Compensation(driven, strategy, command, timing, between, None, excess, change, turn, notes)
-        stray, pieces = _missing_pieces(found)
-        pieces = mending.allow(task, pieces, stray)
-        if (pieces > 1).any() and divisions < DIVISIONS and not task.missed.any():
+        between = measure_between(driven, command.q)
+        found = Compensation(driven, command, timing, between, None, excess, change, notes)
+        pieces = _missing_pieces(found)
+        if (pieces > 1).any() and divisions < DIVISIONS and not command.failures:
             task, slow, command = _divide(task, pieces, slow, command, strategy)
             divisions, run, turn = divisions + 1, None, 0
             continue
@@ -165,25 +146,6 @@ def _settle(
             progress("compensation: nonlinear program")
             found = _solve_program(found)
         return replace(found, executed=evaluate_executed(found.task, found.command.q, found.timing.time, output))
-
-
-def _divide_ahead(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
-    """Divide by what the uncorrected motion shows, and start from the force at the feed that it can be driven with."""
-    mending = Mending()
-    for last in range(DIVISIONS):
-        time = None
-        if task.follows_feed:
-            timing = time_run(task, task.q_start, feed_request)[1]
-            task, time = _load(task, timing, task.q_start, None), timing.time
-        bow = measure_between(task, task.q_start, time, bow=True)
-        pieces = mending.allow(task, wanted_pieces(bow, task.chord), bow.most)
-        if task.follows_feed:
-            pieces = np.maximum(pieces, _force_pieces(task))
-        pieces[task.missed[1:] | task.missed[:-1]] = 1
-        if last == DIVISIONS - 1 or not (pieces > 1).any():
-            break
-        task = divide_by(task, pieces)
-    return task
 
 
 def _load(task: PlanTask, timing: Timing, q: Array, masses: Chain | None) -> PlanTask:
@@ -205,7 +167,7 @@ def _divide(
     at = np.interp(finer.origin, before, np.arange(len(before)))
     finer = replace(finer, wrench=interpolate(at, np.arange(len(before)), task.wrench)) if task.follows_feed else finer
     slow = np.interp(at, np.arange(len(before)), slow)
-    if strategy != "nlp" or command.failures:
+    if strategy != "nlp":
         return finer, slow, None
     q = finer.q_start + interpolate(at, np.arange(len(before)), command.links - task.q_start)
     return finer, slow, nlp.correct_command(finer, Command(np.clip(q, task.robot.lower, task.robot.upper)))
@@ -216,7 +178,7 @@ def _solve_program(found: Compensation) -> Compensation:
     task = found.task
     command = nlp.command_path(task, found.command)
     timing = state_timing(task, command.q, time_between_cuts(task, command.q, found.timing.time))
-    return replace(found, command=command, timing=timing, between=measure_between(task, command.q, timing.time))
+    return replace(found, command=command, timing=timing, between=measure_between(task, command.q))
 
 
 def _moving_feed(task: PlanTask, timing: Timing) -> Array:
@@ -241,15 +203,6 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
         for each, bias in zip((task, other), biases, strict=True)
     )
     return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))
-
-
-def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
-    """Tell into how many pieces moves have to be divided so that the deflection changes little in each."""
-    still, every = replace(task, wrench=np.zeros_like(task.wrench)), np.arange(len(task))
-    loaded, plain = (attain_rows(each, task.q_start, every, slope=False).position for each in (task, still))
-    change = np.linalg.norm(np.diff(loaded - plain, axis=0), axis=1)
-    change[task.nominal.rapid[1:] | task.lead[1:] | (task.nominal.steps < 1e-6)] = 0.0
-    return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
 
 
 def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
@@ -281,36 +234,18 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     return divide_task(task, np.unique(np.r_[np.arange(len(task)), *places]))
 
 
-def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
-    """Tell by how much more than their ends moves stray [m], and into how many pieces that asks to divide them."""
+def _missing_pieces(found: Compensation) -> NDArray[np.int_]:
+    """Tell into how many pieces moves are to be divided that stray by more than their ends. Shape (n - 1,)."""
     task, q, ways = found.task, found.command.links, found.between
     if np.ndim(found.command.lead):  # division mends lost motion in the moves alone that cross it
         task = without_play(task)
-        ways = measure_between(task, q, found.timing.time)
+        ways = measure_between(task, q)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
-    between = Between(*(np.maximum(way - ends, 0.0) for way in ways))
-    crosses = find_crossings(found.command.q, q)
-    for way, whole in zip(between[:2], found.between, strict=False):
-        way[crosses] = np.maximum(way, whole)[crosses]
-    pieces = wanted_pieces(between, task.chord)
-    pieces[task.nominal.steps < 1e-6] = 1
-    pieces = _even_crossings(np.diff(found.timing.time), np.flatnonzero(crosses), pieces)
-    for waypoint in found.command.failures:
-        pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
-    return between.most, pieces
-
-
-def _even_crossings(step: Array, crossing: NDArray[np.int_], pieces: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Divide the neighbours of moves that cross lost motion as finely as these; step: times of all moves (n - 1,) [s].
-
-    A curve through rows of one step in time swings beside a jump by an eighth of it; a short step among long ones
-    swings farther than the jump.
-    """
-    step, more = step / pieces, np.ones_like(pieces)
-    for move in crossing.tolist():
-        near = np.arange(max(move - EVEN, 0), min(move + EVEN + 1, len(pieces)))
-        finer = np.ceil(step[near] / max(step[move], 1e-9) - 0.5).astype(int)
-        more[near] = np.maximum(more[near], np.maximum(finer, 1))
-    return pieces * more
+    stray, crosses = np.maximum(ways.most - ends, 0.0), find_crossings(found.command.q, q)
+    stray[crosses] = np.maximum(stray, found.between.most)[crosses]
+    pieces = wanted_pieces(stray, task.chord)
+    pieces = np.maximum(pieces, maximum_filter1d(np.where(crosses, pieces, 1), 2 * BESIDE + 1))
+    pieces[(task.nominal.steps < 1e-6) | task.nominal.rapid[1:] | task.lead[1:]] = 1
+    return pieces

@@ -198,10 +198,16 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
         lower[slacks].reshape(k, -1)[:, -1] = 0.0
         held = np.repeat(~problem.released, problem.pose_rows + 1)
         lower[slacks][held] = upper[slacks][held] = 0.0
+    numbers = _pack(problem).ravel()
     bounds = [np.broadcast_arrays(*limit.bounds(problem), np.zeros((k, size)))
               for limit, size in zip(problem.limits, program.sizes, strict=True)]  # fmt: skip
     low, high = (np.hstack([each[side] for each in bounds]) for side in (0, 1))
-    found = program.solver(x0=np.clip(begin, lower, upper), p=_pack(problem).ravel(), lbx=lower, ubx=upper,
+    begin = np.clip(begin, lower, upper)
+    if problem.released is not None:  # slack begins at what the guess misses
+        g = np.array(program.solver.get_function("nlp_g")(begin, numbers)).reshape(k, -1)
+        excess = np.maximum(g - high, 0.0)[:, problem.pose_rows :].max(axis=1, keepdims=True, initial=0.0)
+        begin[slacks] = np.hstack([g[:, : problem.pose_rows], excess]).ravel()
+    found = program.solver(x0=np.clip(begin, lower, upper), p=numbers, lbx=lower, ubx=upper,
                            lbg=low.ravel(), ubg=high.ravel())  # fmt: skip
     stats = program.solver.stats()
     x, g, pulls = (np.array(found[name])[:, 0] for name in ("x", "g", "lam_g"))

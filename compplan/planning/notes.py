@@ -14,7 +14,7 @@ from compplan.job.job import Job
 from compplan.planning.checks import REMARK, Check, state_notes
 from compplan.planning.deflection import Bending
 from compplan.planning.stability import describe_depth_limit
-from compplan.planning.task import Command, PlanTask, group_waypoints
+from compplan.planning.task import Command, PlanTask, cutting_runs, group_waypoints
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot
 from compplan.robot.mounting import name_axis, outward_axis
@@ -111,10 +111,10 @@ def describe_frames(task: PlanTask, job: Job) -> list[str]:
 def describe_part_frame(job: Job) -> str:
     """Return in a sentence how the part frame was found, and what deviations are relative to."""
     if not job.touched_off:
-        return "part frame: absolute in the robot base ([part] touched_off = false)"
+        return "absolute in the robot base ([part] touched_off = false)"
     points = job.part.touched_points
     where = "three corners of the box of the cut" if points is None else f"the {len(points)} points of [part]"
-    return (f"part frame: touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
+    return (f"touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
             "to it ([part] touched_off = false: the frame is absolute)")  # fmt: skip
 
 
@@ -178,11 +178,14 @@ LISTED = 5
 
 def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
     """Mark the waypoints where limits lower the feed; starting up and coming to rest do not count. Shape (n,)."""
-    rest = task.nominal.rapid | task.lead | np.isin(np.arange(len(task)), (0, len(task) - 1))
     middle = np.r_[timing.time[0], 0.5 * (timing.time[1:] + timing.time[:-1])]  # of the move whose feed it is
-    near = timing.time[_find_nearest(timing.time, rest, middle)]
-    away = np.abs(middle - near) > FROM_END * task.smoothing
-    slow = timing.lowered & ~task.nominal.rapid & away
+    away = np.zeros(len(task), bool)
+    for first, last in cutting_runs(task.nominal.rapid | task.lead):
+        run = slice(first, last + 1)
+        away[run] = np.minimum(middle[run] - timing.time[first], timing.time[last] - middle[run]) > (
+            FROM_END * task.smoothing
+        )
+    slow = timing.lowered & away
     beside = np.r_[False, slow[:-1]] | np.r_[slow[1:], False]  # a single waypoint is rounding of the run
     return np.asarray(slow & beside)
 
@@ -201,11 +204,3 @@ def describe_causes(task: PlanTask, timing: Timing) -> str:
     return (f"The feed is lowered at {len(slow)} waypoints ({listed}), down to {100 * timing.share[least]:.3g} % at "
             f"waypoint {least}: {', '.join([*causes, 'to keep the run smooth'])}."
             )  # fmt: skip
-
-
-def _find_nearest(time: Array, marked: NDArray[np.bool_], when: Array) -> NDArray[np.int_]:
-    """Return for each of some times the marked waypoint that is the nearest in time. Shape as of `when`."""
-    at = np.flatnonzero(marked)
-    after = np.searchsorted(time[at], when)
-    left, right = at[np.clip(after - 1, 0, len(at) - 1)], at[np.clip(after, 0, len(at) - 1)]
-    return np.where(np.abs(time[left] - when) <= np.abs(time[right] - when), left, right)

@@ -153,13 +153,11 @@ def plan_task(
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
-    checks = run_checks(
-        task, command, timing, found.between, after, margins, bench, job=job, bending=bending, executed=executed
-    )
+    checks = run_checks(task, command, timing, found.between, after, bench, job=job, bending=bending, executed=executed)
     told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
     told += list_notes(task, command, timing, bending, job)
     return Plan(
-        name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
+        name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
         executed=executed,

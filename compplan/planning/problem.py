@@ -70,13 +70,12 @@ class PlanningProblem:
     @property
     def timed(self) -> bool:
         """Tell whether the speed along the path is a variable."""
-        return any(limit.timed for limit in self.limits) or any(cost.timed for cost in self.costs)
+        return any(each.timed for each in (*self.limits, *self.costs))
 
     @property
     def own_numbers(self) -> dict[str, Array]:
         """Numbers of limits and costs at every station, by their names. Shapes (k, c)."""
-        limits = {each.name: each.numbers for each in self.limits}
-        every = limits | {each.name: each.numbers for each in self.costs}
+        every = {each.name: each.numbers for each in (*self.limits, *self.costs)}
         return {name: numbers for name, numbers in every.items() if numbers is not None}
 
     @cached_property
@@ -134,21 +133,26 @@ class Station:
 Bounds = tuple[Array | float, Array | float]
 
 
-class Limit:
-    """What has to hold at every station; a limit is a class derived from this one."""
+class Term:
+    """What limits and costs have in common."""
 
     name: ClassVar[str]  #: What plan.json calls it.
     formula: ClassVar[str]  #: Its line of mathematics.
     timed: ClassVar[bool] = False  #: Whether it speaks of the speed along the path.
-    of_joints: ClassVar[bool] = False  #: Whether its rows are one a joint.
 
     def __str__(self) -> str:
         return self.formula
 
     @property
     def numbers(self) -> Array | None:
-        """Its own numbers at every station, which its rows find in `Station.numbers`, or None. Shape (k, c)."""
+        """Its own numbers at every station, which it finds in `Station.numbers`, or None. Shape (k, c)."""
         return None
+
+
+class Limit(Term):
+    """What has to hold at every station; a limit is a class derived from this one."""
+
+    of_joints: ClassVar[bool] = False  #: Whether its rows are one a joint.
 
     def rows(self, station: Station) -> ca.SX:
         """Return the rows of one station. Shape (r)."""
@@ -159,20 +163,8 @@ class Limit:
         return -1.0, 1.0
 
 
-class Cost:
-    """What is minimised; a cost is a class derived from this one, with the same attributes as a limit."""
-
-    name: ClassVar[str]
-    formula: ClassVar[str]
-    timed: ClassVar[bool] = False
-
-    def __str__(self) -> str:
-        return self.formula
-
-    @property
-    def numbers(self) -> Array | None:
-        """Its own numbers at every station, as of a limit. Shape (k, c)."""
-        return None
+class Cost(Term):
+    """What is minimised; a cost is a class derived from this one."""
 
     def term(self, station: Station) -> ca.SX:
         """Return what one station costs."""

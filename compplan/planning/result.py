@@ -14,12 +14,12 @@ from compplan.errors import ConvergenceError
 from compplan.io.display import Curve, Curves, Shown
 from compplan.io.notes import Stop, list_stops
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_length, format_number, format_set_length
+from compplan.io.quantities import format_length, format_number
 from compplan.job.job import Job
 from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
 from compplan.planning.deflection import Bending
-from compplan.planning.evaluate import Evaluation, Margins, evaluate_mismatch
+from compplan.planning.evaluate import Evaluation, Margins
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
@@ -57,7 +57,6 @@ class Plan(Shown):
     retract: Passage  #: The way from the last waypoint, where the toolpath ends in a cut.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
     bending: Bending  #: What bends the arm along the path, cause by cause.
-    evaluated_by: str = EXACT_EVALUATION  #: Name of the model that computed `before` and `after`.
     checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
     clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
     job: Job | None = None  #: The job, or None.
@@ -127,17 +126,12 @@ class Plan(Shown):
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
 
     @cached_property
-    def mismatch(self) -> Evaluation:
-        """What the command leaves where the robot's compliances differ from the model's."""
-        return evaluate_mismatch(self.task, self.q)
-
-    @cached_property
     def error_band(self) -> ErrorBand | None:
         """The band that holds the true tip with 95 %; None out of reach, or if a robot in it finds no equilibrium."""
         if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
-        bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
+        bow = max(self.between.max_deviation - self.after.max_deviation, 0.0)
         scene = build_path_model(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output
@@ -174,11 +168,6 @@ class Plan(Shown):
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
 
-    @property
-    def solved_by(self) -> str:
-        """What the command came from: the strategy, of `nlp` the nonlinear program."""
-        return "nonlinear program" if self.strategy == "nlp" else self.strategy
-
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
         if not self.command.failures:
@@ -203,7 +192,7 @@ class Plan(Shown):
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the figures that a person asks for first."""
-        band, margins, nominal = self.error_band, self.margins, self.task.nominal
+        band, nominal = self.error_band, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
         missing = "not known: a robot within the stated widths has no equilibrium"
@@ -219,14 +208,9 @@ class Plan(Shown):
             *([("stops", stops)] if stops else []),
             ("path", f"{len(self.task)} waypoints, {format_length(nominal.cutting_length)} of cut, "
                      f"{format_number(float(self.timing.time[-1]))} s"),
-            ("tolerance", format_set_length(self.task.tolerance)),
             ("deviation before", sizes[0]),
             ("deviation after", f"{sizes[1]} (as modelled, independent check)"),
             ("95 % band", widest),
-            ("correction", f"at most {format_length(margins.max_correction)}"),
-            ("margins", f"{self.robot.joint_names[margins.joint]} {np.degrees(margins.position):.3g} deg from its "
-                        f"limit; {margins.velocity_ratio:.0%} of the velocity, {margins.acceleration_ratio:.0%} of the "
-                        "acceleration limits"),
             *([("notes", f"{len(self.notes)}, in plan.notes")] if self.notes else []),
         ]  # fmt: skip
 
@@ -257,15 +241,14 @@ class Plan(Shown):
 
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
-    failures, margins, between, worst = plan.command.failures, plan.margins, plan.between, plan.mismatch
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
+    failures, margins, between = plan.command.failures, plan.margins, plan.between
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
     learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
     summary: dict[str, Any] = {
         "schema": 1,
         "status": plan.status,
         "verdict": plan.verdict.describe(),
         "strategy": plan.strategy,
-        "solved_by": plan.solved_by,
         "name": plan.name,
         "robot": plan.robot.name,
         "robot_grade": plan.robot.grade,
@@ -277,8 +260,6 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
-        "under_mismatch": [{"cell": worst.cell, **{f"{key}_mm": worst.figures[key] for key in ("rms", "max")},
-                            "waypoints": int(worst.cut.sum())}],
         "between_waypoints_mm": {"max": between.max_deviation * 1e3}
         | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
@@ -294,7 +275,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             "acceleration_ratio": margins.acceleration_ratio,
         },
         "duration_s": float(plan.timing.time[-1]),
-        "judge": plan.evaluated_by,
+        "judge": EXACT_EVALUATION,
         "checks": [check.describe() for check in plan.checks if check.severity == STOP],
         "notes": [*plan.reasons, *plan.notes],
         "stops": list_stops([*plan.reasons, *plan.notes]),
@@ -328,7 +309,6 @@ def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
             "whole_path_p95": error_band.whole * 1e3,
             "widest_waypoint": widest,
             "at_widest": {name: float(values[widest]) * 1e3 for name, values in error_band.parts.items()},
-            "p95_max_without": {name: value * 1e3 for name, value in error_band.without.items()},
         },
         **({} if before is None else {
             "error_band_before_mm": {"p95_max": before[0] * 1e3, "whole_path_p95": before[1] * 1e3}}),

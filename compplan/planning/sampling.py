@@ -1,8 +1,8 @@
 """Where the loaded tool goes between waypoints, and how finely moves are divided for that.
 
-It is looked at joint-linear (joints.csv, joint moves of programs), Cartesian-linear (the commanded tip on a straight
-line), and on a cubic spline over time through each run; the wrench goes over linearly. Divisions keep every waypoint;
-those in between lie on the straight move, and the posture between its neighbours.
+It is looked at joint-linear (joints.csv, joint moves of programs) and Cartesian-linear (the commanded tip on a straight
+line); the wrench goes over linearly. Divisions keep every waypoint; those in between lie on the straight move, and the
+posture between its neighbours.
 """
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
-from compplan.planning.task import PlanTask, attain_rows, cutting_runs
+from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
@@ -30,8 +29,6 @@ from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 SHARES = (0.5, 0.25, 0.75)
 #: Moves that stray by less than this in the middle are not looked at elsewhere. [m]
 STRAIGHT = 2e-7
-#: A spline may stray by this many chords before moves are divided for it: no program that is written follows one.
-SPLINE_CHORDS = 7.0
 #: Waypoints that bring the correction in where a force stands at once, or take it out where it still stands.
 LEAD_ROWS = 8
 #: Shortest step beside a rest; each further step is longer by this factor. [m]
@@ -40,8 +37,6 @@ FIRST_STEP, GROWTH = 1e-4, 1.8
 MOST_TURN, MOST_SLIDE = float(np.radians(4.0)), 0.05
 #: Pieces that one division makes of a move at most, and waypoints that a path may have at most.
 MOST_PIECES, MOST_WAYPOINTS = 16, 1_000_000
-#: A piece that strays by more than this share of what the undivided move did is not divided again: it does not bow.
-MENDED = 0.7
 
 
 class Between(NamedTuple):
@@ -49,16 +44,10 @@ class Between(NamedTuple):
 
     joint: Array  #: Joint positions linear in time. Shape (n - 1,). [m]
     cartesian: Array  #: Commanded tip on a straight line. Shape (n - 1,). [m]
-    spline: Array  #: Cubic spline over time; like `joint` where no times are known. Shape (n - 1,). [m]
 
     @property
     def most(self) -> Array:
-        """Greatest distance of all three. Shape (n - 1,). [m]."""
-        return np.maximum(np.maximum(self.joint, self.cartesian), self.spline)
-
-    @property
-    def driven(self) -> Array:
-        """Greatest distance of the two ways that programs take; the cubic is no written one. Shape (n - 1,). [m]."""
+        """Greatest distance of both. Shape (n - 1,). [m]."""
         return np.maximum(self.joint, self.cartesian)
 
     @property
@@ -72,21 +61,17 @@ def judged_moves(task: PlanTask) -> NDArray[np.int_]:
     return np.flatnonzero(~task.nominal.rapid[1:] & ~task.lead[1:])
 
 
-def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow: bool = False) -> Between:
-    """Measure how far the loaded tip strays from the path between waypoints of a command (n, nq), as modelled.
-
-    `time` (n,) [s] gives the spline. With `bow` it is measured from the line between the attained ends.
-    """
+def measure_between(task: PlanTask, q: Array) -> Between:
+    """Measure how far the loaded tip strays from the path between waypoints of a command (n, nq), as modelled."""
     moves, n = judged_moves(task), len(task)
-    joint, cartesian, spline = (np.zeros(n - 1) for _ in range(3))
-    ends = attain_rows(task, q, np.arange(n), slope=False).position if bow else task.position
+    joint, cartesian = np.zeros(n - 1), np.zeros(n - 1)
     plain = locate_frames(task.chain, q).tcp_position
     for share in SHARES:
         if share != SHARES[0]:
-            moves = moves[Between(joint, cartesian, spline).most[moves] > STRAIGHT]
+            moves = moves[Between(joint, cartesian).most[moves] > STRAIGHT]
         if not len(moves):
             break
-        start, end = ends[moves], ends[moves + 1]
+        start, end = task.position[moves], task.position[moves + 1]
         load = task.wrench[moves] * (1 - share) + task.wrench[moves + 1] * share
         middle = q[moves] * (1 - share) + q[moves + 1] * share
         bias = None if task.bias is None else task.bias[moves] * (1 - share) + task.bias[moves + 1] * share
@@ -95,11 +80,7 @@ def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow:
         straight = plain[moves] * (1 - share) + plain[moves + 1] * share
         bent = loaded - locate_frames(task.chain, middle).tcp_position
         cartesian[moves] = np.maximum(cartesian[moves], distance_to_moves(straight + bent, start, end))
-        if time is not None:
-            curved = follow_spline(task, q, time, moves, share)
-            tip = _attain(task, q, curved, load, bias, moves, share)
-            spline[moves] = np.maximum(spline[moves], distance_to_moves(tip, start, end))
-    return Between(joint, cartesian, joint if time is None else spline)
+    return Between(joint, cartesian)
 
 
 def insert_between(values: Array, inside: Array, moves: NDArray[np.int_], share: float) -> Array:
@@ -130,30 +111,9 @@ def _attain(
     return task.see_position(tip if bias is None else tip + loaded)
 
 
-def follow_spline(task: PlanTask, q: Array, time: Array, moves: NDArray[np.int_], share: float) -> Array:
-    """Return joint positions at a share of some moves, on cubic splines over time through each run at rest at its ends.
-
-    Shape (k, nq).
-    """
-    found = q[moves] * (1 - share) + q[moves + 1] * share
-    rapid = np.r_[False, task.nominal.rapid[1:]]
-    for first, last in cutting_runs(rapid):
-        mine = np.flatnonzero((moves >= first) & (moves < last))
-        if not len(mine) or last - first < 2:
-            continue
-        run = np.arange(first, last + 1)
-        run = run[np.r_[True, np.diff(time[run]) > 0.0]]  # two rows at one place take no time
-        if len(run) < 2:
-            continue
-        curve = CubicSpline(time[run], q[run], bc_type="clamped")
-        found[mine] = curve(time[moves[mine]] * (1 - share) + time[moves[mine] + 1] * share)
-    return found
-
-
-def wanted_pieces(between: Between, chord: Array | float) -> NDArray[np.int_]:
-    """Tell into how many pieces each move has to be divided to stay within a chord, one or (n - 1,) [m]. (n - 1,)."""
-    nearest = np.maximum(np.maximum(between.joint, between.cartesian), between.spline / SPLINE_CHORDS)
-    excess = np.maximum(nearest / np.maximum(chord, 1e-12), 0.0)
+def wanted_pieces(stray: Array, chord: float) -> NDArray[np.int_]:
+    """Tell into how many pieces each move that strays by (n - 1,) [m] is to be divided to stay within a chord [m]."""
+    excess = stray / max(chord, 1e-12)
     return np.where(excess > 1.0, np.ceil(np.sqrt(1.2 * excess)), 1.0).astype(int)
 
 
@@ -275,24 +235,6 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
     graded = _grade(task) if task.follows_feed else np.zeros(0)
     places = np.unique(np.r_[np.arange(len(task)), graded, _bound_travel(task)])
     return divide_task(task, places) if len(places) > len(task) else task
-
-
-class Mending:
-    """What divisions have brought: a move whose pieces stray as far as it did itself is left as it is."""
-
-    def __init__(self) -> None:
-        self.places, self.stray, self.given_up = np.zeros(0), np.zeros(0), np.zeros(0, bool)
-
-    def allow(self, task: PlanTask, pieces: NDArray[np.int_], stray: Array) -> NDArray[np.int_]:
-        """Return the pieces (n - 1,) that moves may be divided into, of those asked for; they stray by `stray`. [m]"""
-        places, given_up = task.origin, np.zeros(len(stray), bool)
-        if len(self.places):
-            middle = 0.5 * (places[:-1] + places[1:])
-            parent = np.clip(np.searchsorted(self.places, middle) - 1, 0, len(self.stray) - 1)
-            divided = np.diff(places) < 0.99 * np.diff(self.places)[parent]
-            given_up = self.given_up[parent] | (divided & (stray > MENDED * self.stray[parent]))
-        self.places, self.stray, self.given_up = places, stray, given_up
-        return np.where(given_up, 1, pieces)
 
 
 def divide_by(task: PlanTask, pieces: NDArray[np.int_]) -> PlanTask:

@@ -6,15 +6,15 @@ import numpy as np
 
 from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.deflection import DAMPING
-from compplan.planning.task import PlanTask, pick_worst
+from compplan.planning.task import PlanTask
 from compplan.process.cutting import edge_wrenches
 from compplan.process.engagement import Engagement
 from compplan.process.force_models.end_mill import EndMillProcess
 from compplan.process.materials import Coefficients
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, find_modes
-from compplan.statics.chain import Chain, jacobian, load_elements, locate_frames
-from compplan.statics.elastic import load_hessian, solve_equilibrium
+from compplan.statics.chain import jacobian, load_elements, locate_frames
+from compplan.statics.elastic import solve_equilibrium
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import pick_even
 
@@ -24,58 +24,25 @@ THINNEST = 1e-4
 TRIED = 400
 
 
-def find_buckling(task: PlanTask, q: Array) -> dict[int, str]:
-    """Find waypoints at which the loaded arm stands in an equilibrium that does not hold, and name the joint."""
-    rows = np.flatnonzero(task.compensated)
-    if not len(rows) or not task.chain.n_springs:
-        return {}
-    rows = pick_worst(rows, np.linalg.norm(task.wrench[rows, :3], axis=1), TRIED)
-    share, spring = measure_buckling(task.chain, q[rows], task.wrench[rows])
-    return {
-        int(rows[k]): f"buckling of {task.chain.spring_names[spring[k]]} (load {share[k]:.3g} of the critical one)"
-        for k in np.flatnonzero(share >= 1.0)
-    }
-
-
-def measure_buckling(chain: Chain, q: Array, wrench: Array) -> tuple[Array, Array]:
-    """Measure how near loads are to those under which the arm buckles, dead ones: they keep direction and point.
-
-    With H = d(J^T w + tau_g)/dtheta the arm holds as long as C H has no eigenvalue of 1 and more; for one joint of
-    stiffness k under a force F along a lever l that is F l / k [Euler]. q: shape (n, nq); wrench: (n, 6), base axes.
-
-    Returns:
-        Greatest eigenvalue, shape (n,), and the spring that moves the most in its mode, shape (n,).
-    """
-    loaded = solve_equilibrium(chain, q, wrench, tolerance=1e-10)
-    values, modes = np.linalg.eig(chain.compliance @ load_hessian(chain, q, loaded.theta, wrench))
-    greatest = values.real.argmax(axis=1)
-    every = np.arange(len(values))
-    mode = np.abs(np.swapaxes(modes, 1, 2)[every, greatest])
-    return np.asarray(values.real[every, greatest]), np.asarray(mode.argmax(axis=1))
-
-
 def explain_buckling(task: PlanTask) -> InfeasibleError | None:
-    """Name waypoints at which the loaded arm finds no rest, and the joint that gives way the most; or return None."""
-    rows, failing = pick_even(np.flatnonzero(task.compensated), TRIED), []
-    for row in rows.tolist():
+    """Name a waypoint at which the loaded arm finds no rest, and the joint that gives way the most; or return None."""
+    for row in pick_even(np.flatnonzero(task.compensated), TRIED).tolist():
+        q, wrench = task.q_start[[row]], task.wrench[[row]]
         try:
-            solve_equilibrium(task.chain, task.q_start[[row]], task.wrench[[row]], tolerance=1e-9)
+            solve_equilibrium(task.chain, q, wrench, tolerance=1e-9)
         except ConvergenceError:
-            failing.append(row)
-    if not failing:
+            break
+    else:
         return None
-    row = failing[:1]
-    frames = locate_frames(task.chain, task.q_start[row])
-    elements = task.chain.spring_elements
-    give = task.chain.compliance @ load_elements(task.chain, frames, task.wrench[row])[0, elements]
+    frames, elements = locate_frames(task.chain, q), task.chain.spring_elements
+    give = task.chain.compliance @ load_elements(task.chain, frames, wrench)[0, elements]
     lever = np.linalg.norm(jacobian(task.chain, frames)[0, :3, elements], axis=1)
-    worst = int(np.argmax(np.abs(give) * lever))
-    name = task.chain.spring_names[worst]
+    name = task.chain.spring_names[int(np.argmax(np.abs(give) * lever))]
     message = (
-        f"the arm buckles at waypoint {failing[0]}: no equilibrium is found, the spring of {name} gives way the most "
-        f"({len(failing)} of {len(rows)} waypoints tried); check the compliances and the force"
+        f"the arm buckles at waypoint {row}: no equilibrium is found, the spring of {name} gives way the most; "
+        "check the compliances and the force"
     )
-    return InfeasibleError(message, waypoints=failing, limits=[f"equilibrium of {name}"])
+    return InfeasibleError(message, waypoints=[row], limits=[f"equilibrium of {name}"])
 
 
 #: Modes of the arm at a posture, and places of the cut that are looked at.

@@ -330,10 +330,11 @@ def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, 
     Raises:
         ConvergenceError: If there is no run from rest to rest.
     """
-    path, limit, algorithm = _toppra()
+    spline, limit, algorithm = _toppra()
     rows = a / most, b / most, c / most
     rule = limit(rows, np.column_stack([np.zeros(len(along)), fastest]))
-    found = algorithm([rule], path(along), gridpoints=along, solver_wrapper="seidel").compute_parameterization(0.0, 0.0)
+    problem = algorithm([rule], spline(along, along[:, None]), gridpoints=along, solver_wrapper="seidel")
+    found = problem.compute_parameterization(0.0, 0.0)
     if found is None or found[1] is None or not np.isfinite(found[1]).all():
         raise ConvergenceError("no run along the path keeps the joint rates from rest to rest", residual=np.nan)
     square = np.maximum(np.asarray(found[1], float), 0.0) ** 2
@@ -343,7 +344,7 @@ def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, 
 
 @cache
 def _toppra() -> tuple[Any, Any, Any]:
-    """Load toppra where it is used: its path, a limit of given rows, its algorithm."""
+    """Load toppra where it is used: its spline, a limit of given rows, its algorithm."""
     import logging
 
     put_off(("matplotlib", "matplotlib.pyplot"))  # toppra imports them for its plots alone
@@ -353,19 +354,6 @@ def _toppra() -> tuple[Any, Any, Any]:
     from toppra.constraint.linear_constraint import LinearConstraint, canlinear_colloc_to_interpolate
 
     logging.getLogger("toppra").setLevel(logging.ERROR)
-
-    class PathGrid(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]
-        """The grid itself: rows hold what is needed of the path."""
-
-        def __init__(self, along: Array) -> None:
-            self.along = along
-
-        def __call__(self, path_positions: Array, order: int = 0) -> Array:
-            return np.asarray(path_positions if order == 0 else np.full_like(path_positions, order == 1))[..., None]
-
-        dof = property(lambda self: 1)
-        path_interval = property(lambda self: self.along[[0, -1]])
-        waypoints = property(lambda self: (self.along, self.along[:, None]))
 
     class RowLimit(LinearConstraint):  # type: ignore[misc]
         """|a u + b x + c| <= 1 at both ends of every move, and bounds of x."""
@@ -382,7 +370,7 @@ def _toppra() -> tuple[Any, Any, Any]:
             found = canlinear_colloc_to_interpolate(*self.rows, sides, most, None, None, gridpoints, identical=True)
             return (*found[:5], None, self.bounds)  # no bounds of u, those of x
 
-    return PathGrid, RowLimit, TOPPRA
+    return toppra.SplineInterpolator, RowLimit, TOPPRA
 
 
 def smooth_profile(along: Array, speed: Array, window: float) -> tuple[Array, Array]:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.task import PlanTask, group_waypoints
+from compplan.planning.checks import state_mm
+from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
 from compplan.uncertainty.ladder import DO
@@ -22,8 +23,6 @@ from compplan.uncertainty.ladder import DO
 FORCE, INERTIA = "process force", "inertia and vibration"
 #: Words of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
-#: Stretches beyond the tolerance that are listed.
-LISTED = 20
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: The next step where a check disagrees with the plan or its files.
@@ -52,7 +51,6 @@ class ToleranceVerdict:
     band: float | None  #: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
     #: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
     beyond_share: float | None
-    where: tuple[dict[str, Any], ...]  #: Stretches of the cut beyond the tolerance: waypoints, place, widest band.
     largest_cause: str  #: What makes the band widest where it is widest, or what is not known.
     change: str  #: What would change the verdict, one sentence, "" where nothing has to.
     basis: str  #: What the band rests on.
@@ -69,8 +67,6 @@ class ToleranceVerdict:
             "largest_cause": self.largest_cause,
             "change": self.change,
             "basis": self.basis,
-            "where": list(self.where[:LISTED]),
-            "stretches": len(self.where),
             "left_out": list(self.left_out),
         }  # fmt: skip
 
@@ -78,8 +74,8 @@ class ToleranceVerdict:
     def head(self) -> tuple[str, ...]:
         """Short lines for the head of a program."""
         words = {KEEPS: "keeps", MAY_NOT_KEEP: "MAY NOT KEEP", NOT_KNOWN: "NOT KNOWN if it keeps"}
-        lines = [f"verdict: {words[self.word]} {_mm(self.tolerance)}"]
-        lines += [] if self.band is None else [f"true tip within {_mm(self.band)}, 95 %"]
+        lines = [f"verdict: {words[self.word]} {state_mm(self.tolerance)}"]
+        lines += [] if self.band is None else [f"true tip within {state_mm(self.band)}, 95 %"]
         lines += [f"beyond: {_percent(self.beyond_share)} of the cut"] if self.beyond_share else []
         return tuple(lines)
 
@@ -101,18 +97,14 @@ def check_tolerance(
         compensates: Whether the job lets the plan compensate the inertia of the motion.
         traced: Whether it is identified how the drives follow.
     """
-    wanted, known = _mm(task.tolerance), bool(np.isfinite(inertia))
+    wanted, known = state_mm(task.tolerance), bool(np.isfinite(inertia))
     error_band = None if status == "infeasible" else error_band
     band, basis = (None, "") if error_band is None else (error_band.whole, describe_basis(error_band))
     aside = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
     left_out = list_left_out(task.robot, error_band, inertia_known=known, traced=traced)
 
-    def state(
-        word: str, sentence: str, cause: str, change: str, share: float | None, where: tuple[dict[str, Any], ...] = ()
-    ) -> ToleranceVerdict:
-        return ToleranceVerdict(
-            word, sentence.strip(), task.tolerance, band, share, where, cause, change, basis, left_out
-        )
+    def state(word: str, sentence: str, cause: str, change: str, share: float | None) -> ToleranceVerdict:
+        return ToleranceVerdict(word, sentence.strip(), task.tolerance, band, share, cause, change, basis, left_out)
 
     def withhold(missing: str, change: str, share: float | None) -> ToleranceVerdict:
         head = "" if status == "solved" else "Do not start. "
@@ -136,17 +128,13 @@ def check_tolerance(
     if beyond.any():
         change = find_change(error_band, cause, compensates=compensates)
         worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
-        off = (f"May not keep {wanted}: the tip may be up to {_mm(error_band.whole)} off the path (95 %). Beyond the "
-               f"tolerance: {_percent(share)} of the cut, most of all {worst}. Largest cause: {cause}.")  # fmt: skip
+        off = (f"May not keep {wanted}: the tip may be up to {state_mm(error_band.whole)} off the path (95 %). Beyond "
+               f"the tolerance: {_percent(share)} of the cut, most of all {worst}. Largest cause: {cause}."
+               )  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
             change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
-        where = tuple(
-            {"waypoints": [a, b], "s_mm": [1e3 * float(length[a]), 1e3 * float(length[b])],
-             "band_mm": 1e3 * float(error_band.along[a : b + 1].max())}
-            for a, b in group_waypoints(np.flatnonzero(beyond).tolist())
-        )  # fmt: skip
-        return state(MAY_NOT_KEEP, sentence, cause, change, share, where)
+        return state(MAY_NOT_KEEP, sentence, cause, change, share)
     if status == "not_confirmed":
         return withhold(f"the plan is {failure}", SETTLE, share)
     if task.robot.uncertainty is None and task.robot.grade == "placeholder":
@@ -154,7 +142,7 @@ def check_tolerance(
     if not known:
         missing = "the robot folder has no masses or no springs, so inertia is not counted"
         return withhold(missing, "State them in its folder.", share)
-    sentence = (f"Keeps {wanted}: with 95 % the tip stays within {_mm(error_band.whole)} along the"
+    sentence = (f"Keeps {wanted}: with 95 % the tip stays within {state_mm(error_band.whole)} along the"
                 f" whole cut ({basis}).{aside}")  # fmt: skip
     return state(KEEPS, sentence, cause, "", share)
 
@@ -178,7 +166,7 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
             chosen = " and ".join(DO[step] for step in error_band.cheapest)
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
         best = min(rung.band for rung in error_band.ladder[1:])
-        return f"No measurement suffices: all together leave {_mm(best)}. Allow more, or reduce the force."
+        return f"No measurement suffices: all together leave {state_mm(best)}. Allow more, or reduce the force."
     if cause == INERTIA and not compensates:
         return LET_COMPENSATE
     if cause in CHANGES:
@@ -203,7 +191,7 @@ def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: 
         told.append("path errors of the controller (no trace of it)")
     if not inertia_known:
         told.append("inertia and vibration of the arm (no masses, or no springs)")
-    if error_band is None or not error_band.placed:
+    if error_band is None or not error_band.parts["placement"].any():
         told.append("place of the part ([noise] part_frame_mm states none)")
     return (*told, "ringing after rapid moves", "bending of the cutter", "chatter", "warming up")
 
@@ -218,11 +206,6 @@ def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_
     if not weight.any():
         weight = cut.astype(float)
     return float(weight[chosen].sum() / weight.sum()) if weight.sum() > 0.0 else 0.0
-
-
-def _mm(length: float) -> str:
-    """Write a length in mm with three digits at most."""
-    return f"{1e3 * length:.3g} mm"
 
 
 def _percent(share: float) -> str:

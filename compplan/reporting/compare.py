@@ -20,6 +20,7 @@ from compplan.reporting.along_path import FLOOR, chart_strategies, place_station
 from compplan.reporting.charts import Bars, draw_bars
 from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, join_names, render_page
 from compplan.reporting.provenance import describe_robot, list_assumptions
+from compplan.simulation.simulated_robot import EXACT_EVALUATION
 
 if TYPE_CHECKING:
     from compplan.planning.compare import Comparison
@@ -58,7 +59,7 @@ def render_comparison(comparison: Comparison) -> str:
     """Return the page: what each strategy leaves, by cell and along the path."""
     task, own = comparison.task, comparison.cells[0].name
     wrong = [cell.name for cell in comparison.cells[1:]]
-    facts = [("deviation computed by", comparison.evaluated_by), ("toolpath", task.nominal.source or "given in memory")]
+    facts = [("deviation computed by", EXACT_EVALUATION), ("toolpath", task.nominal.source or "given in memory")]
     facts += [] if comparison.job is None else [("job", str(comparison.job.file))]
     assumptions = list_assumptions(comparison.job)
     if wrong:
@@ -103,7 +104,7 @@ def _open(comparison: Comparison) -> Summary:
     equals = _list_closest(left, 1.0 + SAME)
     best = "nlp" if "nlp" in equals else equals[-1]  # of equals the product's own
     most = found[best][1]
-    kept = most <= tolerance
+    within = most <= tolerance
     where = "on the robot as modelled" if drawn is None else "on a typical robot like yours"
     if "none" in equals:
         verdict = f"A correction brings nothing here: {format_mm(left[best])} rms {where}, with and without it."
@@ -115,19 +116,19 @@ def _open(comparison: Comparison) -> Summary:
     stays = "greatest deviation" if drawn is None else "it stays below that on 95 of 100 robots like yours"
     figures: list[tuple[str, ...]] = [
         (format_mm(left[best]), f"rms deviation with it, {where}"),
-        (format_mm(most), f"{stays}; the tolerance is {format_set_length(tolerance)}", "good" if kept else "bad"),
+        (format_mm(most), f"{stays}; the tolerance is {format_set_length(tolerance)}", "good" if within else "bad"),
     ]
     if "none" in left:
         figures.append((format_mm(left["none"]), "rms deviation without correction"))
     todo = f'Plan with it: compplan plan JOB, where the job says strategy = "{best}".'
-    if not kept:
+    if not within:
         todo = f"{MEASURE} Its uncertainty matters more than the strategy."
     names = [f"{name_strategy(name)}: {format_mm(median)}" for name, (median, _) in found.items()]
     high = [1e3 * max(median, most) for median, most in found.values()]
     series = {"": Bars([1e3 * median for median, _ in found.values()], colour_strategies(found, best), None, high)}
     chart = draw_bars(names, series, "deviation, rms, mm", level=1e3 * tolerance, hover="%{x:.3g} mm")
     caption = "Bar: every second robot like yours stays below it; tick: 95 of 100 do. Dashed: the tolerance."
-    return Summary(verdict, "good" if kept else "unsure", figures, Chart(chart, caption, 90 + 46 * len(found)), todo)
+    return Summary(verdict, "good" if within else "unsure", figures, Chart(chart, caption, 90 + 46 * len(found)), todo)
 
 
 def _list_cells(comparison: Comparison, wrong: list[str], own: str) -> DataTable:

@@ -18,6 +18,7 @@ from compplan.diagnosis.results.assessment import Assessment, Correction, Pose, 
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.shares import CALIBRATION, Share
 from compplan.diagnosis.results.where import Split, split_diagnosis
+from compplan.diagnosis.self_test import SelfTest
 from compplan.errors import InputError
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_mm, format_percent
@@ -28,11 +29,9 @@ from compplan.reporting import diagnosis_text as words
 from compplan.reporting.diagnosis_text import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.reporting.gap_figures import (
     draw_gap_shares,
-    draw_histogram,
     draw_residuals,
-    draw_traces,
 )
-from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, Summary, render_page
+from compplan.reporting.page import Block, Cell, Chart, DataTable, Fold, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, explain_grade
 from compplan.reporting.scenes import describe_magnification
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
@@ -50,11 +49,12 @@ DELIVERED = {"nominal": "the nominal robot as it was", "calibrated": "all that a
 
 
 def deliver_diagnosis(
-    diagnosis: Diagnosis, out: Path, progress: Callable[[str], None] = lambda text: None
-) -> dict[str, Any]:
+    diagnosis: Diagnosis, out: Path, progress: Callable[[str], None] = lambda text: None,
+    tested: SelfTest | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Find where the gap lies, what the folders are worth and what to measure next; write all of it.
 
-    Returns what diagnosis.json holds.
+    `tested` is a self-test of the campaign. Returns what diagnosis.json holds.
     """
     progress("where")
     split = split_diagnosis(diagnosis)
@@ -62,6 +62,7 @@ def deliver_diagnosis(
     assessment = assess_diagnosis(diagnosis)
     progress("what to measure next")
     extra = {"where": split.to_json(), **assessment.to_json(), "next_measurement": propose_measurements(diagnosis)}
+    extra |= {} if tested is None else {"self_test": tested.to_json()}
     table = {**diagnosis.to_table(extra), "log_notes": list(diagnosis.fit.problem.campaign.notes)}
     progress("report")
     return write_diagnosis(diagnosis, split, assessment, table, out)
@@ -123,9 +124,10 @@ def render_diagnosis(
     rows = _UsedRows(used, np.nan_to_num(campaign.q[used]), diagnosis.points[used], before[used], after[used])
     structure, robot, kind = words.describe_structure(diagnosis), diagnosis.robot, diagnosis.delivery.kind
     verdict, gap, steps = table["verdict"], table["gap"], table["next_measurement"]
-    sections = [_show_where(diagnosis, split, rows), _show_which(table, structure), _show_how_far(diagnosis, gap, rows)]
-    sections += [] if assessment is None else [_show_calibration(assessment, robot.joint_names)]
+    sections = [_show_where(diagnosis, split, rows), _show_which(table, structure), _show_how_far(gap)]
+    sections += [] if assessment is None else [_show_calibration(assessment)]
     sections += [_show_next(steps)] if steps else []
+    sections += [_show_self_test(table["self_test"])] if "self_test" in table else []
     notes = [
         f"Considered and not named: {name_effect(effect)} "
         + (f"({effect['beyond']})." if "beyond" in effect else f"(probability {effect['probability']:.2f}).")
@@ -197,6 +199,7 @@ def _list_facts(diagnosis: Diagnosis, rows: _UsedRows) -> list[tuple[str, str]]:
         ("rows", f"{len(rows.used)}{apart}"),
         ("robot folder that is delivered", DELIVERED[diagnosis.delivery.kind]),
         ("noise floor from", diagnosis.noise),
+        *([] if diagnosis.repeats is None else [("poses measured again", diagnosis.repeats.sentence)]),
         ("frames fitted first", ", ".join(diagnosis.fit.problem.register) or "none"),
         ("outliers", f"{shown} ({len(outliers)}), counted from 0" if len(outliers) else "none"),
     ]
@@ -210,31 +213,15 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
         Chart(draw_gap_shares(shares.by_factor, "factor"), "What the error follows; lines: 95 % intervals.",
               90 + 30 * len(shares.by_factor)),
     ]  # fmt: skip
-    if split.traces:
-        caption = (
-            "The error that the named joint makes at every row, everything else explained taken out: a soft spring is "
-            "a sloped line, lost motion two levels, a gear error a wave."
-        )
-        blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
     if split.small_errors is not None and split.small_errors.groups:
         kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
         caption = "Small errors in the updated robot, by place and kind."
         blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
-    blocks.append(Fold("By run", [_list_runs(split)]))
     return Section("Where it lies", blocks)
 
 
 def _show_share(share: Share) -> tuple[str, str]:
     return format_percent(share.share), f"{format_percent(share.low)} to {format_percent(share.high)}"
-
-
-def _list_runs(split: Split) -> DataTable:
-    rows = [
-        [name, int(run["rows"]), float(run["rms_mm"]), float(run["after_rms_mm"]), format_percent(run["share"]),
-         f"{format_percent(run['low'])} to {format_percent(run['high'])}"]
-        for name, run in split.spread.by_run.items()
-    ]  # fmt: skip
-    return DataTable(["run", "rows", "rms [mm]", "updated [mm]", "share of the gap", "95 %"], rows, scroll=12)
 
 
 def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
@@ -257,7 +244,7 @@ def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
     return Section("Which effect", blocks)
 
 
-def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedRows) -> Section:
+def _show_how_far(gap: Mapping[str, Any]) -> Section:
     floor = Cell(gap.get("noise_floor_mm"), "muted")
     rows: list[list[Any]] = [
         ["nominal model", gap.get("before_rms_mm"), gap.get("held_out_before_rms_mm")],
@@ -266,10 +253,7 @@ def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedR
     ]  # fmt: skip
     heads = ["model", "all rows [mm]", "rows left out of the choice [mm]"]
     figures = DataTable(heads, rows, "Rms of the 3D distance, outliers left out.")
-    before, after = (np.linalg.norm(side, axis=1) for side in (measured.before, measured.after))
-    histogram = draw_histogram(before, after, 1e-3 * float(gap.get("noise_floor_mm") or 0.0))
-    bars = Chart(histogram, "Deviations of all rows; dashed: what noise alone would give.", 320)
-    return Section("How far it shrinks", [Columns([[figures], [bars]], (0.45, 0.55))])
+    return Section("How far it shrinks", [figures])
 
 
 def _show_next(steps: Sequence[Mapping[str, Any]]) -> Section:
@@ -285,8 +269,23 @@ def _show_next(steps: Sequence[Mapping[str, Any]]) -> Section:
                    [DataTable(["separates", "how", "poses", "loads", "expected gain"], rows), text])  # fmt: skip
 
 
-def _show_calibration(assessment: Assessment, joints: Sequence[str]) -> Section:
-    """Show what a diagnosis is worth to the one who calibrates: what to enter, how accurate, where worst."""
+def _show_self_test(tested: Mapping[str, Any]) -> Section:
+    """Show which of the effects that were planted in these poses and this noise the diagnosis found."""
+    rows = []
+    for planted in tested["planted"]:
+        named = "; ".join(f"{name_effect(one)} ({one['probability']:.2f})" for one in planted["named"])
+        tone = "strong" if planted["outcome"] == "found" else "muted"
+        size = describe_parameters(planted["parameters"])
+        rows.append([name_effect(planted), planted["moved_rms_mm"], size, Cell(planted["outcome"], tone), named or "–"])
+    heads = ["planted", "moves the target [mm]", "parameters", "outcome", "named (probability)"]
+    caption = ("One effect a diagnosis, among small errors as large as those of this campaign; tied: an effect that the"
+               " poses cannot tell from it is named.")  # fmt: skip
+    lines = words.describe_self_test(tested)
+    return Section("Self-test", [DataTable(heads, rows, caption, 12), lines[0], lines[-1].strip()])
+
+
+def _show_calibration(assessment: Assessment) -> Section:
+    """Show what a diagnosis is worth to the one who calibrates: what to enter, how accurate."""
     accuracy = []
     for name, word in (("before", "nominal model"), ("after", "delivered model, not in the fit")):
         a = assessment.accuracy[name]
@@ -307,13 +306,7 @@ def _show_calibration(assessment: Assessment, joints: Sequence[str]) -> Section:
         blocks.append(Fold(text, [_list_corrections(others, caption)]))
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
-    worst = [
-        [pose["row"], ", ".join(f"{v:.1f}" for v in pose["joints_deg_or_mm"]), pose["held_out_mm"]]
-        for pose in assessment.worst
-    ]
-    names = f"{joints[0]} … {joints[-1]}" if len(joints) > 1 else str(joints[0])
-    poses = DataTable(["row", f"{names} [deg or mm]", "not in the fit [mm]"], worst, "Worst poses.")
-    return Section("For the controller", [*blocks, _list_frames(assessment.frames), poses])
+    return Section("For the controller", [*blocks, _list_frames(assessment.frames)])
 
 
 def _list_corrections(corrections: Sequence[Correction], caption: str) -> DataTable:

@@ -20,6 +20,10 @@ UNITS = {
     "per_K": "1/K", "mm_s": "mm/s", "Nm": "N m", "C": "°C", "kgm": "kg m", "kg_m": "kg m",
 } | {unit: unit for unit in ("mm", "um", "m", "deg", "mrad", "urad", "rad", "N", "kg", "s", "ms", "K")}  # fmt: skip
 
+#: What became of planted effects, in words.
+OUTCOMES = {"found": "found", "tied": "named as one that fits as well", "confused": "taken for another",
+            "missed": "not named"}  # fmt: skip
+
 
 def name_effect(effect: Mapping[str, Any]) -> str:
     """Name an effect and its place in a few words, for tables."""
@@ -102,6 +106,31 @@ def list_poses(table: Mapping[str, Any], where: str) -> str:
     """Say which poses to measure next: those of diagnosis.json, which stand `where`, or other ones."""
     listed = any(step.get("poses") for step in table["next_measurement"])
     return f"as listed {where}" if listed else "other ones than these"
+
+
+def describe_self_test(tested: Mapping[str, Any]) -> list[str]:
+    """Say which planted effects were found, which were not or taken for others, and what the probabilities are worth.
+
+    tested: `self_test` of diagnosis.json.
+    """
+    planted = tested["planted"]
+    if not planted:
+        return ["self-test: ended before the first diagnosis was done"]
+    by_outcome = {word: [one for one in planted if one["outcome"] == word] for word in OUTCOMES}
+    counts = ", ".join(f"{len(own)} {OUTCOMES[word]}" for word, own in by_outcome.items())
+    lines = [f"self-test, {len(planted)} of {tested['asked']} effects planted in these poses and this noise: {counts}"]
+    for word in ("tied", "confused"):
+        lines += [
+            f"  {OUTCOMES[word]}: {name_effect(one)} as {' and '.join(name_effect(named) for named in one['named'])}"
+            for one in by_outcome[word]
+        ]
+    missed = [f"{name_effect(one)} ({format_length(1e-3 * one['moved_rms_mm'])})" for one in by_outcome["missed"]]
+    lines += [f"  {OUTCOMES['missed']} (motion of the target): {'; '.join(missed)}"] if missed else []
+    stated = [
+        f"{part['right']} of {part['named']} named with probability {part['from_probability']:g} and more"
+        for part in tested["probabilities"]
+    ]
+    return [*lines, f"  right: {'; '.join(stated)}"]
 
 
 def describe_structure(diagnosis: Diagnosis) -> list[str]:

@@ -171,8 +171,6 @@ def _render(found: ForcePrediction, summary: Mapping[str, Any]) -> str:
     ]
     sections += [] if cut is None else [Section("Engagement", _show_engagement(found, cut, stations))]
     sections += [] if found.fit is None else [Section("Measured log", _show_fit(found.fit))]
-    series = {"force": _leave_out_air(found, size)}
-    picture = chart_lines(stations, series, "N", "force", "Size of the force along the path.", 330, zero=True)
     contact = f"{summary['waypoints_in_contact']} of {summary['waypoints']} waypoints"
     facts = [("force model", name_force_model(found.job.process.model)), ("in contact", contact)]
     if (known := summary.get("coefficients")) is not None:
@@ -183,20 +181,20 @@ def _render(found: ForcePrediction, summary: Mapping[str, Any]) -> str:
             facts.append((words, ", ".join(f"{part} {value:g}" for part, value in parts)))
         facts.append(("coefficients are", f"{'assumed' if known['assumed'] else 'taken over'}: {known['source']}"))
     return render_page(
-        found.job.name or "Forces", _open(found, summary, picture), sections, kind="Forces", notes=notes,
+        found.job.name or "Forces", open_forces(found, summary), sections, kind="Forces", notes=notes,
         provenance=Provenance(facts, [note for note in notes if "assumed" in note]),
     )  # fmt: skip
 
 
-def _open(found: ForcePrediction, summary: Mapping[str, Any], picture: Chart) -> Summary:
+def open_forces(found: ForcePrediction, summary: Mapping[str, Any]) -> Summary:
     """Return the first screen: what force the tool carries."""
     force, level, stated = summary["force_N"], summary.get("uncertainty"), summary["uncertainty_stated"]
     most, sizes = format_number(force["max"]), np.abs(found.local)
     along, across = sizes[:, 2].max(initial=0.0), np.hypot(sizes[:, 0], sizes[:, 1]).max(initial=0.0)
-    about = np.abs(np.einsum("ni,ni->n", found.wrench[:, 3:], found.nominal.axis)).max(initial=0.0)
+    torque = np.abs(np.einsum("ni,ni->n", found.wrench[:, 3:], found.nominal.axis)).max(initial=0.0)
     verdict = (f"The force on the tool is at most {most}\u00a0N: {format_number(float(along))}\u00a0N along its axis, "
                f"{format_number(float(across))}\u00a0N across")  # fmt: skip
-    verdict += f"; torque {format_number(float(about))}\u00a0N\u00a0m." if about > 1e-3 else "."
+    verdict += f"; torque {format_number(float(torque))}\u00a0N\u00a0m." if torque > 1e-3 else "."
     figures = [(f"{most}\u00a0N", "greatest force"),
                (f"{format_number(force['mean_in_contact'])}\u00a0N", "mean force in the cut")]  # fmt: skip
     if level is not None:
@@ -208,6 +206,9 @@ def _open(found: ForcePrediction, summary: Mapping[str, Any], picture: Chart) ->
     if summary["stops"]:
         todo = "Settle what is listed before the machine moves."
     tone = "bad" if summary["stops"] else "" if found.fit is None else "good"
+    series = {"force": _leave_out_air(found, np.linalg.norm(found.wrench[:, :3], axis=1))}
+    about, where = "Size of the force along the path.", _locate_stations(found.nominal)
+    picture = chart_lines(where, series, "N", "force", about, 330, zero=True)
     return Summary(verdict, tone, figures, picture, todo, summary["stops"])
 
 

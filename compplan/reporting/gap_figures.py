@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from compplan.io.palette import AFTER, BEFORE, CATEGORIES, NEUTRAL
+from compplan.io.palette import AFTER, BEFORE, CATEGORIES
 from compplan.io.quantities import format_length
-from compplan.reporting.charts import Bars, Figure, draw_bars, thin_rows, use_decades
+from compplan.reporting.charts import Bars, Figure, draw_bars, thin_rows
 from compplan.reporting.scenes import (
     add_path,
     add_shapes,
@@ -22,7 +22,6 @@ from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.shares import Share
-    from compplan.diagnosis.results.where import Trace
 
 #: Residual vectors and dots that a chart draws at most.
 VECTORS, DOTS = 900, 1500
@@ -69,54 +68,4 @@ def draw_gap_shares(shares: Mapping[str, Share], title: str) -> Figure:
     bars = Bars(value, CATEGORIES[0], low, high)
     figure = draw_bars(list(shares), {"": bars}, f"share of the gap by {title}, %", hover="%{x:.1f} %")
     figure.axis("x", range=[0, 104])
-    return figure
-
-
-def draw_traces(traces: Sequence[Trace]) -> Figure:
-    """Draw the error that each carrying joint would have to make, over what it depends on, one small chart a trace."""
-    titles = [f"<b>{trace.place}</b>, {trace.effect.replace('_', ' ')}" for trace in traces]
-    figure = Figure(titles, 3, gaps=(0.08, 0.3 / -(-len(traces) // 3)))
-    for panel, trace in enumerate(traces):
-        rows = thin_rows([np.abs(trace.error)], DOTS)
-        driver = trace.driver[rows]
-        if trace.two_sided:
-            driver = driver + 0.25 * np.sin(997.0 * np.arange(len(driver)))
-            figure.axis("x", panel, tickvals=[-1, 0, 1], ticktext=["minus", "unknown", "plus"])
-        figure.line(
-            driver, trace.error[rows], "", panel, mode="markers", showlegend=False,
-            marker={"size": 3.5, "color": CATEGORIES[0], "opacity": 0.55},
-            hovertemplate=f"%{{x:.4g}} {trace.driver_unit}: %{{y:.4g}} {trace.error_unit}<extra></extra>",
-        )  # fmt: skip
-        unit = f", {trace.driver_unit}" if trace.driver_unit else ""
-        low, high = (float(value) for value in np.percentile(trace.error, (0.5, 99.5)))
-        if trace.effect == "joint_offset":
-            low, high = min(low, 0.0), max(high, 0.0)
-        room = 0.25 * max(high - low, 1e-9)
-        figure.axis("x", panel, title=f"{trace.driver_name}{unit}")
-        figure.axis("y", panel, title=trace.error_unit, range=[low - room, high + room])
-    return figure
-
-
-def draw_histogram(before: Array, after: Array, noise: float) -> Figure:
-    """Draw how often distances of each size occur, before and after, shape (n,) [m], and what noise alone would give.
-
-    noise: noise floor, rms of the 3D distance [m].
-    """
-    from scipy.stats import maxwell
-
-    both = np.concatenate([before, after])
-    high = float(both.max()) or 1e-3
-    low = max(float(both[both > 0].min(initial=high)), 1e-3 * high)
-    edges = np.geomspace(low, 1.05 * high, BINS + 1)
-    middle, figure, hover = 1e3 * np.sqrt(edges[1:] * edges[:-1]), Figure(), "%{x:.3g} mm: %{y:.1f} %"
-    for (name, colour), values in zip(MODELS, (before, after), strict=True):
-        share = 100 * np.histogram(np.maximum(values, low), edges)[0] / max(len(values), 1)
-        line = {"color": colour, "width": 1.4, "shape": "hvh"}
-        figure.line(middle, share, name, line=line, fill="tozeroy", hovertemplate=hover)
-    if noise > 0:  # three axes that scatter alike
-        share = 100 * np.diff(maxwell.cdf(edges, scale=noise / np.sqrt(3)))
-        line = {"color": NEUTRAL, "width": 1.6, "dash": "dash"}
-        figure.line(middle, share, "noise alone", line=line, hovertemplate=hover)
-    use_decades(figure, "x", 1e3 * low, 1e3 * high, title="deviation")
-    figure.axis("y", title="share of rows, %", rangemode="tozero")
     return figure

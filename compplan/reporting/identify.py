@@ -46,9 +46,11 @@ def write_identification(result: Identification, out: Path, log_notes: Sequence[
 
 def summarise_identification(result: Identification) -> dict[str, Any]:
     """Return what identify.json holds."""
-    kept = set(result.kept.free_names)
-    parameters = [_describe(result.kept, name, kept=True) for name in _list_free(result.kept)]
-    parameters += [_describe(result.estimate, n, kept=False) for n in _list_free(result.estimate) if n not in kept]
+    written = set(result.kept.free_names)
+    parameters = [_describe(result.kept, name, written=True) for name in _list_free(result.kept)]
+    parameters += [
+        _describe(result.estimate, n, written=False) for n in _list_free(result.estimate) if n not in written
+    ]
     noise, rows, gap, frames = result.estimate.noise, result.rows, result.gap, result.registration
     scatter = {"position_mm": _round(noise[0] * np.median(rows.deviation[:, 0]) * 1e3)}
     if rows.turned:
@@ -77,52 +79,19 @@ def summarise_identification(result: Identification) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def describe_identification(summary: Mapping[str, Any]) -> list[str]:
-    """Return what came out as lines for people."""
-    gap = summary["gap"]
-    lines = [
-        f"{summary['robot']}: {summary['rows']} rows at {summary['poses']} poses, {summary['reference']} positions,"
-        f" geometry fitted: {summary['geometry']}",
-        f"{'parameter':<26}{'unit':<12}{'before':>10}{'value':>10}{'95 % interval':>24}",
-    ]
-    for entry in summary["parameters"]:
-        if entry["kind"] not in FRAMES:
-            interval = "[{:.4g}, {:.4g}]".format(*entry["interval_95"])
-            figures = f"{entry['before']:>10.4g}{entry['value']:>10.4g}{interval:>24}"
-            written = "" if entry["written"] else "  not written"
-            lines.append(f"{entry['name']:<26}{entry['unit']:<12}{figures}{written}")
-    for entry in summary["unidentifiable"]:
-        name = entry["parameter"]
-        geometry = name.endswith(".offset") or ".end." in name or name.startswith(("base.", "tool", "contact("))
-        if not geometry:
-            mates = f" apart from {' and '.join(entry['together_with'])}" if entry["together_with"] else ""
-            lines.append(f"cannot be determined{mates}: {name}; {entry['reason']}")
-    lines.append(
-        f"gap rms {gap['before_rms_mm']:.4g} -> {gap['after_rms_mm']:.4g} mm,"
-        f" on poses not in the fit {gap['held_out_before_rms_mm']:.4g} -> {gap['held_out_after_rms_mm']:.4g} mm"
-    )
-    if gap["under_load_before_rms_mm"] is not None:
-        lines.append(
-            f"under load, pose by pose: {gap['under_load_before_rms_mm']:.4g} ->"
-            f" {gap['under_load_after_rms_mm']:.4g} mm on poses not in the fit"
-        )
-    lines.append(f"intervals from {summary['intervals_from']}; {len(summary['outlier_rows'])} gross outliers left out")
-    return lines + [f"note: {note}" for note in summary["notes"]]
-
-
 def _list_free(estimate: Estimate) -> list[str]:
     """List the free parameters of a fit, frames left out: those stand in the registration."""
     return [p.name for p in estimate.structure.parameters if p.name in estimate.free_names]
 
 
-def _describe(estimate: Estimate, name: str, *, kept: bool) -> dict[str, Any]:
+def _describe(estimate: Estimate, name: str, *, written: bool) -> dict[str, Any]:
     k = estimate.names.index(name)
     parameter = estimate.parameters[k]
     unit, factor = SHOWN.get(parameter.unit, (parameter.unit, 1.0))
     return {
         "name": name, "kind": parameter.kind, "unit": unit, "before": _round(parameter.nominal, factor),
         "value": _round(estimate.values[k], factor), "standard_error": _round(estimate.standard_errors[k], factor),
-        "interval_95": [_round(v, factor) for v in estimate.intervals()[k]], "written": kept,
+        "interval_95": [_round(v, factor) for v in estimate.intervals()[k]], "written": written,
     }  # fmt: skip
 
 
@@ -146,19 +115,19 @@ def _round(value: float | None, factor: float = 1.0) -> float | None:
 def _render(summary: Mapping[str, Any]) -> str:
     """Return the page: values with intervals, what cannot be determined, the gap, how the model grew."""
     robot, notes = summary["robot"], summary["notes"]
-    compliances = [p for p in summary["parameters"] if p["kind"] not in FRAMES]
+    compliances = _list_compliances(summary)
     geometry = [p for p in summary["parameters"] if p["kind"] in FRAMES]
-    changes, gaps = _chart_changes(compliances), _chart_gap(summary["gap"])
     held = [
         [entry["parameter"], ", ".join(entry["together_with"]) or None, entry["reason"]]
         for entry in summary["unidentifiable"]
     ] or [["none", None, "every parameter can be determined"]]
     about = "Identified values with 95 % intervals. What does not help on poses not in the fit is not written."
     sections = [
-        Section("Compliances", [*changes, _list_parameters(compliances)], about),
+        Section("Compliances", [*_chart_changes(compliances), _list_parameters(compliances)], about),
         Section("What cannot be determined", [DataTable(["parameter", "together with", "reason"], held, "", 24)],
                 "Held at their nominal values, and why."),
-        Section("Gap", [gaps], "Root mean square of the distance between measured and predicted positions."),
+        Section("Gap", [_chart_gap(summary["gap"])],
+                "Root mean square of the distance between measured and predicted positions."),
     ]  # fmt: skip
     if geometry:
         fold = Fold(f"{len(geometry)} changes of geometry", [_list_parameters(geometry)])
@@ -171,12 +140,12 @@ def _render(summary: Mapping[str, Any]) -> str:
     ]  # fmt: skip
     assumed = [note for note in notes if "assumed" in note]
     return render_page(
-        f"{robot}: identified", _open(summary, (*changes, gaps)[0]), sections, kind="Identification",
+        f"{robot}: identified", open_identification(summary), sections, kind="Identification",
         notes=[note for note in notes if note not in assumed], provenance=Provenance(facts, assumed),
     )  # fmt: skip
 
 
-def _open(summary: Mapping[str, Any], picture: Chart) -> Summary:
+def open_identification(summary: Mapping[str, Any]) -> Summary:
     """Return the first screen: how far the fitted robot model is from the measurements."""
     before, after = (1e-3 * summary["gap"][f"held_out_{name}_rms_mm"] for name in ("before", "after"))
     better = after < before
@@ -190,7 +159,12 @@ def _open(summary: Mapping[str, Any], picture: Chart) -> Summary:
         (str(summary["poses"]), f"poses, {summary['rows']} rows"),
     ]
     todo = "Plan with it: compplan plan JOB --robot OUT/robot." if better else MEASURE
+    picture = (*_chart_changes(_list_compliances(summary)), _chart_gap(summary["gap"]))[0]
     return Summary(verdict, tone, figures, picture, todo)
+
+
+def _list_compliances(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [entry for entry in summary["parameters"] if entry["kind"] not in FRAMES]
 
 
 def _chart_changes(entries: Sequence[Mapping[str, Any]]) -> list[Chart]:

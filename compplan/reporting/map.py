@@ -30,18 +30,19 @@ LINES = (
 POSTURE_WORDS = {"straight": "wrist straight", "down": "tool down", "outward": "tool outward"}
 
 
-def write_map(result: RobotMaps, folder: Path) -> None:
-    """Write map.json, the pictures and report.html into a folder."""
+def write_map(result: RobotMaps, folder: Path) -> Summary:
+    """Write map.json, the pictures and report.html into a folder; return the first screen."""
     table = result.summary()
     for name, plane in result.planes.items():
         table["planes"][name] |= _list_values(plane, result.quality[name])
     table["made_by"] = describe_origin()
-    pictures = _draw_maps(result)
+    pictures, opening = _draw_maps(result), open_map(result)
     with replace_folder(folder, "map") as part:
         for file, picture in pictures.items():
             (part / file).write_bytes(picture.png)
         write_json(part / "map.json", table, indent=None)
-        write_text(part / "report.html", _render(result, pictures))
+        write_text(part / "report.html", _render(result, pictures, opening))
+    return opening
 
 
 def _draw_maps(result: RobotMaps) -> dict[str, Picture]:
@@ -74,7 +75,7 @@ def _round(values: Array) -> Any:
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
 
 
-def _render(result: RobotMaps, pictures: dict[str, Picture]) -> str:
+def _render(result: RobotMaps, pictures: dict[str, Picture], opening: Summary) -> str:
     """Return the page: how soft the arm is where it works, where it is stiffest, and the maps."""
     summary, robot = result.summary(), result.robot
     rows = [
@@ -86,9 +87,19 @@ def _render(result: RobotMaps, pictures: dict[str, Picture]) -> str:
         Section("Figures", [DataTable(["plane", "quantity", "least", "mean", "greatest"], rows, caption)]),
         *(Section(f"{name.capitalize()} plane", [pictures[f"map_{name}.png"]]) for name in result.planes),
     ]
-    flat, plane = summary["planes"]["horizontal"]["worst_unit_force_um_per_N"], result.planes["horizontal"]
+    assumptions = ["tool axis and roll of the tool on the grid are those of the chosen posture, not of a job"]
+    facts = [("poses", str(summary["poses"])), ("time for the maps", f"{result.seconds:.2f} s")]
+    return render_page(
+        f"Deflection maps of {robot.name}", opening, sections, kind="Map",
+        provenance=describe_robot(robot, facts, assumptions),
+    )  # fmt: skip
+
+
+def open_map(result: RobotMaps) -> Summary:
+    """Return the first screen: how soft the arm is where it works."""
+    flat, plane = result.summary()["planes"]["horizontal"]["worst_unit_force_um_per_N"], result.planes["horizontal"]
     verdict = (
-        f"Under 1000 N the tool of {robot.name} gives way by {flat['mean']:.2f} mm on average, by "
+        f"Under 1000 N the tool of {result.robot.name} gives way by {flat['mean']:.2f} mm on average, by "
         f"{flat['min']:.2f} mm where the arm is stiffest."
     )
     figures = [
@@ -98,11 +109,6 @@ def _render(result: RobotMaps, pictures: dict[str, Picture]) -> str:
     ]
     panel = Panel("Under 1000 N in the worst direction", plane.worst * 1e6, "mm")
     caption = f"Deflection of the tool over the plane z = {result.settings.height * 1e3:.0f} mm, seen from above."
-    picture = Picture(draw_deflection(robot, plane, [panel], robot.name), caption)
+    picture = Picture(draw_deflection(result.robot, plane, [panel], result.robot.name), caption)
     todo = "Put the part where the map is low: compplan place JOB finds it."
-    assumptions = ["tool axis and roll of the tool on the grid are those of the chosen posture, not of a job"]
-    facts = [("poses", str(summary["poses"])), ("time for the maps", f"{result.seconds:.2f} s")]
-    return render_page(
-        f"Deflection maps of {robot.name}", Summary(verdict, "", figures, picture, todo), sections, kind="Map",
-        provenance=describe_robot(robot, facts, assumptions),
-    )  # fmt: skip
+    return Summary(verdict, "", figures, picture, todo)

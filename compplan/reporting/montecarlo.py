@@ -17,7 +17,7 @@ from compplan.io.transaction import list_files, replace_folder
 from compplan.reporting.along_path import FLOOR, Stations, chart_strategies
 from compplan.reporting.charts import Bars, Figure, draw_bars, use_decades
 from compplan.reporting.compare import colour_strategies, name_strategy
-from compplan.reporting.page import Cell, Chart, DataTable, Fold, Section, Summary, render_page
+from compplan.reporting.page import Block, Cell, Chart, DataTable, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.studies.job_study import JobStudy
 from compplan.studies.runner import Run
@@ -45,7 +45,7 @@ def write_study(study: JobStudy, folder: Path) -> list[Path]:
 
 def _render(result: JobStudy) -> str:
     run, study, summary = result.run, result.run.study, result.summary
-    sections = [_show_strategies(result, _find_best(result)), _show_path(run), _show_pairs(result)]
+    sections = [_show_strategies(result, _find_best(result)), _show_path(run)]
     if result.sensitivity is not None:
         sections.append(_show_sensitivity(result.sensitivity, summary["sensitivity_of"]))
     facts = [
@@ -62,7 +62,7 @@ def _render(result: JobStudy) -> str:
         thinned = f"{summary['waypoints_of_path']} waypoints; the study uses {summary['waypoints']}"
         notes.insert(0, f"The path has {thinned}, spread evenly.")
     return render_page(
-        summary["name"], _open(result, _find_best(result)), sections, notes=notes,
+        summary["name"], open_study(result), sections, notes=notes,
         kind=f"Strategies under uncertainty, {study.task.robot.name}",
         provenance=describe_robot(study.task.robot, facts, [*list_assumptions(result.job), *summary["assumptions"]]),
     )  # fmt: skip
@@ -74,9 +74,10 @@ def _find_best(result: JobStudy) -> str:
     return min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
 
 
-def _open(result: JobStudy, best: str) -> Summary:
+def open_study(result: JobStudy) -> Summary:
     """Return the first screen: how many parts keep the tolerance, and what to know better."""
     figures, tolerance = result.summary["strategies"], 1e-3 * result.summary["tolerance_mm"]
+    best = _find_best(result)
     entry, share = figures[best], float(figures[best]["within_tolerance"])
     tone = "good" if share >= 0.95 else "unsure" if share >= 0.5 else "bad"
     verdict = f"{f'{100 * share:.0f}' if share else 'None'} of 100 parts keep {format_set_length(tolerance)},"
@@ -101,9 +102,10 @@ def _show_strategies(result: JobStudy, best: str) -> Section:
         rms, most = entry["rms_mm"], entry["max_mm"]
         rows.append(
             [Cell(name_strategy(name), "strong"), Cell(_format_mm(rms["mean"]), "good" if name == best else ""),
-             _format_interval(rms["ci95"]), _format_mm(rms["p50"]), _format_mm(rms["p95"]), _format_mm(most["p50"]),
-             _format_mm(most["p95"]), format_percent(entry.get("of_uncorrected", float("nan"))),
-             format_percent(entry["within_tolerance"]), format_percent(entry["waypoints_within_tolerance"])]
+             " – ".join(map(_format_mm, rms["ci95"])), _format_mm(rms["p50"]), _format_mm(rms["p95"]),
+             _format_mm(most["p50"]), _format_mm(most["p95"]),
+             *(format_percent(entry.get(key, float("nan")))
+               for key in ("of_uncorrected", "within_tolerance", "waypoints_within_tolerance"))]
         )  # fmt: skip
     columns = [
         "strategy", "rms, mean", "95 % interval", "rms, median", "rms, 95 %", "greatest, median", "greatest, 95 %",
@@ -128,27 +130,6 @@ def _show_path(run: Run) -> Section:
     return Section("Along the path", [chart], "Distance of the loaded tool tip from the path.")
 
 
-def _show_pairs(result: JobStudy) -> Section:
-    """Show the paired differences of all strategies from the one that the study looks at."""
-    main = result.summary["sensitivity_of"]
-    names, means, ends = [], [], []
-    for pair in result.summary["paired_differences"]:
-        (first, second), mean, interval = pair["strategies"], pair["rms_mm"]["mean"], pair["rms_mm"]["ci95"]
-        if main in (first, second):
-            sign = 1.0 if first == main else -1.0
-            names.append(name_strategy(second if first == main else first))
-            means.append(sign * mean)
-            ends.append(sorted(sign * end for end in interval))
-    bars = Bars(means, CATEGORIES[0], *np.array(ends).reshape(-1, 2).T)
-    figure = draw_bars(
-        names, {"": bars}, f"rms deviation less that of {name_strategy(main)}, mm", level=0.0, dots=True,
-        hover="%{x:.4g} mm",
-    )  # fmt: skip
-    caption = f"rms deviation of each strategy less that of {name_strategy(main)}, cell by cell; 95 % interval of the"
-    about = "All strategies meet the same cells, so that differences are paired."
-    return Section("Differences", [Chart(figure, f"{caption} mean.", 90 + 26 * len(names))], about)
-
-
 def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
     rows = [[group, *(float(found.total[name][k]) for name in found.total)] for k, group in enumerate(found.groups)]
     heads = ["total index", *(f"{name_strategy(name)} [, 2]" for name in found.total)]
@@ -161,9 +142,8 @@ def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
     names = [found.groups[k].replace("_", " ") for k in order]
     series = {"": Bars(total, CATEGORIES[0], total - half, total + half)}
     chart = draw_bars(names, series, f"total index, strategy {name_strategy(strategy)}")
-    fold = Fold("All strategies", [DataTable(heads, rows)])
-    return Section("Which uncertainty matters", [Chart(chart, caption, 90 + 40 * len(names)), fold],
-                   "Total Sobol indices.")  # fmt: skip
+    blocks: list[Block] = [Chart(chart, caption, 90 + 40 * len(names)), DataTable(heads, rows, "All strategies.")]
+    return Section("Which uncertainty matters", blocks, "Total Sobol indices.")
 
 
 def _draw_distributions(run: Run) -> Figure:
@@ -181,10 +161,6 @@ def _draw_distributions(run: Run) -> Figure:
     figure.axis("y", autorange="reversed")
     figure.level(1e3 * run.study.task.tolerance, "x", color=TOLERANCE, width=1.4)
     return figure
-
-
-def _format_interval(ends: list[float]) -> str:
-    return f"{_format_mm(ends[0])} – {_format_mm(ends[1])}"
 
 
 def _format_mm(value: float) -> str:

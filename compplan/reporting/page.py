@@ -3,14 +3,13 @@
 Every page has the same anatomy: the summary fills the first screen and the first sheet of paper (the verdict in a line,
 what stops the machine, a picture, three figures, what to do next); below it, folded, stand remarks, sections made of
 blocks (paragraphs, tables, charts, pictures), and what the page was made from. Paper shows what is open on the screen.
-No script but the page's own runs in it, and nothing is fetched.
+Nothing is fetched.
 """
 
 from __future__ import annotations
 
 import base64
 import gzip
-import hashlib
 import json
 import re
 from collections.abc import Sequence
@@ -121,6 +120,14 @@ class Summary:
     stops: Sequence[str] = ()  #: What has to be settled before the machine moves, one sentence each.
     sheet: Section | None = None  #: What is shown open right below, such as the setup sheet.
 
+    def format(self, folder: Path, files: Sequence[str], notes: Sequence[str] = ()) -> list[str]:
+        """Return the lines of the terminal: verdict, figures, notes, the files written to a folder, the next step."""
+        width = max((len(figure[0]) for figure in self.figures), default=0)
+        figures = [f"  {figure[0]:<{width}}  {figure[1]}" for figure in self.figures]
+        step = self.next.replace("OUT/", f"{folder}/")
+        wrote = f"wrote {', '.join(files)} to {folder}"
+        return [self.verdict, *figures, *notes, wrote, *([f"next: {step[:1].lower()}{step[1:]}"] if step else [])]
+
 
 @dataclass(frozen=True)
 class Provenance:
@@ -163,7 +170,7 @@ def render_page(
         sections=parts, stops=[*([warning] if warning else []), *opening.stops],
         provenance=None if provenance is None else _add_origin(provenance),
         version=VERSION, css=(TEMPLATES / "page.css").read_text(encoding="utf-8"), script=script,
-        policy=_write_policy(script, library), plotly=base64.b64encode(library).decode("ascii"),
+        plotly=base64.b64encode(library).decode("ascii"),
         payload=base64.b64encode(gzip.compress(payload.encode(), mtime=0)).decode("ascii"),
     )  # fmt: skip
     return str(html)
@@ -172,17 +179,6 @@ def render_page(
 def join_names(names: Sequence[str]) -> str:
     """Join names as a sentence does."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _write_policy(script: str, library: bytes) -> str:
-    """Return the content security policy: the page's script and the chart library by their hashes, no network."""
-    scripts = [script.encode(), *([gzip.decompress(library)] if library else [])]
-    digests = (f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'" for text in scripts)
-    rules = {
-        "default-src": "'none'", "script-src": " ".join(digests), "style-src": "'unsafe-inline'",
-        "img-src": "data: blob:", "base-uri": "'none'", "form-action": "'none'",
-    }  # fmt: skip
-    return "; ".join(f"{rule} {value}" for rule, value in rules.items())
 
 
 def _add_origin(provenance: Provenance) -> Provenance:

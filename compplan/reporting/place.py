@@ -36,7 +36,7 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
     unknown = ["the uncertainty of the robot (job: [posture.uncertainty])"]
     origin = Provenance([("robot", summary["robot"])], unknown if "uncertainty_assumed" in summary else [])
     html = render_page(
-        f"{summary['robot']}: where the part should stand", _open(summary, result), sections, kind="Placement",
+        f"{summary['robot']}: where the part should stand", open_placement(summary, result), sections, kind="Placement",
         provenance=origin,
     )  # fmt: skip
     with replace_folder(folder, "place") as part:
@@ -45,7 +45,7 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
     return summary
 
 
-def _open(summary: Mapping[str, Any], result: PlaceResult) -> Summary:
+def open_placement(summary: Mapping[str, Any], result: PlaceResult) -> Summary:
     """Return the first screen."""
     caption = (
         "Deviation that the best posture at each place would leave at least, in a horizontal and a vertical cut "

@@ -13,7 +13,6 @@ from compplan.io.display import Curve, Curves
 from compplan.io.notes import list_remarks
 from compplan.io.palette import AFTER, BEFORE, CATEGORIES, LIMIT, NEUTRAL, TOLERANCE
 from compplan.io.quantities import (
-    format_angle,
     format_bound,
     format_length,
     format_number,
@@ -41,6 +40,7 @@ from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.reporting.scenes import describe_magnification, draw_cell, draw_deviation_paths, place_meshes
 from compplan.robot import Array
+from compplan.simulation.simulated_robot import EXACT_EVALUATION
 from compplan.uncertainty.band import PARTS, ErrorBand
 from compplan.uncertainty.ladder import DO
 
@@ -50,6 +50,8 @@ if TYPE_CHECKING:
 
 #: Waypoints and stretches that a table lists at most.
 LISTED = 40
+#: Tilts below this are shown as this. [rad]
+LEAST_TILT = 1e-6
 #: Forces below this share of the greatest one are none.
 NO_FORCE = 1e-3
 #: What the parts of the 95 % band are called.
@@ -62,17 +64,6 @@ FORBIDDEN = {1: "#b9c0c7", 2: "#8e979f", 4: "#5c4a57", 5: "#d9dde1"}
 SINGULAR = 3
 #: Rotations whose remaining deviations differ by less than this share are alike.
 ALIKE = 0.02
-#: What each cost of a posture is, by its key.
-COSTS = {
-    "sensitivity_rms_mm": ("expected deviation that remains after compensation, rms", "mm"),
-    "sensitivity_p95_mm": ("deviation that remains after compensation, 95 %", "mm"),
-    "deviation_rms_mm": ("deviation before compensation, rms", "mm"),
-    "limit_distance_deg": ("least distance from a joint limit", "deg"),
-    "dexterity_min": ("least dexterity (inverse condition number)", ""),
-    "joint_travel_deg": ("joint travel in all", "deg"),
-    "time_s": ("time at the programmed feed", "s"),
-    "driven_s": ("time of the run within the limits of the joints", "s"),
-}
 
 
 def write_plan_page(plan: Plan, file: Path) -> None:
@@ -99,7 +90,7 @@ def write_plan_page(plan: Plan, file: Path) -> None:
     choice = None if task.start is None else task.start.posture_choice
     if choice is not None:
         assumptions.append(_list_uncertainties(choice))
-        sections += _show_posture(plan, choice, stations)
+        sections.append(_show_posture(plan, choice, stations))
     write_text(file, render_page(
         plan.name, open_plan(plan, file.parent), sections, kind=f"Path plan, {plan.robot.name}", warning=_warn(plan),
         notes=list_remarks(plan.notes), provenance=describe_robot(plan.robot, _list_facts(plan), assumptions),
@@ -107,7 +98,7 @@ def write_plan_page(plan: Plan, file: Path) -> None:
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str]]:
-    facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", plan.evaluated_by)]
+    facts = [("strategy", plan.strategy), ("deviation computed by", EXACT_EVALUATION)]
     if plan.job is not None:
         facts += [("job", str(plan.job.file))] if plan.job.file.is_file() else []
         facts.append(("force model", name_force_model(plan.job.process.model)))
@@ -140,14 +131,14 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     ]
     shares = (format_percent(side.share_within(task.tolerance)) for side in sides)
     rows.append([f"within {format_set_length(task.tolerance)}", *shares])
-    rows.append(["tool axis off by up to", *(format_angle(side.max_tilt) for side in sides)])
-    ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
+    tilts = (format_number(float(np.degrees(max(side.max_tilt, LEAST_TILT)))) for side in sides)
+    rows.append(["tool axis off by up to", *(f"{tilt}\u00a0deg" for tilt in tilts)])
+    ways = {"joints linear": between.joint, "tip linear": between.cartesian}
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:
         drives = "drives as identified" if plan.executed.known else "drives not known"
         way = "programs" if plan.executed.zone else "waypoints"
         planned[f"as the controller executes the {way}, {drives}"] = format_length(plan.executed.most)
-    planned[f"largest, {plan.mismatch.cell}"] = format_length(plan.mismatch.max_deviation)
     allowed = format_set_length(task.max_correction)
     planned["largest correction"] = f"{format_length(plan.margins.max_correction)} of {allowed}"
     for name, values, limits in rates:
@@ -190,16 +181,12 @@ def _show_deviation(plan: Plan, stations: Stations) -> Section:
     )  # fmt: skip
     evaluated = np.where(plan.after.cut, 1e3, np.nan)
     series = {name: np.maximum(side.distance, FLOOR) * evaluated for name, side in zip(names, sides, strict=True)}
-    series[plan.mismatch.cell] = np.maximum(plan.mismatch.distance, FLOOR) * evaluated
     limit = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
-    caption = (
-        f"Distance of the loaded tool tip from the path, logarithmic. {plan.mismatch.cell.capitalize()} (assumed): "
-    )
-    caption += "what the plan leaves if all of them are wrong by that much."
+    caption = "Distance of the loaded tool tip from the path, logarithmic, on the robot as modelled."
     caption += f" What is below {format_bound(0.0)} is drawn there." if after[cut].min() < FLOOR else ""
     caption += " Grey bands are rapid moves, which are not compensated." if len(stations.shaded) else ""
     caption += " Red bands mark waypoints that fail." if plan.command.failures else ""
-    colours = (BEFORE, AFTER, CATEGORIES[3], TOLERANCE)
+    colours = (BEFORE, AFTER, TOLERANCE)
     line = chart_lines(stations, series, "mm", "deviation", caption, colours=colours, log=True, limit=limit)
     failed = [_list_failures(plan, after)] if plan.command.failures else []
     about = "Distance of the loaded tool tip from the toolpath."
@@ -282,25 +269,12 @@ def _show_feed(plan: Plan, stations: Stations, rates: Sequence[tuple[str, Array,
         for a, b in spans[np.sort(np.argsort(depth)[:LISTED])].tolist():
             k = a + int(np.argmin(share[a : b + 1]))
             numbers = [float(v) for v in (length[a], length[b], 1e3 * nominal.feed[k], 1e3 * plan.timing.feed[k])]
-            rows.append([a, b, *numbers, _name_busiest(rates, plan.robot.joint_names, k)])
-        columns = ["from waypoint", "to", "from [mm, 4]", "to [mm, 4]", "programmed [mm/s]", "lowest [mm/s]",
-                   "busiest there"]  # fmt: skip
+            rows.append([a, b, *numbers])
+        columns = ["from waypoint", "to", "from [mm, 4]", "to [mm, 4]", "programmed [mm/s]", "lowest [mm/s]"]
         more = f" The {LISTED} deepest of {len(spans)} stretches." if len(spans) > LISTED else ""
         blocks.append(DataTable(columns, rows, f"Where the feed is lowered.{more}", 12))
     lede = describe_causes(task, plan.timing) or "The programmed feed holds all along the cut."
     return Section("Feed and rates", blocks, lede)
-
-
-def _name_busiest(rates: Sequence[tuple[str, Array, Array]], joints: Sequence[str], row: int) -> str:
-    """Name the rate and joint used the most around a waypoint; rates: name, values (n, nq), limits (nq,)."""
-    best, text = 0.0, "–"
-    for name, values, limits in rates:
-        near = np.abs(values[max(row - 3, 0) : row + 4]) / limits
-        k = int(np.argmax(near.max(axis=0)))
-        if near.max() > best:
-            best = float(near.max())
-            text = f"{name} of {joints[k]} ({format_percent(best)})"
-    return text
 
 
 def show_error_band(band: ErrorBand, stations: Stations, tolerance: float) -> Section:
@@ -313,15 +287,14 @@ def show_error_band(band: ErrorBand, stations: Stations, tolerance: float) -> Se
     blocks: list[Block] = [chart_lines(stations, series, "mm", "95 % band", caption, 360, zero=True, limit=limit)]
     total, rows = band.radius[widest] ** 2, list[list[Any]]()
     for name in (name for name in PARTS if band.parts[name].any()):
-        values, without = band.parts[name], band.without.get(name)
+        values = band.parts[name]
         share = float(values[widest] ** 2 / total) if total > 0 else 0.0
-        rows.append([WORDS[name], 1e3 * _rms(values[cut]), 1e3 * float(values[widest]), format_percent(share),
-                     None if without is None else 1e3 * without])  # fmt: skip
+        rows.append([WORDS[name], 1e3 * _rms(values[cut]), 1e3 * float(values[widest]), format_percent(share)])
     together = [Cell(1e3 * value, "strong") for value in (_rms(band.radius[cut]), float(band.radius[widest]))]
-    rows.append(["all together", *together, None, None])
-    rows += [["between waypoints, on top", None, 1e3 * band.between, None, None]] if band.between > 0 else []
-    rows.append(["the whole path at once", None, Cell(1e3 * band.whole, "strong"), None, None])
-    columns = ["95 % band by", "rms [mm]", "at its widest [mm]", "share of its square", "greatest without it [mm]"]
+    rows.append(["all together", *together, None])
+    rows += [["between waypoints, on top", None, 1e3 * band.between, None]] if band.between > 0 else []
+    rows.append(["the whole path at once", None, Cell(1e3 * band.whole, "strong"), None])
+    columns = ["95 % band by", "rms [mm]", "at its widest [mm]", "share of its square"]
     blocks.append(DataTable(columns, rows, f"The band is widest at waypoint {widest}."))
     if band.ladder:
         steps = [
@@ -353,10 +326,10 @@ def _rms(values: Array) -> float:
 
 def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
     """Say in a sentence or two how far the tip may be from the path; tolerance: [m]"""
-    kept = "That keeps" if band.whole <= tolerance else "That does not keep"
+    verdict = "That keeps" if band.whole <= tolerance else "That does not keep"
     text = (
         f"At any point the true tip is within {format_length(band.greatest)} of the path with 95 %; along the whole"
-        f" part within {format_length(band.whole)}. {kept} the tolerance of {format_set_value(1e3 * tolerance)} mm."
+        f" part within {format_length(band.whole)}. {verdict} the tolerance of {format_set_value(1e3 * tolerance)} mm."
     )
     if band.before is not None:
         text += f" The uncorrected program: within {format_length(band.before[1])} along the whole part."
@@ -364,9 +337,12 @@ def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
     return f"{text} The widths are {grade}: {band.known.source}."
 
 
-def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> list[Section]:
+def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> Section:
     """Show how the posture along the path was chosen, and how far it keeps clear where that was asked for."""
-    blocks: list[Block] = [chart_posture(choice.map), _list_costs(choice)]
+    blocks: list[Block] = [chart_posture(choice.map)]
+    if choice.changes:
+        changes = (f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in choice.changes)
+        blocks.append(f"Configuration changes: {'; '.join(changes)}.")
     if (clearance := plan.clearance) is not None:
         waypoint, contact = clearance.least
         least = format_length(contact.distance) if contact.distance > 0 else "none: they overlap"
@@ -379,7 +355,7 @@ def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> lis
         ))  # fmt: skip
     held = len(choice.map.spin) == 1
     lede = "The rotation about the tool axis is held" if held else "Rotation about the tool axis against path length"
-    return [Section("Posture", blocks, f"{lede}, preset {choice.settings.preset!r}.")]
+    return Section("Posture", blocks, f"{lede}, preset {choice.settings.preset!r}.")
 
 
 def chart_posture(picture: PostureMap) -> Chart:
@@ -423,20 +399,6 @@ def chart_posture(picture: PostureMap) -> Chart:
     figure.axis("x", title="along the path, mm", showgrid=False)
     figure.axis("y", title="rotation about the tool axis, deg", showgrid=False, dtick=45)
     return Chart(figure, caption, 420)
-
-
-def _list_costs(choice: PostureSummary) -> DataTable:
-    """List what the posture costs."""
-    rows: list[list[Any]] = []
-    for key, value in choice.costs.items():
-        words, unit = COSTS.get(key, (key.replace("_", " "), ""))
-        rows.append([words, f"{format_number(value)}\u00a0{unit}".rstrip()])
-    low, high = np.degrees([choice.spin.min(), choice.spin.max()]).tolist()
-    rows.append(["rotation about the tool axis", f"{format_number(low)} to {format_number(high)}\u00a0deg"])
-    if choice.changes:
-        changes = "; ".join(f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in choice.changes)
-        rows.append(["configuration changes", changes])
-    return DataTable(["what the posture costs", ""], rows)
 
 
 def _list_uncertainties(choice: PostureSummary) -> str:

@@ -127,7 +127,7 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     if job is not None:
         where = f"on {robot.base}, that carries the part" if robot.ground else "in the robot base"
         rows.append((f"Part frame, {where}", describe_pose(job.T_base_part)))
-        rows.append(("Part frame found by", describe_part_frame(job).removeprefix("part frame: ")))
+        rows.append(("Part frame found by", describe_part_frame(job)))
     if robot.ground:
         ranges = []
         for k in np.flatnonzero(robot.carriers).tolist():

@@ -9,7 +9,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from compplan.errors import ShapeError
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
@@ -90,13 +90,16 @@ def read_parents(robot: Robot) -> dict[str, tuple[str, ElementTree.Element | Non
     return found
 
 
-def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, float]) -> dict[str, Array]:
-    """Locate the links of a chain from its base, shape (4, 4) each [m]; value: positions of actuated joints by name."""
-    poses = {base: np.eye(4)}
+def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """Locate the links of a chain from its base; value: positions of actuated joints by name, shape (...) [rad or m].
+
+    Returns poses by link, shape (..., 4, 4), or (4, 4) where no joint moves the link. [m]
+    """
+    poses: dict[str, Array] = {base: np.eye(4)}
     for joint in joints:
-        position = value.get(joint.name, 0.0)
+        position = np.asarray(value.get(joint.name, 0.0))
         if joint.mimic is not None:
-            position = joint.mimic.multiplier * value[joint.mimic.joint] + joint.mimic.offset
+            position = joint.mimic.multiplier * np.asarray(value[joint.mimic.joint]) + joint.mimic.offset
         poses[joint.child] = poses[joint.parent] @ joint.placement @ move_joint(joint, position)
     return poses
 

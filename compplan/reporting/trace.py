@@ -98,9 +98,9 @@ def summarise_trace(traced: Traced) -> dict[str, Any]:
 def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
     """Return the share of the mean square distance that lies along each cause; the rest is not explained."""
     size = (gaps["gap"] ** 2).sum(axis=1)
-    kept = size <= np.percentile(size, WITHIN)
-    total = float(size[kept].sum())
-    shares = {name: float((gaps[name] * gaps["gap"])[kept].sum()) / max(total, 1e-18) for name in CAUSES}
+    inliers = size <= np.percentile(size, WITHIN)
+    total = float(size[inliers].sum())
+    shares = {name: float((gaps[name] * gaps["gap"])[inliers].sum()) / max(total, 1e-18) for name in CAUSES}
     return {name: min(max(value, 0.0), 1.0) for name, value in shares.items()}
 
 
@@ -173,11 +173,11 @@ def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
                                      f"Distances of rows left out: {held} were left out in turn.")]),
         Section("Logs", [DataTable(heads, logs, "Clocks of the logs, and where in the program they begin.")]),
     ]  # fmt: skip
-    return render_page(f"Executed path of {robot}", _open(summary, found), sections, kind="Trace",
+    return render_page(f"Executed path of {robot}", open_trace(summary, found), sections, kind="Trace",
                        notes=summary["notes"], provenance=Provenance(facts, assumed))  # fmt: skip
 
 
-def _open(summary: Mapping[str, Any], found: Identified) -> Summary:
+def open_trace(summary: Mapping[str, Any], found: Identified) -> Summary:
     """Return the first screen."""
     without, left, parts = summary["left_without_model_mm"]["p95"], summary["left_mm"]["p95"], summary["parts"]
     cause, tone = max(parts, key=lambda name: parts[name]), "bad"
@@ -192,10 +192,10 @@ def _open(summary: Mapping[str, Any], found: Identified) -> Summary:
         (f"{format_number(left)}\u00a0mm", "the same, to the path that the model executes", tone),
         (format_percent(parts[cause]), f"of what is left is {CAUSES[cause]}, the largest cause"),
     ]
-    share, kept = np.linspace(0.0, 100.0, 101), found.left if found.helps else found.left_before
+    share, modelled = np.linspace(0.0, 100.0, 101), found.left if found.helps else found.left_before
     lines = tuple(Curve(name, 1e3 * np.percentile(values, share), share, role)
                   for name, values, role in (("to the program", found.without, "before"),
-                                             ("to the model's path", kept, "after")))  # fmt: skip
+                                             ("to the model's path", modelled, "after")))  # fmt: skip
     chart = draw_curves(Curves("", "distance [mm]", "rows nearer [%]", lines))
     picture = Chart(chart, "Share of the rows that are nearer than a distance.", 330)
     return Summary(verdict, "good" if summary["written"] else "unsure", figures, picture, todo)

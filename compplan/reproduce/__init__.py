@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from compplan.errors import UnknownNameError
-from compplan.io.plugins import Registry
+from compplan.io.registry import Registry
 from compplan.reproduce.paper import Reproduction
 from compplan.robot import Robot, load_robot
 

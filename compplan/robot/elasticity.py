@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Vector3, read_toml_model
+from compplan.io.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, read_toml_model
 from compplan.robot.model import GRADES, SPRING_AXES, Array, Joint, LinkElasticity, Spring
 
 _ROTATIONS = {
@@ -93,17 +93,10 @@ class SpringTable(StrictTable):
 
     joint: str
     axis: str = "own"
-    compliance: float
+    compliance: float = Field(ge=0.0)
     offset: Triple = (0.0, 0.0, 0.0)
     actuator: bool | None = None
     link_share: float | None = Field(default=None, ge=0.0, le=1.0)
-
-    @field_validator("compliance")
-    @classmethod
-    def _check_compliance(cls, value: float) -> float:
-        if value < 0.0:
-            raise ValueError(f"compliance {value:g} is not a finite number >= 0")
-        return value
 
     @field_validator("offset")
     @classmethod
@@ -173,7 +166,7 @@ class ElasticityTable(StrictTable):
     acceleration_limits: Annotated[tuple[Acceleration, ...], Field(strict=False)] | None = None
     repeatability_mm: float | None = Field(default=None, ge=0.0, le=MOST_SCATTER)
     sources: dict[str, str] = Field(default_factory=dict)
-    grade: str = "placeholder"
+    grade: Annotated[str, OneOf(GRADES)] = "placeholder"
     spring: Annotated[tuple[SpringTable, ...], Field(strict=False, max_length=MOST_SPRINGS)] = ()
     link: Annotated[tuple[LinkTable, ...], Field(strict=False, max_length=MOST_SPRINGS)] = ()
 
@@ -191,19 +184,7 @@ def read_elasticity(file: Path) -> ElasticityTable:
     Raises:
         InputError: With file and key, if it is invalid.
     """
-    table = read_toml_model(ElasticityTable, file)
-    check_grade(table, file)
-    return table
-
-
-def check_grade(table: ElasticityTable, file: Path) -> None:
-    """Refuse an unknown grade.
-
-    Raises:
-        InputError: With file and key.
-    """
-    if table.grade not in GRADES:
-        raise UnknownNameError("grade", table.grade, list(GRADES), file=file, where="grade")
+    return read_toml_model(ElasticityTable, file)
 
 
 def build_springs(table: ElasticityTable, joints: Sequence[Joint], file: Path) -> tuple[Spring, ...]:

@@ -17,7 +17,7 @@ from pydantic import Field
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.tables import escape_bytes, read_text, write_text
 from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, read_toml_model
-from compplan.robot.elasticity import ElasticityTable, build_links, build_springs, check_grade, read_elasticity
+from compplan.robot.elasticity import ElasticityTable, build_links, build_springs, read_elasticity
 from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
@@ -114,7 +114,6 @@ def as_read(robot: Robot) -> Robot:
     """
     folder = Path(robot.name) if robot.folder is None else robot.folder
     springs = check_table(ElasticityTable, _as_toml(_elasticity_table(robot)), file=folder / "elasticity.toml")
-    check_grade(springs, folder / "elasticity.toml")
     effects: tuple[Mapping[str, Any], ...] = ()
     if robot.effects:
         table = _as_toml(_effects_table(robot))

@@ -26,13 +26,14 @@ def apply_twist(twist: Array) -> Array:
     return build_pose(twist[:3], Rotation.from_rotvec(twist[3:]).as_matrix())
 
 
-def move_joint(joint: Joint, q: float) -> Array:
-    """Return the motion of the child frame of a joint at q. [rad or m]"""
-    pose = np.eye(4)
+def move_joint(joint: Joint, q: ArrayLike) -> Array:
+    """Return the motion of the child frame of a joint at positions q, shape (...) [rad or m]; shape (..., 4, 4)."""
+    q = np.asarray(q, np.float64)
+    pose = np.tile(np.eye(4), (*q.shape, 1, 1))
     if joint.kind == "prismatic":
-        pose[:3, 3] = q * joint.axis
+        pose[..., :3, 3] = q[..., None] * joint.axis
     elif joint.kind == "revolute":
-        pose[:3, :3] = Rotation.from_rotvec(q * joint.axis).as_matrix()
+        pose[..., :3, :3] = Rotation.from_rotvec(q[..., None] * joint.axis).as_matrix()
     return pose
 
 

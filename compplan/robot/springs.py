@@ -29,26 +29,6 @@ def link_springs(robot: Robot) -> tuple[Spring, ...]:
     return tuple(Spring(j.name, "own", 0.0, actuator=False) for j in robot.actuated if j.name not in taken)
 
 
-def candidate_springs(robot: Robot) -> tuple[Spring, ...]:
-    """List springs that a robot lacks: about each axis of every moving joint's frame, and at the base.
-
-    The joint's own axis is left out where the joint has an own spring.
-    """
-    taken = {(spring.joint, spring.axis) for spring in robot.springs}
-    own = {spring.joint for spring in robot.springs if is_own(robot, spring)}
-    found: list[Spring] = []
-    first = robot.joints[0]
-    for joint in robot.joints:
-        if joint.kind == "fixed" and joint is not first:
-            continue
-        for axis in ("rx", "ry", "rz"):
-            along = _own_axis_name(robot, joint.name)
-            if (joint.name, axis) in taken or (axis == along and joint.name in own):
-                continue
-            found.append(Spring(joint.name, axis, 0.0, actuator=axis == along))
-    return tuple(found)
-
-
 def is_own(robot: Robot, spring: Spring) -> bool:
     """Return whether a spring acts about or along its joint's own axis."""
     return spring.axis == "own" or spring.axis == _own_axis_name(robot, spring.joint)

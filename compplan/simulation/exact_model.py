@@ -1,4 +1,4 @@
-"""The exact model's own reading of a robot folder: URDF by Pinocchio's parser, elasticity.toml and the tool by itself.
+"""The exact model's own reading of a robot folder: URDF by Pinocchio's parser, and elasticity.toml.
 
 Nothing here goes through `compplan.robot.folder` or the chain of the planner, so that a fault in either is seen.
 """
@@ -13,11 +13,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from compplan.controllers.readback.frames import read_frame, read_mounting
+from compplan.controllers.writers.frames import flange_turn
 from compplan.io.parsing import guard_parser
 from compplan.io.tables import read_text
 from compplan.io.tomlfile import read_toml
-from compplan.robot import Array
+from compplan.job.frames import ToolTable
+from compplan.robot import Array, load_robot
 from compplan.simulation.exact import ExactRobot, ExactRobotBuilder
 
 #: Link that carries it, mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m^2] in that link's frame.
@@ -49,13 +50,15 @@ def read_exact_robot(
     carrying = [] if table.get("part") is None else tree.commanded(tree.chain_to(table["part"]))
     mounted, beyond = None, [name for name in names if flange in tree.links_above(name)]
     if tool is not None:
-        counted = read_mounting(tool, folder, tree.tool0(flange))
-        mounted = counted * read_frame(tool)
+        stated = ToolTable.model_validate(tool)
+        counted = pin.SE3(flange_turn(load_robot(folder)) if stated.frame == "pendant" else np.eye(4))
+        mounted = counted * pin.SE3(stated.pose)
         own = {flange, *(tree.child[name] for name in beyond)}
-        new = _tool_mass(tool, flange, counted)
+        centre = np.asarray(counted.act(np.array(stated.centre_of_mass_mm) * 1e-3))
+        new: list[Mass] = [(flange, stated.mass_kg, centre, np.zeros((3, 3)))] if stated.mass_kg else []
         if gravity is not None:
             masses = [m for m in masses if m[0] not in own] + new
-        elif "mass_kg" in tool:
+        elif stated.mass_kg is not None:
             masses, gravity = new + tree.seen_from(flange, [m for m in masses if m[0] in own]), GRAVITY
         names = [name for name in names if name not in beyond]
     builder = ExactRobotBuilder([*carrying, *tree.commanded(names)], np.zeros(3) if gravity is None else gravity)
@@ -160,16 +163,6 @@ class _Tree:
     def default_flange(self, names: list[str]) -> str:
         return self.parent[names[-1]] if self.kind[names[-1]] == "fixed" else self.child[names[-1]]
 
-    def tool0(self, flange: str) -> pin.SE3 | None:
-        """Return tool0 seen from the flange, where fixed joints alone lie between them."""
-        bodies = ["", ""]
-        for k, link in enumerate((flange, "tool0")):
-            while self.kind.get(self.carrier.get(link, ""), "") == "fixed":
-                link = self.parent[self.carrier[link]]
-            bodies[k] = link
-        known = "tool0" in self.where and bodies[0] == bodies[1]
-        return self.where[flange].inverse() * self.where["tool0"] if known else None
-
     def root(self, names: list[str]) -> str:
         return self.parent[names[0]]
 
@@ -212,12 +205,6 @@ def _tensor(inertia: ElementTree.Element | None) -> Array:
         return np.zeros((3, 3))
     xx, xy, xz, yy, yz, zz = (float(inertia.get(f"i{key}", "0")) for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _tool_mass(tool: Mapping[str, Any], flange: str, counted: pin.SE3) -> list[Mass]:
-    mass = float(tool.get("mass_kg") or 0.0)
-    centre = np.asarray(counted.act(np.array(tool.get("centre_of_mass_mm", (0.0, 0.0, 0.0)), float) / 1000.0))
-    return [(flange, mass, centre, np.zeros((3, 3)))] if mass else []
 
 
 def _direction(axis: str, tree: _Tree, joint: str) -> tuple[Array, bool]:

@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot, load_by_motion
 
-#: Times at which a window is looked up.
-WEIGHED = 64
-
 
 def find_inside(time: Array, moving: NDArray[np.bool_]) -> NDArray[np.int_]:
     """Return the rows inside a cut to which and from which the tool takes its time. Shape (k,).
@@ -63,38 +60,6 @@ def load_springs(
         rows = np.intersect1d(rows, among)
     velocity, change = fit_parabolas(q, time, rows)
     found[rows] = load_by_motion(exact_robot, q[rows], velocity, change)
-    return found
-
-
-def average_loads(loads: Array, time: Array, runs: list[tuple[int, int]], window: float) -> Array:
-    """Return the part of loads that an arm can follow: weighted means over a window of time. Shape (n, s). [N m or N]
-
-    The weight falls from the middle of the window to its ends, looked up at some times in it; beyond the ends of a run
-    loads count as their mirror image, turned about. What is left out swings the arm; it is part of the band.
-
-    Args:
-        loads: Shape (n, s). [N m or N]
-        time: Rising. Shape (n,). [s]
-        runs: First and last row of every run from rest to rest.
-        window: Length of the window, 0 for none. [s]
-    """
-    found, half = np.zeros(loads.shape), 0.5 * window
-    share = (np.arange(WEIGHED) + 0.5) / WEIGHED * 2.0 - 1.0
-    weight = (1.0 - np.abs(share)) / (1.0 - np.abs(share)).sum()
-    for first, last in runs:
-        run = slice(first, last + 1)
-        clock, own = time[run] - time[first], loads[run]
-        if half <= 0.0 or len(own) < 3 or clock[-1] <= 0.0:
-            found[run] = own
-            continue
-        own = np.vstack([0.0 * own[:1], own[1:-1], 0.0 * own[:1]])
-        for offset, part in zip(share * min(half, clock[-1]), weight, strict=True):
-            at = clock + offset
-            side = np.where((at < 0.0) | (at > clock[-1]), -part, part)
-            back = np.where(at < 0.0, -at, np.where(at > clock[-1], 2.0 * clock[-1] - at, at))
-            row = np.clip(np.searchsorted(clock, back, side="right"), 1, len(clock) - 1)
-            past = (back - clock[row - 1]) / np.maximum(clock[row] - clock[row - 1], 1e-12)
-            found[run] += (side * (1.0 - past))[:, None] * own[row - 1] + (side * past)[:, None] * own[row]
     return found
 
 

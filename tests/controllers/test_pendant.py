@@ -14,7 +14,6 @@ import pytest
 from commandline import run_command
 from robot_sources import SOURCES
 
-from compplan.controllers.readback.frames import read_frame, read_part
 from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.errors import InputError
 from compplan.job.frames import PartTable, ToolTable
@@ -66,11 +65,11 @@ FORMS = {
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_each_form_of_a_rotation_is_multiplied_out_the_same_by_the_job_and_by_the_judge(form: str) -> None:
+def test_each_form_of_a_rotation_is_multiplied_out(form: str) -> None:
     numbers, wanted = FORMS[form]
     table: dict[str, Any] = {"position_mm": [1.0, 2.0, 3.0], form: list(numbers)}
-    own, evaluated = PartTable.model_validate(table).pose, read_frame(table).homogeneous
-    assert own[:3, :3] == pytest.approx(wanted, abs=1e-12) and evaluated == pytest.approx(own, abs=1e-12)
+    own = PartTable.model_validate(table).pose
+    assert own[:3, :3] == pytest.approx(wanted, abs=1e-12)
     assert own[:3, 3] == pytest.approx([1e-3, 2e-3, 3e-3])
 
 
@@ -86,7 +85,7 @@ def test_two_forms_of_one_rotation_and_a_quaternion_of_another_length_are_refuse
 
 
 @pytest.mark.parametrize("name", ["kuka_kr240", "fanuc_m20ia", "ur10e", "staubli_tx200"])
-def test_the_judge_reads_pendant_tools_by_itself_and_stands_at_the_same_tip(name: str) -> None:
+def test_the_judge_mounts_pendant_tools_and_stands_at_the_same_tip(name: str) -> None:
     table: dict[str, Any] = {"frame": "pendant", "position_mm": [5.0, -30.0, 250.0], "wpr_deg": [10.0, 20.0, 30.0],
                              "mass_kg": 3.0, "centre_of_mass_mm": [0.0, 10.0, 80.0]}  # fmt: skip
     robot = ToolTable.model_validate(table).mount(load_robot(name))
@@ -140,7 +139,6 @@ def test_a_part_frame_fits_its_points_best_and_says_what_is_left() -> None:
     noisy = PartTable.model_validate({"points_mm": points}).fit
     assert noisy is not None and 0.02 < np.sqrt(np.mean(noisy.residual**2)) < 0.12
     assert "best fit of 6" in noisy.tell() and "mm (rms)" in noisy.tell()
-    assert read_part({"points_mm": points}).homogeneous == pytest.approx(noisy.pose, abs=1e-9)
 
     def left(pose: np.ndarray) -> float:
         seen = nominal @ pose[:3, :3].T + 1e3 * pose[:3, 3]

@@ -155,7 +155,9 @@ def plain_program(rotating: int, sliding: int) -> Program:
     """Two rows of an arm that stands still, rails first, from arrays alone."""
     count = rotating + sliding
     names, slides = tuple(f"J{k}" for k in range(1, count + 1)), np.arange(count) < sliding
-    return Program("still", np.zeros((2, count)), names, slides, np.full(2, 20.0), np.zeros(2, bool))
+    return Program(
+        "still", np.zeros((2, count)), names, slides, np.full(2, 20.0), np.zeros(2, bool), np.tile(np.eye(4), (2, 1, 1))
+    )
 
 
 @pytest.mark.parametrize(("language", "most"), [("fanuc_ls", 3), ("rapid", 6)])

@@ -14,12 +14,11 @@ from golden_cell import write_job
 from program_readers import read_krl
 from script_readers import read_urscript
 
-import compplan as cp
 from compplan.controllers.writers import Program, build_program, check_brand, describe_program, write_program
 from compplan.errors import InputError, ShapeError
 from compplan.robot import load_robot
 from compplan.toolpath.events import Event
-from tests.controllers.test_golden_programs import FORMS, make_program
+from tests.controllers.test_golden_programs import make_program
 
 
 @pytest.mark.parametrize(
@@ -138,28 +137,6 @@ def test_a_table_says_that_it_holds_no_events_where_there_are_some_and_comments_
     comments = replace(program, events=(Event(0, "comment", 0.0, "roughing"),))
     assert not any(said in note for note in describe_program(comments, "csv"))
     assert any(said in note for note in describe_program(replace(program, events=(Event(0, "coolant"),)), "csv"))
-
-
-#: What makes the first move of each form, in the file that runs first.
-MOVES = {
-    "krl": r"^two_[JL]1\(\)", "val3": r"call part1", "fanuc_ls": r"^ *\d+:[JL] P\[1\]", "rapid": r"run_two(_L)?_1;",
-    "urscript": r"^  move[jl]", "sinumerik": r"^N\d+ G[01] X", "inform": r"^MOV[JL] C00000",
-    "kawasaki_as": r"^  CALL two",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("form", [form for form in FORMS if not form.startswith("csv")])
-def test_header_lines_stand_before_the_first_move_and_footer_lines_after_the_last(form: str, tmp_path: Path) -> None:
-    language = form.split()[0]
-    program = make_program(tmp_path / "cell", language)
-    cp.write_program(replace(program, header=("SPINDLE_ON",), footer=("SPINDLE_OFF",)), language, tmp_path / "out")
-    upper = language in ("fanuc_ls", "inform", "sinumerik")
-    file = tmp_path / "out" / FORMS[form][0].format("TWO" if upper else "two")
-    text = (file / "start.pgx" if file.is_dir() else file).read_text()
-    moves = [match.start() for match in re.finditer(MOVES[language], text, re.M)]
-    assert text.count("SPINDLE_ON") == text.count("SPINDLE_OFF") == 1
-    assert text.index("SPINDLE_ON") < moves[0] <= moves[-1] < text.index("SPINDLE_OFF")
-    assert "not started here" not in text
 
 
 @pytest.mark.parametrize("robot", ["kuka_kr270", "ur10"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.stats import chi2
 from compplan.diagnosis.data.noise import LEVEL, Noise, estimate_noise
 from compplan.diagnosis.evidence.evidence import _hyperprior
 from compplan.diagnosis.evidence.likelihood import Hyper
+from compplan.diagnosis.results.repeats import check_repeats
 from compplan.effects import command_campaign
 from compplan.measurement.campaign import Campaign
 
@@ -72,6 +74,25 @@ def test_poses_that_scatter_beyond_a_stated_sigma_are_reported_and_no_noise() ->
     noise = estimate_noise(campaign, gap + 1e-4 * side, np.full(len(gap), INSTRUMENT), "position")
     assert noise.sigma == pytest.approx(np.sqrt(2.0) * INSTRUMENT)  # sigma and the repeatability of any robot
     assert noise.source == ("sigma column; poses met again scatter by 5.2 times what sigma and repeatability explain")
+
+
+def test_repeats_beyond_the_stated_sigma_are_said_with_the_joint_that_creeps() -> None:
+    """Three readings a stay, 20 s apart; the third joint creeps in the direction of its last move."""
+    campaign, gap = visit_poses(3)
+    seconds, rng = 300.0 * (np.arange(len(gap)) // 3) + 20.0 * (np.arange(len(gap)) % 3), np.random.default_rng(8)
+    sigma = np.full(len(gap), np.hypot(INSTRUMENT, ROBOT))
+    campaign = replace(campaign, position=gap, time=seconds, sigma=sigma)
+    motion = rng.normal(size=(len(gap), 6, 6))
+    at = SimpleNamespace(
+        campaign=campaign, motion=motion, own_load=rng.normal(size=(len(gap), 6)),
+        robot=SimpleNamespace(joint_names=[f"joint_{k + 1}" for k in range(6)]),
+    )  # fmt: skip
+    assert check_repeats(at, gap) is None  # type: ignore[arg-type]
+    crept = 3e-5 * np.log1p(seconds % 300.0) * campaign.approach[:, 2]
+    found = check_repeats(at, gap + crept[:, None] * motion[:, :3, 2])  # type: ignore[arg-type]
+    assert found is not None
+    assert (found.joint, found.driver) == ("joint_3", "direction of approach")
+    assert found.times_sigma > 1.5 > 1.1 > found.chance and found.values == 3 * (len(gap) - POSES)
 
 
 def test_the_noise_has_the_chi_square_likelihood_and_leeway_of_its_witnesses() -> None:

@@ -20,8 +20,7 @@ from compplan.identification.forward import attain_fit, differentiate, pose_resi
 from compplan.identification.problem import IdentifyOptions, IdentifyProblem
 from compplan.identification.update import update_robot
 from compplan.measurement.campaign import Campaign
-from compplan.robot import Robot, load_robot
-from compplan.robot.springs import candidate_springs
+from compplan.robot import Robot, Spring, load_robot
 
 SIZES = {"rad/(N m)": 2e-7, "m/N": 2e-9, "m": 3e-4, "rad": 4e-4, "rad/N": 1e-9, "1": 0.2}
 CASES = [("small", None), ("kuka_kr270_full", None), ("kuka_kr270_full", "diagonal")]
@@ -46,7 +45,12 @@ def test_the_robot_that_is_written_goes_where_the_fit_said(name: str, links: str
     robot, log = load(name, tmp_path), plan_rows(load(name, tmp_path), 7, poses=6, region=0.4)
     scene = build_model(robot, log)
     forms = geometry_forms(linearize_model(scene, solve_model_poses(scene)), "all")
-    structure = build_structure(robot, add=candidate_springs(robot)[:4], links=links, forms=forms)
+    structure = build_structure(
+        robot,
+        add=[Spring(joint.name, axis, 0.0, actuator=False) for joint in robot.actuated[:2] for axis in ("rx", "ry")],
+        links=links,
+        forms=forms,
+    )
     size = np.array([SIZES[parameter.unit] for parameter in structure.parameters])
     values = structure.nominal + size * np.random.default_rng(4).uniform(0.2, 1.0, len(size))
     state = attain_fit(structure, values, every_row(log), KNOWN_FRAMES)

@@ -13,12 +13,17 @@ from compplan.identification.problem import refine_structure
 from compplan.identification.update import find_unexplained
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit.intervals import distance_rms
-from compplan.robot import Spring, load_robot
-from compplan.robot.springs import candidate_springs
+from compplan.robot import Robot, Spring, load_robot
 
 
 def every_row(log: Campaign, sigma: str = "residuals") -> Rows:
     return Rows(log, np.arange(len(log)), KNOWN_FRAMES, sigma=sigma)
+
+
+def cross_springs(robot: Robot) -> tuple[Spring, ...]:
+    """List springs across the own axis of every joint."""
+    axes = [(joint.name, np.abs(joint.axis)) for joint in robot.actuated]
+    return tuple(Spring(name, f"r{'xyz'[k]}", 0.0, actuator=False) for name, a in axes for k in range(3) if a[k] < 0.5)
 
 
 def names_of(robot_springs: tuple[Spring, ...]) -> list[str]:
@@ -31,7 +36,7 @@ def test_the_spring_that_was_left_out_is_found_and_no_other_is_added() -> None:
     lacking = replace(whole, springs=tuple(s for s in whole.springs if s.axis == "own"))
     drawn = draw_candidates(whole, 60, seed=1)
     rows = simulate_observations(whole, drawn.q, drawn.wrench, seed=2)
-    structure = build_structure(lacking, add=candidate_springs(lacking))
+    structure = build_structure(lacking, add=cross_springs(lacking))
     result = refine_structure(structure, names_of(lacking.springs), every_row(rows))
     assert result.rounds[0].added == "joint_3.rx"
     assert [entry.added for entry in result.rounds[1:]] == [""]
@@ -43,7 +48,7 @@ def test_nothing_is_added_to_a_model_that_is_complete(seed: int) -> None:
     robot = load_robot("kuka_kr270")
     drawn = draw_candidates(robot, 60, seed=seed)
     rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=seed)
-    structure = build_structure(robot, add=candidate_springs(robot))
+    structure = build_structure(robot, add=cross_springs(robot))
     result = refine_structure(structure, names_of(robot.springs), every_row(rows))
     assert result.names == tuple(names_of(robot.springs))
     assert len(result.rounds[0].candidates) >= 12

@@ -9,7 +9,6 @@ import pytest
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.io import transaction
 from compplan.io.transaction import check_results, replace_folder
 from compplan.planning import plan as planning
 
@@ -41,12 +40,9 @@ def put(folder: Path, what: str, name: str) -> None:
         place.symlink_to("nowhere")
 
 
-@pytest.mark.parametrize("step", ["one step", "file by file"])
 @pytest.mark.parametrize("what", ["file", "folder", "empty folder", "link"])
 @pytest.mark.parametrize("name", ["plan.json", "robot/robot.urdf", "robot"])
-def test_a_result_replaces_nothing_that_compplan_did_not_write(name, what, step, tmp_path, monkeypatch) -> None:
-    if step == "file by file":
-        monkeypatch.setattr(transaction, "_exchange", lambda one, other: False)
+def test_a_result_replaces_nothing_that_compplan_did_not_write(name, what, tmp_path) -> None:
     out = tmp_path / "out"
     write(out, {"joints.csv": "old"})
     put(out, what, name)

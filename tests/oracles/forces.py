@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.readback.frames import read_part
+from compplan.job.frames import PartTable
 from compplan.robot import Array
 
 #: Models that are not read a second time: the wrench is the recorded one, checked by simulations of its own instead.
@@ -46,7 +46,8 @@ class DrivenRows:
 def read_forces(job: Mapping[str, Any], folder: Path, rows: DrivenRows) -> Array | None:
     """Work out the wrench at every row, base axes (n, 6) [N, N m], or None where the file gives it another way."""
     process = job.get("process", {"model": "columns"})
-    turn = read_part(job.get("part", {})).rotation
+    part = PartTable.model_validate(job.get("part", {})).pose
+    turn = part[:3, :3]
     model = process.get("model", "columns")
     local = None if model in RECORDED else _local(model, process, job, folder, rows)
     if local is None:
@@ -59,8 +60,7 @@ def read_forces(job: Mapping[str, Any], folder: Path, rows: DrivenRows) -> Array
         return wrench
     wrench *= _acting(process, rows)[:, None]
     if rows.stock_top is not None and model == "milling":
-        origin = read_part(job.get("part", {})).translation
-        depth = rows.stock_top - (rows.position - origin) @ turn[:, 2]
+        depth = rows.stock_top - (rows.position - part[:3, 3]) @ turn[:, 2]
         wrench *= np.clip(depth * 1000.0 / process["depth_mm"], 0.0, 1.0)[:, None]
     marks = np.flatnonzero(np.diff(np.r_[0, rows.lead.astype(int), 0]))
     for first, after in zip(marks[::2], marks[1::2], strict=True):
@@ -96,7 +96,7 @@ def _local(
         size = np.maximum(np.linalg.norm(travel, axis=1), 1e-300)
         across = np.sqrt(np.maximum(1.0 - (along / size) ** 2, 0.0))
         return np.outer(_speeds(rows) * np.r_[across[:1], across], _mean_of_a_turn(process))
-    if model not in ("columns", "file"):  # a plug-in's, which stands nowhere else
+    if model not in ("columns", "file"):  # a user's own
         return None
     named = process["file"] if model == "file" else job["toolpath"]
     if not isinstance(named, str) or not named.lower().endswith(".csv"):

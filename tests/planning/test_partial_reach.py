@@ -8,6 +8,7 @@ import pytest
 
 from compplan.job.job import Job, check_job
 from compplan.planning.approach import plan_approach
+from compplan.planning.dense import STATIONS
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.posture.follow import follow_path, reach_tip_and_axis
 from compplan.planning.strategies import command_path
@@ -102,6 +103,19 @@ def test_lost_motion_is_never_called_the_reach_of_the_arm(width: float) -> None:
     worn = replace(robot, effects=(lost,))
     command = command_path(build_task(worn, nominal, options), "nlp")
     assert not any(OUT_OF_REACH in name for name in command.failures.values())
+
+
+def test_a_point_metres_away_is_named_by_few_stations(tmp_path) -> None:
+    rows = [f"{x},0,{5000 * (x == 100)},0,0,1,50" for x in range(0, 220, 20)]
+    (tmp_path / "far.csv").write_text("\n".join(["x_mm,y_mm,z_mm,i,j,k,feed_mm_s", *rows]), encoding="utf-8")
+    table = {
+        "schema": 1, "robot": "kuka_kr270", "part": {"position_mm": [1500.0, 0.0, 700.0]}, "toolpath": "far.csv",
+        "process": {"model": "constant", "force_N": [50.0, 20.0, 100.0]}, "sampling": {"max_step_mm": 20.0},
+    }  # fmt: skip
+    task = build_task(*prepare_job(check_job(table, tmp_path / "far.toml")))
+    command = command_path(task, "nlp")
+    assert task.missed.sum() > 2 * STATIONS and command.nlp["stations"] < 3 * STATIONS
+    assert command.nlp["status"] == "Solve_Succeeded" and set(command.failures) <= set(np.flatnonzero(task.missed))
 
 
 def test_rows_of_the_approach_say_where_the_tool_goes() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,10 +21,8 @@ from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.planning.plan import job_robot, plan_job
 from compplan.reporting.scenes import locate_links
-from compplan.reporting.view.recording import build_cell
-from compplan.reporting.view.scene import locate_chain
 from compplan.reporting.writers.plan import deliver_plan
-from compplan.reporting.writers.recording import summarise_cell
+from compplan.reporting.writers.recording import locate_chain, place_arm
 from compplan.robot import Array, Robot, load_robot, read_robot_folder, write_robot_folder
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.simulation.exact_model import read_exact_robot
@@ -238,15 +235,12 @@ def test_a_language_that_a_robot_cannot_have_is_refused_before_the_plan(name: st
 
 def test_the_picture_and_the_viewer_keep_the_ground_still_and_move_table_and_part() -> None:
     robot = read_robot_folder(TABLE)
-    content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
-    cell = build_cell(content)
-    assert tuple(joint.name for joint in cell.actuated) == robot.joint_names
     q = draw(5, 1)[0][0]
-    drawn, seen = locate_links(robot, q), locate_chain(cell, q)
-    for poses in (drawn, {link: np.linalg.inv(seen[cell.ground]) @ pose for link, pose in seen.items()}):
+    drawn, seen = locate_links(robot, q), locate_chain(robot, q)
+    for poses in (drawn, {link: np.linalg.inv(seen[robot.ground]) @ pose for link, pose in seen.items()}):
         np.testing.assert_allclose(poses["base_link"], np.eye(4), atol=1e-12)
         np.testing.assert_allclose(poses["plate"], plate_pose(*q[:2]), atol=1e-8)
-    assert {"plate", "cradle", "base_link"} <= {solid.name for solid in cell.solids}
+    assert {"plate", "cradle", "base_link"} <= {solid.name for solid in place_arm(robot)}
 
 
 def circle(robot: str, place: Array, **tables: Any) -> Job:

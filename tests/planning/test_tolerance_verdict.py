@@ -55,7 +55,7 @@ def test_a_plan_that_leaves_the_limits_never_keeps() -> None:
     assert "correction" in plan.verdict.largest_cause
     assert plan.verdict.sentence.startswith("Do not start: there is no solution. May not keep 30 mm: ")
     assert "No 95 % band is stated, waypoints are out of reach." in plan.verdict.sentence
-    assert plan.error_band is None and plan.verdict.band is None and plan.verdict.where == ()
+    assert plan.error_band is None and plan.verdict.band is None
     assert "error_band_mm" not in plan.to_dict() and plan.to_dict()["verdict"]["band_mm"] is None
     assert dict(plan.summary())["95 % band"] == "no 95 % band is stated, waypoints are out of reach"
 

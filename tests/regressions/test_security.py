@@ -53,7 +53,7 @@ TYPES = """{% macro show(value) %}{% if value is mapping %}{% for key in value %
 {% elif value is string or value is number or value is boolean or value is none %}
 {% elif value is sequence %}{% for part in value %}{{ show(part) }}{% endfor %}
 {% else %}foreign {{ value }}{% endif %}{% endmacro %}
-{{ show([name, comments, cell, header, footer, WORDS]) }}"""
+{{ show([name, comments, cell, WORDS]) }}"""
 WORDS = {
     "own": "robot, controller, joint_names, tool, base, mass_kg, centre_mm, moves, before",
     "krl": "parts, remarks, load, base, tool, rapid_percent, rail, carried",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from compplan.diagnosis.results.posterior import state_change
-from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares, SmallErrors
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Share, Shares, SmallErrors
 from compplan.diagnosis.results.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
@@ -64,7 +64,7 @@ def diagnosed() -> tuple[Any, Split]:
     diagnosis = SimpleNamespace(
         robot=robot, residual_before=before, residual_after=noise, registration=None, outliers=np.zeros(0, int),
         fit=SimpleNamespace(problem=SimpleNamespace(campaign=replace(campaign, position=point), register=())),
-        delivery=SimpleNamespace(kind="calibrated"), noise="the log", points=point,
+        delivery=SimpleNamespace(kind="calibrated"), noise="the log", points=point, repeats=None,
         verdict=SimpleNamespace(structure=SimpleNamespace(left=False), findings=[]),
     )  # fmt: skip
     return diagnosis, Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)))
@@ -73,10 +73,9 @@ def diagnosed() -> tuple[Any, Split]:
 def make_shares(soft: float) -> Shares:
     """Give joint 3 a share by its stiffness, 4 % to small errors and the rest to noise."""
     carried, nothing = Share(soft, soft - 0.02, soft + 0.01), Share(0.0, 0.0, 0.01)
-    carriers = (Carrier("joint_3", "joint_stiffness", carried, 0.97),) if soft else ()
     return Shares(
         {"joint_3": Share(soft, 0.0, soft), CALIBRATION: Share(0.04, 0.01, 0.06), UNEXPLAINED: nothing},
-        {"load": carried, UNEXPLAINED: nothing}, carriers, 0.96 - soft,
+        {"load": carried, UNEXPLAINED: nothing}, 0.96 - soft,
     )  # fmt: skip
 
 

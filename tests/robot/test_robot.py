@@ -90,7 +90,7 @@ def edit(file: Path, change: Callable[[str], str]) -> None:
     [
         ('joint = "joint_1"', 'joint = "elbow"', ["no joint named 'elbow'", "spring[0].joint", "joint_1"]),
         ('tcp = "tool0"', 'tcp = "tool7"', ["no frame named 'tool7'", "tcp", "tool0"]),
-        ("compliance = 1e-05", "compliance = -1.0", ["finite number >= 0", "spring[0].compliance"]),
+        ("compliance = 1e-05", "compliance = -1.0", ["greater than or equal to 0", "spring[0].compliance"]),
         ("compliance = 1e-05", "complience = 1e-5", ["unknown key", "spring[0].complience"]),
         ("compliance = 1e-05", 'compliance = 1e-5\naxis = "rw"', ["no axis named 'rw'", "spring[0].axis"]),
         ("schema = 1", "schema = 1\ngravity = [0.0, 1.0]", ["expected 3 numbers", "gravity"]),

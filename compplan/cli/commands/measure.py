@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,7 +26,7 @@ from compplan.cli.options import (
     robot_option,
     split_names,
 )
-from compplan.cli.terminal import show_progress
+from compplan.cli.terminal import Work, show_progress
 from compplan.effects import EFFECTS
 from compplan.effects.requested import GEOMETRY
 from compplan.errors import InputError
@@ -38,6 +39,8 @@ from compplan.measurement.registration import folder_registration, parse_parts
 from compplan.robot import load_robot
 
 if TYPE_CHECKING:
+    from compplan.diagnosis import Diagnosis
+    from compplan.diagnosis.self_test import SelfTest
     from compplan.job.job import Job
 
 
@@ -46,8 +49,6 @@ if TYPE_CHECKING:
     click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".'),
     click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint."),
     click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".'),
-    click.option("--stepwise", is_flag=True,
-                 help="Try a spring about every axis; keep those that improve the prediction."),
     click.option("--links", type=click.Choice(LINK_TERMS), help="Terms of the links' 6x6 elasticities to identify."),
     click.option("--effects", help='Effects to fit too, such as "backlash,joint_coupling@joint_5:of joint_4".'),
     click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry fitted along."),
@@ -69,7 +70,7 @@ def run_identify(
     """
     from compplan.identification.campaign import identify_campaign
     from compplan.identification.problem import IdentifyOptions
-    from compplan.reporting.identify import describe_identification, write_identification
+    from compplan.reporting.identify import open_identification, write_identification
 
     options = IdentifyOptions(
         register=parse_parts(register), springs=None if springs is None else split_names(springs), add=split_names(add),
@@ -83,8 +84,11 @@ def run_identify(
     with show_progress() as progress:
         found = identify_campaign(robot, campaign, options, progress=progress)
     summary = write_identification(found, folder, list(campaign.notes))
-    wrote = f"wrote {folder / 'robot'}, {folder / 'identify.json'} and {folder / 'report.html'}"
-    return CommandResult(summary, [*describe_identification(summary), *list_notes(campaign.notes), wrote])
+    held = len(summary["unidentifiable"])
+    notes = [f"note: {held} parameters cannot be determined, see the report"] if held else []
+    notes += [*(f"note: {note}" for note in summary["notes"]), *list_notes(campaign.notes)]
+    files = ["identify.json", "report.html", "robot"]
+    return CommandResult(summary, open_identification(summary).format(folder, files, notes))
 
 
 @make_command(
@@ -92,10 +96,13 @@ def run_identify(
     click.option("--register", help="Fit these frames in every model: base, tool or base,tool."),
     click.option("--without", multiple=True, metavar="EFFECT",
                  help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}."),
+    click.option("--self-test", is_flag=True,
+                 help="Plant 20 effects of known size in these poses and this noise, diagnose each, and say what was "
+                 "found; takes some twenty times as long, Ctrl-C ends it with what is done."),
     measured_options, assume_ok,
 )  # fmt: skip
 def run_diagnose(
-    measurements: Path, robot_name: str, folder: Path, register: str | None, **options: Any
+    measurements: Path, robot_name: str, folder: Path, register: str | None, self_test: bool, **options: Any
 ) -> CommandResult:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
@@ -106,22 +113,43 @@ def run_diagnose(
     from compplan.api.verbs import diagnose_measured
     from compplan.io.display import format_figures
     from compplan.reporting.diagnosis import deliver_diagnosis
-    from compplan.reporting.diagnosis_text import describe_next, describe_structure, list_effects, list_poses
+    from compplan.reporting.diagnosis_text import (
+        describe_next,
+        describe_self_test,
+        describe_structure,
+        list_effects,
+        list_poses,
+    )
 
     with show_progress() as progress:
+        start = perf_counter()
         diagnosis, questions = diagnose_measured(
             measurements, robot_name, register=parse_parts(register), progress=progress, **options
         )
-        table = deliver_diagnosis(diagnosis, folder, progress)
+        tested = _test_diagnosis(diagnosis, perf_counter() - start, progress) if self_test else None
+        table = deliver_diagnosis(diagnosis, folder, progress, tested)
     what, headline = diagnosis.summary()[0]
     todo = describe_next(table["verdict"], diagnosis.delivery.kind, list_poses(table, "in the report"))
     return CommandResult(table, [
         *(f"assumed to be meant: {question}" for question in questions),
         f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),
         *format_figures(diagnosis.list_figures()), *list_notes(diagnosis.fit.problem.campaign.notes),
+        *(describe_self_test(table["self_test"]) if tested else []),
         f"wrote diagnosis.json, report.html, robot/ to {folder}",
         f"next: {todo.replace('OUT/robot', str(folder / 'robot'))}",
     ])  # fmt: skip
+
+
+def _test_diagnosis(diagnosis: Diagnosis, seconds: float, work: Work) -> SelfTest:
+    """Run the self-test of a diagnosis that took some seconds, with the time that is left."""
+    from compplan.diagnosis.self_test import PLANTED, run_self_test
+
+    def show(done: int, left: float) -> None:
+        left = PLANTED * seconds if np.isnan(left) else left
+        work(f"self-test: {PLANTED - done} diagnoses to go, about {left:.0f} s; Ctrl-C ends it")
+        work.count("self-test", done, PLANTED)
+
+    return run_self_test(diagnosis, progress=show)
 
 
 @make_command(
@@ -169,40 +197,38 @@ def run_predict(
                  help="Standard deviation of the instrument, per axis."),
     click.option("--register", metavar="FRAMES",
                  help="Frames that are unknown: base, tool, base,tool (of a tracker if left out) or none."),
-    click.option("--for", "purpose", type=click.Choice(["path", "calibration"]), default="path", show_default=True,
-                 help="Narrow the band on JOB's path, or serve a calibration of an arm that is hardly known."),
     click.option("--with", "instrument", default="tracker", show_default=True,
-                 type=click.Choice(["tracker", "sockets", "gauge", "ball_bar"]),
-                 help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge,"
-                 " a ball bar."),
+                 type=click.Choice(["tracker", "sockets", "gauge"]),
+                 help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge."),
     click.option("--places", type=click.IntRange(1, 30), help="Where those stand; else 3, of dial gauges 6."),
     click.option("--instrument", "described", type=INPUT,
                  help="TOML file of the instrument of --log, as `diagnose` takes it."),
     click.option("--length-mm", type=click.FloatRange(1.0, 5000.0),
-                 help="Length of the ball bar (300 is assumed), or distance of the two sockets of a plate; left out:"
-                 " sockets one by one, which do not determine the scale."),
+                 help="Distance of the two sockets of a plate; left out: sockets one by one, which do not determine"
+                 " the scale."),
     click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates."),
 )  # fmt: skip
 def run_campaign(
     job: Job, count: int, folder: Path, log: Path | None, weights: str, pull: float, sigma: float, register: str | None,
-    purpose: str, instrument: str, places: int | None, described: Path | None, length_mm: float | None, seed: int,
+    instrument: str, places: int | None, described: Path | None, length_mm: float | None, seed: int,
 ) -> CommandResult:  # fmt: skip
-    """Design the measurements that narrow the 95 % band on JOB's path most, or calibrate the arm with fewest poses.
+    """Design the measurements that narrow the 95 % band on JOB's path most.
 
     Writes campaign.csv (an empty log to fill in), programs that move to the poses, campaign.json and report.html.
 
     Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
     """
     from compplan.diagnosis.data.plausibility import ask_unit, build_rows_model
-    from compplan.learning.campaign import Equipment, design_campaign, parse_weights
+    from compplan.learning.campaign import design_campaign, parse_weights
+    from compplan.measurement.equipment import Equipment
     from compplan.planning.plan import plan_job
-    from compplan.reporting.campaign import write_campaign
+    from compplan.reporting.campaign import open_campaign, write_campaign
 
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
     frames = None if register is None else () if register == "none" else parse_parts(register)
-    length = None if length_mm is None else length_mm * 1e-3
-    equipment = Equipment(parse_weights(weights), pull, sigma * 1e-3, frames, seed, purpose, instrument, places, length)
+    length = 1e-3 * (length_mm or 0.0)
+    equipment = Equipment(parse_weights(weights), pull, sigma * 1e-3, frames, seed, instrument, places, length)
     with show_progress() as announce:
         announce("plan")
         plan = plan_job(job)
@@ -212,14 +238,14 @@ def run_campaign(
         campaign = design_campaign(plan, equipment, count, known, announce)
         announce("report")
         summary = write_campaign(campaign, folder)
-    lines = [summary["says"], *(f"put up {stand.says}" for stand in campaign.stands), *campaign.notes]
+    notes = [*(f"put up {stand.says}" for stand in campaign.stands), *campaign.notes]
     if len(campaign.touching):
         poses = ", ".join(str(k + 1) for k in campaign.touching)
-        lines.append(f"the way to pose {poses} touches something: go around")
-    more = "" if instrument == "tracker" else f" and --instrument {folder / 'instrument.toml'}"
-    more += f" and --register {','.join(equipment.frames)}" if equipment.frames else ""
-    todo = f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job{more}"
-    return CommandResult(summary, [*lines, f"wrote {', '.join(summary['files'])} to {folder}", todo])
+        notes.append(f"the way to pose {poses} touches something: go around")
+    more = [] if instrument == "tracker" else [f"--instrument {folder / 'instrument.toml'}"]
+    more += [f"--register {','.join(equipment.frames)}"] if equipment.frames else []
+    notes += [f"diagnose it with {' and '.join(more)}"] if more else []
+    return CommandResult(summary, open_campaign(campaign).format(folder, summary["files"], notes))
 
 
 @make_job_command(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -180,21 +180,16 @@ def run_place(job: Job, folder: Path) -> CommandResult:
     """
     from compplan.planning.plan import job_robot
     from compplan.planning.posture.place import place_part
-    from compplan.reporting.place import write_placement
+    from compplan.reporting.place import open_placement, write_placement
     from compplan.uncertainty.posture_errors import posture_errors
 
     with show_progress() as announce:
         robot = job_robot(job)
         result = place_part(job, robot, announce, posture_errors(job, robot))
     summary = write_placement(result, job, folder)
-    there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
-    beside = "not to be followed" if here is None else f"{here['p95']:.4g} mm"
-    return CommandResult(summary, [
-        f"remaining deviation (95 %) there {there:.4g} mm, at the job's place {beside}",
-        "[part]", f"position_mm = {summary['part']['position_mm']}",
-        f"rotation_deg = {summary['part']['rotation_deg']}",
-        f"wrote place.json, report.html to {folder}", "next: put [part] into the job, and plan",
-    ])  # fmt: skip
+    part = [f"[part] position_mm = {summary['part']['position_mm']}, rotation_deg = {summary['part']['rotation_deg']}"]
+    lines = open_placement(summary, result).format(folder, ["place.json", "report.html"], part)
+    return CommandResult(summary, lines)
 
 
 @make_job_command(out_folder, robot_instead, epilog=f"Strategies: {', '.join((*STRATEGIES, *ONLINE))}.")
@@ -214,7 +209,7 @@ def run_compare(job: Job, folder: Path) -> CommandResult:
 @make_job_command(
     out_folder,
     click.option("--log", type=INPUT, help="Measured forces: CSV with s_mm or t_s, the length or the time cut so far, "
-                 "and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too."),
+                 "and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip are used too."),
     click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, for "
                  "[process] of a later job; process.toml of a robot folder takes the level instead, which later "
                  "plans read."),
@@ -227,7 +222,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
     """
     from compplan.job.loading import predict_forces
     from compplan.process.learned_force import FILE as LESSON
-    from compplan.reporting.forces import write_coefficients, write_forces, write_level
+    from compplan.reporting.forces import open_forces, write_coefficients, write_forces, write_level
 
     if table is not None and log is None:
         raise InputError("--write needs --log, the measured forces")
@@ -238,27 +233,15 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
             (write_level if table.name == LESSON else write_coefficients)(found, table)
         announce("write: forces.json, forces.csv, report.html")
         summary = write_forces(found, folder)
-    lines = [*_describe(summary), *summary["notes"]]
+    notes = list(summary["notes"])
+    if found.fit is not None:
+        notes += [
+            f"  {number.name}: {number.value:.4g} {number.unit} [{number.low:.4g}, {number.high:.4g}], "
+            f"{number.in_job:.4g} in the job"
+            for number in found.fit.numbers
+        ]
     if table is not None:
         hint = "in a job: its [process.coefficients] in place of material"
-        lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
-    return CommandResult(summary, [*lines, f"wrote forces.json, forces.csv, report.html to {folder}"])
-
-
-def _describe(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Return in lines what forces.json holds."""
-    force = summary["force_N"]
-    yield (f"{summary['model']}: {summary['waypoints_in_contact']} of {summary['waypoints']} waypoints in contact, "
-           f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
-    if "engagement" in summary:
-        cut = summary["engagement"]
-        deep, wide = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"]
-        yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm"
-    if "log" in summary:
-        fit = summary["log"]
-        yield (f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "
-               f"{fit['rms_before_N']:.3g} N, with fitted numbers by {fit['rms_after_N']:.3g} N")  # fmt: skip
-        for number in fit["fitted"]:
-            yield (f"  {number['name']}: {number['value']:.4g} {number['unit']} "
-                   f"[{number['low']:.4g}, {number['high']:.4g}], {number['in_job']:.4g} in the job")  # fmt: skip
-        yield from (f"  {note}" for note in fit["notes"])
+        notes.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
+    files = ["forces.json", "forces.csv", "report.html"]
+    return CommandResult(summary, open_forces(found, summary).format(folder, files, notes))

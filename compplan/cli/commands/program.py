@@ -42,16 +42,10 @@ TABLES = (".csv", ".txt", "")
     click.option("--out", type=TABLE, required=True, help="The toolpath table to write (CSV)."),
     click.option("--report", type=FOLDER, metavar="DIR",
                  help="Folder for report.html: the path by tool, its box, what was assumed."),
-    click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001)."),
     click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer."),
-    click.option("--arc-centres", type=click.Choice(["incremental", "absolute", "reversed"]),
-                 help="How I J K count in G-code."),
-    click.option("--circle-sense", type=click.Choice(["auto", "right_hand", "left_hand"]),
-                 help="Sense of an APT CIRCLE."),
     take_cam_options,
     click.option("--cam", "cam_file", metavar="FILE", help="TOML file as [cam] of a job; options here come before it."),
     click.option("--cycles", type=click.Choice(["skip", "expand"]), help="Whether drilling cycles are cut."),
-    click.option("--tilt-angles", type=click.Choice(["spatial"]), help="What cycle 19 (Heidenhain) states."),
     click.option("--tool-direction", type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
                  help="Where the TCP frame points out."),
     click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note."),
@@ -146,7 +140,7 @@ def run_trace(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: st
 
     Example: compplan trace run1.csv run2.csv --program p1.csv --program p2.csv --robot ur10 --out out
     """
-    from compplan.reporting.trace import trace_logs, write_trace
+    from compplan.reporting.trace import open_trace, trace_logs, write_trace
 
     robot = load_robot(robot_name)
     with show_progress() as announce:
@@ -154,15 +148,8 @@ def run_trace(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: st
         traced = trace_logs(logs, programs, robot)
         announce("write: trace.json, robot, report.html")
         summary = write_trace(traced, folder)
-    without, left = summary["left_without_model_mm"], summary["left_mm"]
-    parts = ", ".join(f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in summary["parts"].items())
-    return CommandResult(summary, [
-        f"across the programmed path: {without['median']:.3g} mm median, {without['p95']:.3g} mm 95 %",
-        f"across the executed path:   {left['median']:.3g} mm median, {left['p95']:.3g} mm 95 %, "
-        f"rows not fitted to ({summary['model']})",
-        f"causes: {parts}", *(f"note: {note}" for note in summary["notes"]),
-        f"wrote trace.json, robot, report.html to {folder}",
-    ])  # fmt: skip
+    lines = open_trace(summary, traced.found).format(folder, ["trace.json", "report.html", "robot"], summary["notes"])
+    return CommandResult(summary, lines)
 
 
 @make_command(

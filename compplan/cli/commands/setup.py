@@ -16,7 +16,7 @@ import click
 import tomli_w
 
 from compplan.cli.options import INPUT, CommandResult, add_options, make_command, robot_option
-from compplan.cli.terminal import format_table, show, show_progress
+from compplan.cli.terminal import show, show_progress
 from compplan.controllers.writers import WRITERS, list_languages
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.post import read_post
@@ -330,15 +330,15 @@ def _refuse_others(target: str | None) -> None:
 
 def _describe_findings(findings: list[Remark]) -> list[str]:
     """Return the findings as lines for people."""
-    from rich.markup import escape
-
-    rows = []
+    width = max(len(finding.about) for finding in findings)
+    lines = []
     for finding in findings:
         text = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
-        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(text)))
+        state = click.style(f"{finding.state:<4}", fg=COLOURS[finding.state])
+        lines.append(f"{state}  {finding.about:<{width}}  {text}")
     odd = sum(finding.state == "odd" for finding in findings)
     count = f"{odd} odd of {len(findings)} looked at" if odd else f"nothing odd; {len(findings)} looked at"
-    return [*format_table(rows), count]
+    return [*lines, count]
 
 
 @click.command()

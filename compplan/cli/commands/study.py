@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import click
 import numpy as np
 
 from compplan.cli.options import CommandResult, make_command, make_job_command, out_folder, split_names
-from compplan.cli.terminal import format_table, show_progress
+from compplan.cli.terminal import show_progress
 from compplan.errors import InputError
 from compplan.job.names import ONLINE, STRATEGIES
 from compplan.reproduce import PAPERS, reproduce_paper
@@ -46,7 +45,7 @@ def run_montecarlo(
     Example: compplan montecarlo paths/isf_cone.toml --samples 200 --seed 1 --out out
     """
     from compplan.io.transaction import lock_folder
-    from compplan.reporting.montecarlo import write_study
+    from compplan.reporting.montecarlo import open_study, write_study
     from compplan.studies.job_study import study_job
     from compplan.studies.runner import Settings
     from compplan.studies.workers import Workers
@@ -62,26 +61,10 @@ def run_montecarlo(
             discard=discard, workforce=Workers(workers, scheduler), announce=announce, progress=announce.count,
         )  # fmt: skip
         announce("report")
-        files = write_study(study, folder)
-    wrote = f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}"
-    return CommandResult(study.summary, [*_describe_study(study.summary), wrote])
-
-
-def _describe_study(summary: Mapping[str, Any]) -> list[str]:
-    """Return rms and greatest deviation of every strategy."""
-    rows = []
-    for name, figures in summary["strategies"].items():
-        rms, ends = figures["rms_mm"], figures["rms_mm"]["ci95"]
-        share = f"{100 * figures['within_tolerance']:.3g} %"
-        numbers = [f"{value:.4g}" for value in (rms["mean"], rms["p95"], figures["max_mm"]["p95"])]
-        rows.append([name, numbers[0], f"{ends[0]:.4g} to {ends[1]:.4g}", *numbers[1:], share])
-    columns = ["strategy", "rms, mean", "95 % interval", "rms, 95 %", "greatest, 95 %", "parts within tolerance"]
-    title = f"{summary['name']}: deviation in mm over {summary['samples']} samples"
-    lines, most = format_table(rows, columns, title, 110), summary["waypoints_of_path"]
-    if summary["waypoints"] < most:
-        lines.append(f"path thinned from {most} to {summary['waypoints']} waypoints")
-    grade = summary["robot_grade"]
-    return [*lines, f"robot model: {grade}; uncertainties as in the report, assumed where the job states none"]
+        written = write_study(study, folder)
+    files = [str(path.relative_to(folder)) for path in written]
+    note = f"robot model: {study.summary['robot_grade']}; uncertainties as in the report, assumed where none is stated"
+    return CommandResult(study.summary, open_study(study).format(folder, files, [note]))
 
 
 #: Greatest load [N, Nm] and height [mm] that are taken for true.
@@ -128,9 +111,8 @@ def run_map(
         progress("maps of two planes")
         result = map_robot(loaded, settings)
         progress("pictures and report")
-        write_map(result, folder)
-    wrote = f"wrote {folder / 'map.json'}, {folder / 'report.html'}"
-    return CommandResult(result.summary(), [*result.lines(), wrote])
+        opening = write_map(result, folder)
+    return CommandResult(result.summary(), opening.format(folder, ["map.json", "report.html"]))
 
 
 @make_command(click.argument("paper", metavar="|".join(PAPERS)), out_folder)

@@ -1,4 +1,4 @@
-"""The installation: interpreter, libraries with their versions, and whether they do what compplan needs of them."""
+"""The installation: interpreter, and whether the engines do what compplan needs of them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import importlib
 import platform
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib import metadata
 from typing import Literal
 
 import numpy as np
-from packaging.requirements import Requirement
 
 from compplan.robot.folder import robot_folders
 from compplan.version import VERSION
@@ -28,32 +26,10 @@ class Remark:
 
 
 def examine_installation() -> list[Remark]:
-    """Look at interpreter, libraries and engines."""
+    """Look at interpreter and engines."""
     python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}, compplan {VERSION}"
     robots = f"{len(list(robot_folders()))} ship with compplan"
-    return [
-        Remark("fine", "python", python), *_look_at_libraries(), *_try_engines(), Remark("fine", "robots", robots),
-    ]  # fmt: skip
-
-
-def _look_at_libraries() -> Iterator[Remark]:
-    """Hold the versions that are installed against those that compplan asks for."""
-    try:
-        wanted = [Requirement(text) for text in metadata.requires("compplan") or ()]
-    except metadata.PackageNotFoundError:
-        yield Remark("note", "libraries", "compplan is not installed, it runs from its source tree", "pip install .")
-        return
-    required = [one for one in wanted if one.marker is None or one.marker.evaluate({"extra": ""})]
-    known = {one.name: next(iter(metadata.Distribution.discover(name=one.name)), None) for one in required}
-    faults = [
-        f"{one.name} is missing" if found is None else f"{one.name} {found.version}, expected {one.specifier}"
-        for one in required
-        if (found := known[one.name]) is None or not one.specifier.contains(found.version, prereleases=True)
-    ]
-    if faults:
-        yield Remark("odd", "libraries", "; ".join(faults), "pip install . in the checkout mends it")
-    else:
-        yield Remark("fine", "libraries", "all required packages are installed in supported versions")
+    return [Remark("fine", "python", python), *_try_engines(), Remark("fine", "robots", robots)]
 
 
 def _try_engines() -> Iterator[Remark]:

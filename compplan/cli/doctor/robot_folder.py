@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -11,22 +10,18 @@ from compplan.cli.doctor.installation import Remark
 from compplan.controllers.writers.joint_convention import from_controller, load_controller, locate_link, locate_pendant
 from compplan.effects import robot_effects
 from compplan.robot import Array, Robot
-from compplan.robot.description import find_mesh
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.robot.rating import check_mass, read_rating, sum_arm_mass
 from compplan.robot.shapes import describe_shapes, read_bodies
-from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+from compplan.statics.chain import build_chain
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import middle_of_limits
-from compplan.statics.quality import natural_length, quality_of_poses
 
 #: Softest-direction deflection under 1 kN that industrial arms of 3 kg to 1000 kg payload show, with room (assumed;
 #: papers give .1 to 5 mm). [m]
 STIFFEST, SOFTEST = 2e-5, 3e-2
 #: Joints that turn less are tools or grippers (assumed). [rad]
 LITTLE = np.radians(20.0)
-#: Best inverse condition number of the sampled poses below which the geometry is suspect (assumed). [1]
-POOR = 0.02
 #: Greatest velocities of industrial joints (assumed: the fastest small wrists turn 2,000 deg/s). [rad/s, m/s]
 FASTEST, FASTEST_SLIDE = np.radians(2000.0), 10.0
 #: Poses that are sampled.
@@ -59,12 +54,6 @@ def _look_at_sources(robot: Robot) -> Iterator[Remark]:
         yield Remark("odd", "robot model", "placeholder: do not rely on how it bends", "identify your robot")
     elif robot.grade != "identified":
         yield Remark("note", "robot model", f"{robot.grade}: not measured on your robot", "identify it first")
-    for name in ("compliance", "geometry", "masses"):
-        source = robot.sources.get(name)
-        if source is None:
-            yield Remark("note", "sources", f"no source for {name}", "name it in [sources] of elasticity.toml")
-        elif "assumed" in source.lower():
-            yield Remark("note", "sources", f"{name}: {source}")
     if robot.repeatability is None:
         yield Remark("note", "repeatability", "repeatability_mm is not stated", "the data sheet's value / 3.6 will do")
 
@@ -132,16 +121,8 @@ def _look_at_springs(robot: Robot) -> Iterator[Remark]:
 def _look_at_geometry(robot: Robot) -> Iterator[Remark]:
     if robot.tcp == robot.flange:
         yield Remark("note", "tcp", "the TCP is the flange: no tool is mounted", "give [tool] in the job, or --tool")
-    chain, q = build_chain(robot), _sample(robot)
     if robot.nq < 6:
         yield Remark("note", "geometry", f"{robot.nq} joints: orientation of the tool is not free")
-        return
-    best = float(np.max(quality_of_poses(chain, q, natural_length(chain, (robot.lower, robot.upper)))))
-    rank = int(np.linalg.matrix_rank(joint_jacobian(chain, locate_frames(chain, q))[0]))
-    if best < POOR or rank < 6:
-        yield Remark("odd", "geometry", f"the best pose has inverse condition {best:.3g}", "are two axes the same?")
-    else:
-        yield Remark("fine", "geometry", f"inverse condition of the best pose {best:.2f}")
 
 
 def _look_at_controller(robot: Robot) -> Iterator[Remark]:
@@ -166,12 +147,6 @@ def _look_at_shapes(robot: Robot) -> Iterator[Remark]:
         yield Remark("odd", "collision", f"{body.link}: {body.gap}", advice if body is gaps[-1] else "")
     still = any(body.dropped and not body.moves for body in bodies)
     yield Remark("note" if gaps or still else "fine", "collision", f"shapes of each link: {describe_shapes(bodies)}")
-    drawn = ElementTree.fromstring(robot.urdf).iterfind("link/visual//mesh")
-    names = {mesh.attrib.get("filename", "") for mesh in drawn}
-    lost = sorted(name for name in names if find_mesh(name, robot.folder) is None)
-    if lost:
-        text = f"{len(lost)} of {len(names)} meshes of visuals are not found ({lost[0]})"
-        yield Remark("note", "visuals", f"{text}: pages draw the arm without them")
 
 
 def _sample(robot: Robot) -> Array:

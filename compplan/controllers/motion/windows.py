@@ -98,17 +98,8 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
     usual = float(np.median(places.distance))
     if usual > OTHER_PROGRAM:
         told = f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program"
-        raise InputError(told + _suspect_unit(log.q[rows], robot, arm, programmed, log.time[rows]), file=file)
+        raise InputError(f"{told}; check the units in the names of its columns", file=file)
     return PlacedLog(log, nodes, rows, places, programmed)
-
-
-def _suspect_unit(q: Array, robot: Robot, arm: Arm, programmed: Path, time: Array) -> str:
-    """Say that a log's angles have another unit than its columns state where they follow the program in that unit."""
-    for factor, said in ((180.0 / np.pi, "rad, not deg"), (np.pi / 180.0, "deg, not rad")):
-        tip = locate_frames(arm.chain, np.where(robot.prismatic, q, factor * q)).tcp_position
-        if np.median(place_rows(programmed, tip, measure_way(time, tip)).distance) <= OTHER_PROGRAM:
-            return f"; its angles are in {said}: correct the unit in the names of the columns"
-    return ""
 
 
 def cut_windows(traces: list[PlacedLog], arm: Arm) -> list[Window]:

@@ -1,4 +1,4 @@
-"""Compare what was written with what was planned: joints.csv and every program are read back.
+"""Compare what was written with what was planned: every program is read back.
 
 Texts are read by readers that share nothing with the writers, and the tool is placed by the evaluation's robot model
 (Pinocchio); how the controller counts joints is what writers know of it, too.
@@ -7,25 +7,16 @@ Texts are read by readers that share nothing with the writers, and the tool is p
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
-from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, find_rows, follow_moves
-from compplan.controllers.readback.frames import read_frame, read_part
-from compplan.controllers.readback.joint_table import (
-    Commanded,
-    JointTable,
-    check_joint_table,
-    check_posture_choice,
-    read_joints,
-    to_degrees,
-)
+from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, follow_moves
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.poses import Move, Pose, fanuc_pose
 from compplan.controllers.readback.reported import ReportedProgram, read_words
@@ -63,52 +54,69 @@ DECIMAL = re.compile(r"(?<![\w.])-?\d+\.\d+")
 
 
 @dataclass(frozen=True)
-class Findings:
-    """What a reading of written files finds: sentences against a plan, and what was not checked."""
+class Commanded:
+    """What was planned at the rows that programs hold: the way there, the path, the way back. Shapes (m, ..)."""
 
-    breaches: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    q: Array  #: Joint positions that programs hold: commanded, or what leads by the lag of drives. [rad or m]
+    time: Array  #: [s]
+    feed: Array  #: Feed that is driven in the move to each row, 0 in rapid moves. [mm/s]
+    stands: NDArray[np.bool_]  #: Whether the tool has to stand still, beside the ends of rapid moves.
+    may_stop: NDArray[np.bool_]  #: Where programs may stop exactly instead of leaving the path in a zone.
+    free: NDArray[np.bool_]  #: Whether the speed of the move to each row is of no account.
+    asked: Array  #: Feed that the CAM file asks for in the move to each row. [mm/s]
+    beside: Array  #: How far zones may lead beside a corner. [m]
+    #: To the corner that moves of the tool state in place of a row, nan at rows of a rounded corner that they leave
+    #: out, 0 elsewhere. Shape (m, 3). [m]
+    corner: Array
+    fit: float  #: How far rows may lie beside moves of the tool that stand for them. [mm]
+
+    def take(self, kept: NDArray[np.int_]) -> Commanded:
+        """Return what was planned at some of the rows."""
+        return replace(self, **{key: values[kept] for key, values in vars(self).items() if key != "fit"})
 
 
 @dataclass(frozen=True)
 class StiffArm:
-    """Forward kinematics of the unloaded arm as the controller believes it."""
+    """The unloaded arm with the job's tool, as the controller believes it, and the part before it."""
 
     carries_part: bool  #: Whether a positioner carries the part; poses are then seen from the part.
     #: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq). [rad or m]
     locate: Callable[[Array], tuple[Array, Array]]
+    #: The same of the pendant's flange.
+    locate_flange: Callable[[Array], tuple[Array, Array]]
+    part: Array  #: Pose of the part frame seen from the base. Shape (4, 4). [m]
+    mass: float | None  #: Mass of the tool, None where the job states none. [kg]
+    centre: Array  #: Its centre, seen from the TCP frame. Shape (3,). [m]
 
 
 def compare_written(
-    folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded,
-    arm_with: Callable[[Mapping[str, Any] | None], StiffArm],
-) -> Findings:  # fmt: skip
-    """Read back what was written.
+    folder: Path, languages: Sequence[str], robot: Path, arm: StiffArm, wanted: Commanded,
+    ends_of: Callable[[str], NDArray[np.int_]], *, main: str | None = None, excused: bool = False,
+) -> tuple[list[str], list[str]]:  # fmt: skip
+    """Read back the programs that were written; return what is wrong with them, and notes of what was not checked.
 
     Args:
-        folder: Folder that joints.csv and the programs are in.
-        tables: The tables of the job as they are written.
+        folder: Folder that they are in.
+        languages: Their languages.
         robot: The robot folder.
+        arm: The arm by the evaluation's robot model.
         wanted: What was planned.
-        arm_with: Returns the arm with a table [tool], or with the folder's own tool where it is None.
+        ends_of: Returns the rows at which a language's moves of the tool end; what is left out is followed here.
+        main: Name that the job gives the main program.
+        excused: Whether a program that cannot be read is no fault, as it uses signals of the cell.
     """
-    model = load_robot(robot)
-    joints, cycle = read_joints(robot), load_motion(model)[0].cycle
-    breaches, notes = [*check_posture_choice(wanted, cycle),
-                       *check_joint_table(folder / "joints.csv", joints, wanted)], list[str]()  # fmt: skip
-    output = tables.get("output") or {}
-    if not output.get("programs"):
-        return Findings(tuple(breaches))
-    rows = _place_rows(joints, load_controller(model), tables, wanted, cycle, arm_with)
-    reported = _report_rows(rows, tables, believed_robot(model))
+    breaches, notes = list[str](), list[str]()
+    if not languages:
+        return breaches, notes
+    rows = _place_rows(load_robot(robot), arm, wanted)
+    reported = _report_rows(rows)
     squared, kept = rows.square_corners()
     declared = np.linalg.inv(rows.world) @ rows.part
-    for language in output["programs"]:
+    for language in languages:
         if language not in FORMS:  # a language of somebody else's package
             notes.append(f"not checked: there is no independent reader of {language} programs")
             continue
-        excused = bool(output.get("io"))
-        for file, found in _read_back(folder, language, rows, output.get("main")):
+        for file, found in _read_back(folder, language, rows, main):
             if isinstance(found, InputError):
                 fault = f"{file.name}: {found.message}"[:200]
                 (notes if excused else breaches).append(f"not checked: {fault}" if excused else fault)
@@ -116,21 +124,25 @@ def compare_written(
             moves = rows.place_joints([move if move.base is not None else move._replace(base=declared)
                                        for move in found if move.kind != "act"])  # fmt: skip
             linear = wanted.fit > 0.0 and any(move.kind != "joint" and move.pose is not None for move in moves)
-            own_rows, numbers = (squared, kept) if linear else (rows, np.arange(len(rows.q)))
-            held = own_rows.find_rows(moves)
+            every = np.arange(len(rows.shown))
+            own_rows, ends = (squared, ends_of(language)) if linear else (rows, every)
+            numbers = kept if linear else every
+            held = np.searchsorted(numbers, ends)
             if rows.arm.carries_part and not all(move.carried or move.kind == "joint" for move in moves):
                 said = ["lines are not driven seen from the part that moves"]
-            elif isinstance(held, str):
-                said = [held]
+            elif len(moves) != len(ends) or not np.isin(ends, numbers).all():
+                said = [f"{len(moves)} moves, planned are {len(ends)}"]
+            elif len(missed := np.setdiff1d(np.flatnonzero(own_rows.laid.kept), held)):
+                said = [f"no move ends at row {missed[0]}, {len(numbers)} are planned"]
             else:
                 moves = own_rows.excuse_stops(moves, held)
-                said = own_rows.compare(moves, held) or reported.take(numbers[held]).compare(language, moves)
+                said = own_rows.compare(moves, held) or reported.take(ends).compare(language, moves)
                 corner, beside = 1e3 * wanted.corner, 1e3 * wanted.beside
                 said += check_corners(rows.position, corner, beside)[:1] if linear else []
             if language in ("fanuc_ls", "inform") and not rows.arm.carries_part:
                 said += compare_declared(file, declared, rows.tool)
             breaches += [f"{file.name}, read back: {text}" for text in said]
-    return Findings(tuple(breaches), tuple(notes))
+    return breaches, notes
 
 
 def _read_back(
@@ -142,7 +154,7 @@ def _read_back(
     for file in files:
         try:
             with guard_parser(file, "cannot be read back"):
-                moves = read_csv(file, rows.counting.joint_names, rows.joints.outer) if read is None else read(file)
+                moves = read_csv(file, rows.counting.joint_names, rows.outer.tolist()) if read is None else read(file)
         except InputError as error:
             yield file, error
         else:
@@ -175,103 +187,90 @@ def _find_mains(folder: Path, patterns: tuple[str, ...], main: str | None) -> li
 class _Rows:
     """The commanded arm at the rows that programs hold, in the geometry that the controller believes; mm and deg."""
 
-    joints: JointTable
+    robot: Robot
     counting: Counting
-    q: Array
+    shown: Array  #: Joints as the controller counts them. Shape (m, nq). [deg or mm]
     position: Array
     rotation: Array
     world: Array
     wanted: Commanded
     part: Array
     tool: Array
-    cycle: float
     arm: StiffArm
+
+    @property
+    def outer(self) -> NDArray[np.bool_]:
+        """Tell which joints are external axes: those that slide, or carry the part. Shape (nq,)."""
+        return self.robot.prismatic | self.robot.carriers
 
     def square_corners(self) -> tuple[_Rows, NDArray[np.int_]]:
         """Return what moves of the tool stand for, corners in place of what rounds them, and the rows of it."""
         kept = np.flatnonzero(np.isfinite(self.wanted.corner[:, 0]))
         wanted = self.wanted.take(kept)
         position = self.position[kept] + 1e3 * wanted.corner
-        return replace(self, q=self.q[kept], position=position, rotation=self.rotation[kept], wanted=wanted), kept
+        return replace(
+            self, shown=self.shown[kept], position=position, rotation=self.rotation[kept], wanted=wanted
+        ), kept
 
-    def undo_joints(self, moves: Sequence[Move]) -> Array:
-        """Return the joints of moves as the robot folder counts them, nan where their number is wrong. [deg or mm]"""
-        outer = np.array(self.joints.outer)
+    def list_joints(self, moves: Sequence[Move]) -> Array:
+        """Return the joints of moves in the order of the robot's, nan where their number is wrong. [deg or mm]"""
+        outer = self.outer
         shown = np.full((len(moves), len(outer)), np.nan)
         for row, move in zip(shown, moves, strict=True):
             if len(move.joints or ()) == (~outer).sum() and len(move.external) >= outer.sum():
                 row[~outer], row[outer] = move.joints, move.external[: outer.sum()]
-        return to_degrees(from_controller(self.counting, shown), self.joints)
+        return shown
 
     def place_joints(self, moves: list[Move]) -> list[Move]:
         """Put the tool of lines that are written as joint positions where those hold it, seen from the part frame."""
         rows = [k for k, move in enumerate(moves) if move.kind != "joint" and move.pose is None and move.joints]
         if not rows or not self.arm.carries_part:
             return moves
-        degrees, placed = self.undo_joints([moves[k] for k in rows]), list(moves)
-        q = np.where(np.array(self.joints.slides), 1e-3 * degrees, np.radians(degrees))
+        q, placed = from_controller(self.counting, self.list_joints([moves[k] for k in rows])), list(moves)
         for k, position, rotation in zip(rows, *self.arm.locate(q), strict=True):
             placed[k] = moves[k]._replace(
                 pose=np.linalg.inv(self.part) @ _pose(rotation, 1e3 * position), base=self.part
             )
         return placed
 
-    def find_rows(self, moves: list[Move]) -> NDArray[np.int_] | str:
-        """Return the row at which each move ends, or why there is none."""
-        if len(moves) == len(self.q):
-            return np.arange(len(moves))
-        if not self.wanted.fit > 0.0 or not any(move.kind != "joint" for move in moves):
-            return f"{len(moves)} moves, planned are {len(self.q)}"
-        ends = np.full((len(moves), 4, 4), np.nan)
-        held: list[NDArray[np.bool_] | None] = []
-        for k, move in enumerate(moves):
-            if move.pose is not None and move.kind != "joint":
-                ends[k] = self.world @ np.asarray(move.base) @ move.pose
-            if move.flange_turn:
-                ends[k, :3, :3] = np.nan
-            by_joints = move.kind == "joint" and move.joints is not None
-            same = np.abs(self.undo_joints([move]) - self.q) <= JOINT if by_joints else None
-            held.append(None if same is None else np.asarray(same.all(axis=1)))
-        return find_rows(self._lay_rows(), ends[:, :3, 3], ends[:, :3, :3], held)
-
     def excuse_stops(self, moves: list[Move], held: NDArray[np.int_]) -> list[Move]:
         """Take exact stops at corners whose zone would lead too far, in a language without smaller ones, as zones."""
         excused = (self.wanted.may_stop & ~self.wanted.stands)[held].tolist()
         return [move._replace(stops=False) if may else move for move, may in zip(moves, excused, strict=True)]
 
-    def _lay_rows(self) -> PlannedRows:
+    @cached_property
+    def laid(self) -> PlannedRows:
+        """The rows that moves of the tool stand for."""
         wanted = self.wanted
-        rows = wanted.program
-        kept = (wanted.feed[rows] <= 0.0) | wanted.stands
-        kept[:-1] |= wanted.feed[rows][1:] <= 0.0
-        kept[-1] = True
+        rapid = wanted.feed <= 0.0
+        kept = rapid | wanted.stands | np.append(rapid[1:], True)
         return PlannedRows(
-            self.position, self.rotation, wanted.time[rows], kept, wanted.free, np.full(len(rows), wanted.fit),
-            self.cycle, wanted.asked, np.abs(wanted.corner).max(axis=1) > 0.0,
+            self.position, self.rotation, wanted.time, kept, wanted.free, wanted.fit,
+            load_motion(self.robot)[0].cycle, wanted.asked, np.abs(wanted.corner).max(axis=1) > 0.0,
         )  # fmt: skip
 
     def compare(self, moves: list[Move], held: NDArray[np.int_]) -> list[str]:
         """Say where the moves of a program, which end at some of the rows, are not those planned."""
         lines = [move for move in moves if move.kind != "joint"]
         said = [self._compare_joints(moves, held), self._compare_places(moves, held), self._compare_tool(moves[0])]
-        every = self._compare_feeds(moves) if len(moves) == len(self.q) else "rows are left out"
+        every = self._compare_feeds(moves) if len(moves) == len(self.shown) else "rows are left out"
         if every and self.wanted.fit > 0.0 and lines and all(move.pose is not None for move in lines):
             bases = [self.world @ np.asarray(move.base) for move in moves]
-            said += follow_moves(self._lay_rows(), held, moves, bases)
+            said += follow_moves(self.laid, held, moves, bases)
         else:
             said.append(every)
         return [text for text in said if text]
 
     def _compare_joints(self, moves: list[Move], held: NDArray[np.int_]) -> str:
         rows = [k for k, move in enumerate(moves) if move.joints is not None]
-        off = np.abs(self.undo_joints([moves[k] for k in rows]) - self.q[held[rows]])
+        off = np.abs(self.list_joints([moves[k] for k in rows]) - self.shown[held[rows]])
         if np.isnan(off).any():
-            return f"not {len(self.joints.names)} joints in every move"
+            return f"not {self.robot.nq} joints in every move"
         if off.max(initial=0.0) <= JOINT:
             return ""
         row, joint = np.unravel_index(int(off.argmax()), off.shape)
-        unit = "mm" if self.joints.slides[joint] else "deg"
-        return f"{self.joints.names[joint]} is {off.max():.4g} {unit} off at row {rows[row]}"
+        unit = "mm" if self.robot.prismatic[joint] else "deg"
+        return f"{self.robot.joint_names[joint]} is {off.max():.4g} {unit} off at row {rows[row]}"
 
     def _compare_places(self, moves: list[Move], held: NDArray[np.int_]) -> str:
         rows = [k for k, move in enumerate(moves) if move.pose is not None and move.base is not None]
@@ -303,7 +302,7 @@ class _Rows:
         return f"the tool is at ({place}) mm from the pendant's flange, the job's at ({wanted})"
 
     def _compare_feeds(self, moves: list[Move]) -> str:
-        wanted = np.maximum(self.wanted.feed[self.wanted.program] * 1e3, 0.0)
+        wanted = np.maximum(self.wanted.feed, 0.0)
         stated = np.array([np.nan if move.feed is None else move.feed for move in moves])
         off = np.minimum(np.abs(stated - wanted), np.abs(stated - np.maximum(wanted, LEAST_FEED))) - FEED_STEP
         off[(wanted == 0.0) | np.isnan(stated)] = -1.0
@@ -313,39 +312,29 @@ class _Rows:
         return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {wanted[row]:.4g}"
 
 
-def _place_rows(
-    joints: JointTable, counting: Counting, tables: Mapping[str, Any], wanted: Commanded, cycle: float,
-    arm_with: Callable[[Mapping[str, Any] | None], StiffArm],
-) -> _Rows:  # fmt: skip
+def _place_rows(robot: Robot, arm: StiffArm, wanted: Commanded) -> _Rows:
     """Return the commanded arm at the rows that programs hold, see `compare_written`."""
-    arm, sent = arm_with(tables.get("tool")), wanted.sent[wanted.program]
-    position, rotation = arm.locate(sent)
-    flange, turn = arm_with({"frame": "pendant"}).locate(sent[:1])
+    counting, part = load_controller(robot), arm.part
+    position, rotation = arm.locate(wanted.q)
+    flange, turn = arm.locate_flange(wanted.q[:1])
     tool = _pose(turn[0].T @ rotation[0], 1e3 * turn[0].T @ (position[0] - flange[0]))
     world = np.eye(4) if arm.carries_part else _pose(counting.world[:3, :3], 1e3 * counting.world[:3, 3])
-    part = read_part(tables.get("part") or {})
     return _Rows(
-        joints, counting, to_degrees(sent, joints), position * 1e3, rotation, world, wanted,
-        _pose(part.rotation, 1e3 * part.translation), tool, cycle, arm,
+        robot, counting, to_controller(counting, wanted.q), position * 1e3, rotation, world, wanted,
+        _pose(part[:3, :3], 1e3 * part[:3, 3]), tool, arm,
     )  # fmt: skip
 
 
-def _report_rows(rows: _Rows, tables: Mapping[str, Any], believed: Robot) -> ReportedProgram:
+def _report_rows(rows: _Rows) -> ReportedProgram:
     """Return what programs have to say beside where they lead."""
-    wanted, joints = rows.wanted, rows.joints
-    sent, arm = wanted.sent[wanted.program], ~np.array(joints.outer)
-    shown = to_controller(rows.counting, sent)
-    step = np.diff(wanted.time[wanted.program], prepend=np.nan)
+    wanted, rates = rows.wanted, np.where(rows.robot.prismatic, 1e3, 180.0 / np.pi) * rows.robot.velocity_limits
+    step = np.diff(wanted.time, prepend=np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.abs(np.diff(shown, axis=0, prepend=np.nan)) / to_degrees(joints.velocity[None], joints)
-        share = share.max(axis=1) / step
-    tool = tables.get("tool") or {}
-    frame = read_frame(tool)
-    centre = np.r_[np.array(tool.get("centre_of_mass_mm", (0.0, 0.0, 0.0)), float), 1.0]
-    centre = rows.tool @ np.linalg.inv(_pose(frame.rotation, 1e3 * frame.translation)) @ centre
+        share = (np.abs(np.diff(rows.shown, axis=0, prepend=np.nan)) / rates).max(axis=1) / step
+    centre = rows.tool[:3, :3] @ (1e3 * rows.arm.centre) + rows.tool[:3, 3]
     return ReportedProgram(
-        shown[:, arm], read_words(rows.counting, believed, sent), wanted.feed[wanted.program] <= 0.0, wanted.stands,
-        share, tool.get("mass_kg"), centre[:3],
+        rows.shown[:, ~rows.outer], read_words(rows.counting, believed_robot(rows.robot), wanted.q),
+        wanted.feed <= 0.0, wanted.stands, share, rows.arm.mass, centre,
     )  # fmt: skip
 
 

@@ -16,8 +16,7 @@ from compplan.controllers.readback.poses import (
     abb_pose,
     fanuc_pose,
     list_lines,
-    mark_actions,
-    read_action,
+    read_beside,
     read_numbers,
 )
 
@@ -34,11 +33,11 @@ class _Fanuc:
     moves: list[Move] = field(default_factory=list)
 
     def run(self, path: Path) -> None:
-        text = mark_actions(path.read_text(), "fanuc_ls")
+        text = path.read_text()
         points = {int(number): body for number, body in re.findall(r"P\[(\d+)\]\{(.*?)\};", text, re.S)}
         body = text[text.index("/MN") : text.index("/POS")]
         for line in re.findall(r"^ *\d+: *([^;]*?) *;", body, re.M):
-            if act := read_action(line):
+            if act := read_beside(line, "fanuc_ls"):
                 self.moves.append(act)
             elif match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec|cm/min) (FINE|CNT\d+)( COORD)?", line):
                 self.move(match[1], points[int(match[2])], *(float(match[3]), match[4], match[5]), carried=match[6])
@@ -120,8 +119,8 @@ class _Rapid:
     active: set[str] = field(default_factory=set)
 
     def run(self, procedure: str) -> None:
-        for line in list_lines(self.procedures[procedure], "rapid", "!"):
-            if act := read_action(line):
+        for line in list_lines(self.procedures[procedure], "!"):
+            if act := read_beside(line, "rapid"):
                 self.moves.append(act)
             elif match := _RAPID_MOVE.fullmatch(line):
                 self.move(match[1], match[2], read_numbers(match[3])[0], *match.groups()[3:])

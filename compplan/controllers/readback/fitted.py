@@ -1,6 +1,6 @@
 """Do the moves of a program stand for all rows that were planned? Each is followed along them.
 
-A move is found by where it ends, its line or arc is worked out anew from what was read.
+Its line or arc is worked out anew from what was read.
 """
 
 from __future__ import annotations
@@ -17,17 +17,13 @@ from compplan.controllers.shapes import HELD, LEAST_FEED, RATIO, SHORT, find_arc
 from compplan.robot import Array
 from compplan.toolpath.corners import STRAYS, measure_beside
 
-#: How near a move has to end to a planned row [mm], and rounding of written positions [mm].
-NEAR, ROUNDING = 5e-3, 5e-4
-#: What rounding turns a written orientation. [rad]
-ALIKE = 3e-5
+#: Rounding of written positions. [mm]
+ROUNDING = 5e-4
 #: Greatest turn of the tool beside an even one. [deg]
 TURN = 0.02
 #: A feed stands until another differs by `HELD` of it, and is written with one decimal at least; speeds within a move
 #: differ by `RATIO` at most. [1, mm/s, 1]
 FEED, FEED_STEP, UNEVEN = HELD / (1.0 - HELD), 0.05 * (1.0 + 1e-6), RATIO - 1.0
-#: Rows that are searched at once.
-WINDOW = 256
 
 
 @dataclass(frozen=True)
@@ -39,100 +35,11 @@ class PlannedRows:
     time: Array  #: Shape (m,). [s]
     kept: NDArray[np.bool_]  #: Rows that a move has to end at. Shape (m,).
     free: NDArray[np.bool_]  #: Rows whose speed is of no account. Shape (m,).
-    tolerance: Array  #: How far rows may lie beside the move that ends at each. Shape (m,). [mm]
+    tolerance: float  #: How far rows may lie beside the move that stands for them. [mm]
     cycle: float  #: Least time of a move. [s]
     #: Feed that the CAM file asks for; without it no leg has a speed of its own. Shape (m,). [mm/s]
     asked: Array | None = None
     corners: NDArray[np.bool_] | None = None  #: Rows that are corners, which a zone leads around. Shape (m,).
-
-
-def find_rows(
-    rows: PlannedRows, tips: Array, turns: Array, held: Sequence[NDArray[np.bool_] | None] | None = None
-) -> NDArray[np.int_] | str:
-    """Return the row at which each move ends, or why there is none.
-
-    Args:
-        rows: What was planned.
-        tips: Where moves end; nan where that is the next row that has to be kept. Shape (k, 3). [mm]
-        turns: Orientation of the tool there; nan where a program does not say it. Shape (k, 3, 3).
-        held: Rows whose joints are those of a move that states joints, None of other moves; None: no move does.
-            Shape (m,) each.
-    """
-    found: list[int] = []
-    at, n = -1, len(rows.position)
-    for number, (tip, turn, same) in enumerate(zip(tips, turns, held or [None] * len(tips), strict=True)):
-        if same is not None:
-            row = _find_joints(rows, at, same)
-        else:
-            row = _find_kept(rows, at) if np.isnan(tip[0]) else _find_row(rows, at, tip, turn)
-        if row is None and _steps_back(rows, found, tips[number - 1], tip):
-            found[-1], row = at - 1, at
-        if row is None:
-            return (
-                f"move {number} ends off the planned path behind waypoint {at} (the way there included): the wrist "
-                'may be near a singularity; write joint moves ([output] form = "joint") or move the part'
-            )
-        at = row
-        found.append(at)
-    missed = np.setdiff1d(np.flatnonzero(rows.kept), found)
-    if len(missed):
-        return f"no move ends at row {missed[0]}, {n} are planned"
-    return np.array(found)
-
-
-def _steps_back(rows: PlannedRows, found: list[int], before: Array, tip: Array) -> bool:
-    """Tell whether a move ends at the row that the one before it was given, and that one a row earlier.
-
-    Rows that lie nearer to each other than a language rounds change places so. Places have shape (3,). [mm]
-    """
-    if not found or found[-1] - 1 <= (found[-2] if len(found) > 1 else -1):
-        return False
-    pair = rows.position[[found[-1] - 1, found[-1]]]
-    return bool((np.linalg.norm(pair - np.stack([before, tip]), axis=1) <= 2.0 * ROUNDING).all())
-
-
-def _find_joints(rows: PlannedRows, at: int, same: NDArray[np.bool_]) -> int | None:
-    """Return the first row with the joints of a move, of several in turn the one that has to be kept."""
-    after = np.flatnonzero(same[at + 1 :])
-    if not len(after):
-        return _find_kept(rows, at)  # its joints are compared there
-    row = at + 1 + int(after[0])
-    while row + 1 < len(same) and same[row + 1] and not rows.kept[row]:
-        row += 1
-    return row
-
-
-def _find_kept(rows: PlannedRows, at: int) -> int | None:
-    after = np.flatnonzero(rows.kept[at + 1 :])
-    return int(at + 1 + after[0]) if len(after) else None
-
-
-def _find_row(rows: PlannedRows, at: int, tip: Array, turn: Array) -> int | None:
-    """Return the row at which the path first comes nearest to a place, of equal ones that which is turned as the tool.
-
-    Of rows that are turned alike it is the last before a kept one.
-    """
-    n = len(rows.position)
-    for start in range(at + 1, n, WINDOW):
-        off = np.linalg.norm(rows.position[start : start + 2 * WINDOW] - tip, axis=1)
-        near = np.flatnonzero(off[:WINDOW] <= NEAR)
-        if not len(near):
-            continue
-        row = int(near[0])
-        while row + 1 < len(off) and off[row + 1] <= off[row] + 1e-5 and not rows.kept[start + row]:
-            row += 1
-        first, last = row, row
-        while first > near[0] and off[first - 1] <= off[row] + 2.0 * ROUNDING and not rows.kept[start + first - 1]:
-            first -= 1
-        while last + 1 < len(off) and off[last + 1] <= off[row] + 2.0 * ROUNDING and not rows.kept[start + last]:
-            last += 1
-        if first == last or np.isnan(turn[0, 0]):
-            return start + row
-        same = np.arange(first, last + 1)
-        turned = Rotation.from_matrix(rows.rotation[start + same] @ turn.T).magnitude()
-        same = same[turned <= turned.min() + ALIKE]
-        return int(start + same[np.flatnonzero(off[same] <= off[same].min() + 1e-5)[-1]])
-    return None
 
 
 def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move], bases: Sequence[Array]) -> list[str]:
@@ -186,7 +93,7 @@ def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
     else:
         found = follow_line(x)
     off, share = found
-    if off.max() > rows.tolerance[a + 1 : b + 1].min() + ROUNDING:
+    if off.max() > rows.tolerance + ROUNDING:
         return f"the planned tip is {1e3 * off.max():.3g} um off the move"
     if (np.diff(share) < -1e-6).any() and np.ptp(share) * np.linalg.norm(x[-1] - x[0]) > ROUNDING:
         return "the path turns back"

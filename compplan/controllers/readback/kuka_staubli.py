@@ -19,7 +19,7 @@ from compplan.controllers.readback.poses import (
     Move,
     kuka_pose,
     list_lines,
-    read_action,
+    read_beside,
     read_numbers,
     staubli_pose,
 )
@@ -59,7 +59,7 @@ class _Krl:
     def call(self, name: str) -> None:
         file = self.folder / f"{name}.src"
         assert file.read_bytes().count(b"\r\n") > 2, "CR LF"
-        lines = list_lines(file.read_text(), "krl")
+        lines = list_lines(file.read_text())
         for line in lines[lines.index(f"DEF {name}()") + 1 : lines.index("END")]:
             self.step(line)
 
@@ -67,7 +67,7 @@ class _Krl:
         if moved := _KRL_MOVE.fullmatch(line):
             assert (moved[1] == "CIRC") == (moved[2] is not None)
             self.move(moved[1], self.evaluate(moved[3]), moved[4], self.evaluate(moved[2]) if moved[2] else None)
-        elif act := read_action(line):
+        elif act := read_beside(line, "krl"):
             self.moves.append(act)
         elif match := re.fullmatch(r"BAS\(#VEL_PTP,(\d+)\)", line):
             self.values |= {f"$VEL_AXIS[{axis}]": float(match[1]) for axis in range(1, 7)}
@@ -144,7 +144,7 @@ class _Val3:
     def call(self, name: str) -> None:
         root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
         code = next(element.text or "" for element in root.iter() if _val3_tag(element) == "Code")
-        lines = list_lines(code, "val3", "//")
+        lines = list_lines(code, "//")
         assert (lines[0], lines[-1]) == ("begin", "end")
         for line in lines[1:-1]:
             self.step(line)
@@ -160,7 +160,7 @@ class _Val3:
             self.data[feed[1]][0]["tmax"] = feed[2]
         elif zone := re.fullmatch(rf"(\w+)\.(leave|reach)=({NUMBER})", line):
             self.data[zone[1]][0][zone[2]] = zone[3]
-        elif act := read_action(line):
+        elif act := read_beside(line, "val3"):
             assert self.waited, "what happens beside motion does not wait for the arm"
             self.moves.append(act)
         elif called := re.fullmatch(r"call (\w+)\(\)", line):

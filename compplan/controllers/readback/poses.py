@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 
 Pose = np.ndarray
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-TEXT = '"[^"]*"'
 
 
 class Move(NamedTuple):
@@ -28,7 +27,7 @@ class Move(NamedTuple):
     `rate` that of the leading joint [deg/s]; with `flange_turn` a pose has the tool's tip and the flange's turn.
     `via` is a pose that a move of kind "arc" goes through (of SINUMERIK its place alone).
     With `carried` the base moves with the external axes that carry the part.
-    `action` is what a program does beside motion; its `kind` is "act".
+    `action` is a line that does something beside motion; its `kind` is "act".
     """
 
     kind: str
@@ -44,7 +43,7 @@ class Move(NamedTuple):
     load: tuple[float, ...] = ()
     rate: float | None = None
     flange_turn: bool = False
-    action: tuple[object, ...] = ()
+    action: str = ""
     via: Pose | None = None
     carried: bool = False
 
@@ -97,76 +96,29 @@ def read_numbers(text: str) -> list[float]:
     return [float(number) for number in re.findall(NUMBER, text)]
 
 
-#: Actions of each language, longest first: name (and numbers that are not written), and the pattern of whole lines.
-ACTIONS: dict[str, dict[str, str]] = {
-    "krl": {
-        "pause_if": rf"IF \$IN\[(\d+)\] THEN\n *MsgNotify\({TEXT}\)\n *HALT\nENDIF",
-        "pause": rf"MsgNotify\({TEXT}\)\n *HALT", "on": r"\$OUT\[(\d+)\]=TRUE", "off": r"\$OUT\[(\d+)\]=FALSE",
-        "wait": rf"WAIT SEC ({NUMBER})", "expect": r"WAIT FOR \$IN\[(\d+)\]", "call": r"CHANGER\((\d+)\)",
-    },
-    "rapid": {
-        "pause_if": rf"IF di(\d+)=1 THEN\n *TPWrite {TEXT};\n *Stop;\n *ENDIF", "pause": rf"TPWrite {TEXT};\n *Stop;",
-        "on": r"SetDO do(\d+),1;", "off": r"SetDO do(\d+),0;", "wait": rf"WaitTime ({NUMBER});",
-        "expect": r"WaitDI di(\d+),1;", "call": r"CHANGER (\d+);",
-    },
-    "urscript": {
-        "pause_if": rf"if \(get_standard_digital_in\((\d+)\)\):\n *popup\({TEXT}, title=\"compplan\", blocking=True\)"
-                    r"\n *end",
-        "pause": rf"popup\({TEXT}, title=\"compplan\", blocking=True\)",
-        "on": r"set_standard_digital_out\((\d+), True\)", "off": r"set_standard_digital_out\((\d+), False\)",
-        "wait": rf"sleep\(({NUMBER})\)", "call": r"CHANGER\((\d+)\)",
-        "expect": r"while \(not get_standard_digital_in\((\d+)\)\):\n *sync\(\)\n *end",
-    },
-    "inform": {
-        "pause_if": r"PAUSE IF IN#\((\d+)\)=ON", "pause": "PAUSE", "on": r"DOUT OT#\((\d+)\) ON",
-        "off": r"DOUT OT#\((\d+)\) OFF", "wait": rf"TIMER T=({NUMBER})", "expect": r"WAIT IN#\((\d+)\)=ON",
-        "call 7": "CALL JOB:CHANGER",
-    },
-    "kawasaki_as": {
-        "pause_if": rf"IF SIG\(100(\d)\) THEN\n *TYPE {TEXT}\n *PAUSE\n *END", "pause": rf"TYPE {TEXT}\n *PAUSE",
-        "on": r"SIGNAL (\d+)", "off": r"SIGNAL -(\d+)", "wait": rf"TWAIT ({NUMBER})", "expect": r"SWAIT 100(\d)",
-        "call": r"CALL changer\((\d+)\)",
-    },
-    "fanuc_ls": {
-        "pause_if": r"IF DI\[(\d+)\]=OFF,JMP LBL\[(?P<label>\d+)\] ;\n *\d+: *PAUSE ;\n *\d+: *LBL\[(?P=label)\]",
-        "pause": "PAUSE", "on": r"DO\[(\d+)\]=ON", "off": r"DO\[(\d+)\]=OFF", "wait": rf"WAIT +({NUMBER})\(sec\)",
-        "expect": r"WAIT DI\[(\d+)\]=ON", "call": r"CALL CHANGER\((\d+)\)",
-    },
-    "val3": {
-        "pause_if": rf"if diIn(\d+)==true\n *userPage\(\)\n *putln\({TEXT}\)\n *l_nKey=get\(\)\n *endIf",
-        "pause": rf"userPage\(\)\n *putln\({TEXT}\)\n *l_nKey=get\(\)", "on": r"doOut(\d+)=true",
-        "off": r"doOut(\d+)=false", "wait": rf"delay\(({NUMBER})\)", "expect": r"wait\(diIn(\d+)==true\)",
-        "call": r"call CHANGER\((\d+)\)",
-    },
-    "sinumerik": {
-        "pause": "M0", "pause_if 0": "M1", "wait": rf"G4 F({NUMBER})", "cw": r"M3(?: S(\d+))?",
-        "ccw": r"M4(?: S(\d+))?",
-        "stop": "M5", "flood": "M8", "mist": "M7", "dry": "M9", "on": r"\$A_OUT\[(\d+)\]=1",
-        "off": r"\$A_OUT\[(\d+)\]=0", "call": r"CHANGER\((\d+)\)",
-    },
+#: Lines of each language that do something beside motion, their texts left out.
+BESIDE: dict[str, str] = {
+    "krl": rf'MsgNotify\(""\)|HALT|\$OUT\[\d+\]=(TRUE|FALSE)|WAIT SEC {NUMBER}'
+           r"|WAIT FOR \$IN\[\d+\]|\w+\(\d+\)",
+    "rapid": rf'TPWrite "";|Stop;|SetDO \w+,[01];|WaitTime {NUMBER};|WaitDI \w+,1;|\w+ \d+;',
+    "urscript": r'while \(not get_standard_digital_in\(\d+\)\):|popup\("", title="", blocking=True\)|sync\(\)'
+                rf"|end|set_standard_digital_out\(\d+, (True|False)\)|sleep\({NUMBER}\)|\w+\(\d+\)",
+    "inform": rf"PAUSE|DOUT OT#\(\d+\) (ON|OFF)|TIMER T={NUMBER}|WAIT IN#\(\d+\)=ON",
+    "kawasaki_as": rf'TYPE ""|PAUSE|SIGNAL -?\d+|TWAIT {NUMBER}|SWAIT \d+|CALL \w+\(\d+\)',
+    "fanuc_ls": r"PAUSE|DO\[\d+\]=(ON|OFF)"
+                rf"|WAIT +{NUMBER}\(sec\)|WAIT DI\[\d+\]=ON|CALL \w+\(\d+\)",
+    "val3": r'userPage\(\)|putln\(""\)|l_nKey=get\(\)|\w+=(true|false)'
+            rf"|delay\({NUMBER}\)|wait\(\w+==true\)|call \w+\(\d+\)",
+    "sinumerik": rf"M[0135789]|M[34] S\d+|M4|G4 F{NUMBER}|\$A_OUT\[\d+\]=[01]|\w+\(\d+\)",
 }  # fmt: skip
 
 
-def mark_actions(text: str, language: str) -> str:
-    """Return a program's text with its actions as lines "@action number"."""
-    head, tail = (r"^( *\d+: *)", r"( *;)") if language == "fanuc_ls" else (r"^( *)", "()")
-    for action, pattern in ACTIONS[language].items():
-        text = re.sub(f"{head}{pattern}{tail}$", partial(_mark_action, action), text, flags=re.M)
-    return text
-
-
-def _mark_action(action: str, match: re.Match[str]) -> str:
-    indent, *numbers, end = match.groups(default="")
-    return f"{indent}@{' '.join([action, *numbers[:1]])}{end}"
-
-
-def list_lines(text: str, language: str, comment: str = ";") -> list[str]:
-    """Return the lines of a program that do something, comments and indentation aside, actions marked."""
-    lines = (line.split(comment)[0].strip() for line in mark_actions(text, language).splitlines())
+def list_lines(text: str, comment: str = ";") -> list[str]:
+    """Return the lines of a program that do something; comments, indentation and texts left out."""
+    lines = (re.sub(r'"[^"]*"', '""', line).split(comment)[0].strip() for line in text.splitlines())
     return [line for line in lines if line]
 
 
-def read_action(line: str) -> Move | None:
-    """Return a line "@action numbers" as a move that is none; other lines are not."""
-    words = line[1:].split()
-    return Move("act", True, action=(words[0], *map(float, words[1:]))) if line.startswith("@") else None
+def read_beside(line: str, language: str) -> Move | None:
+    """Return a line that does something beside motion as a move that is none; other lines are not."""
+    return Move("act", True, action=line) if re.fullmatch(BESIDE[language], line) else None

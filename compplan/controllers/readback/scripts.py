@@ -17,8 +17,7 @@ from compplan.controllers.readback.poses import (
     fanuc_pose,
     kawasaki_pose,
     list_lines,
-    mark_actions,
-    read_action,
+    read_beside,
     read_numbers,
     shift,
     turn,
@@ -38,13 +37,13 @@ def read_urscript(path: Path) -> list[Move]:
 
 
 def _run_script(path: Path) -> list[Move]:
-    lines = list_lines(path.read_text(), "urscript", "#")
+    lines = list_lines(path.read_text(), "#")
     assert (lines[0], *lines[-2:]) == (f"def {path.stem}():", "end", f"{path.stem}()")
     frames: dict[str, Pose | None] = {}
     load: tuple[float, ...] = ()
     moves = []
     for line in lines[1:-2]:
-        if act := read_action(line):
+        if act := read_beside(line, "urscript"):
             moves.append(act)
         elif match := re.fullmatch(r"set_tcp\(p\[(.*)\]\)", line):
             frames["tool"] = vector_pose(*read_numbers(match[1]))
@@ -102,9 +101,9 @@ class _Sinumerik:
 
     def run(self, text: str) -> None:
         self.ask(text)
-        for line in list_lines(text, "sinumerik"):
+        for line in list_lines(text):
             line = re.sub(r"^N\d+ ", "", line)
-            if act := read_action(line):
+            if act := read_beside(line, "sinumerik"):
                 self.moves.append(act)
             elif match := re.fullmatch(rf"\$TC_DP([1345])\[\d+,1\]=({NUMBER})", line):
                 self.lengths[match[1]] = float(match[2])
@@ -163,7 +162,7 @@ def read_sinumerik(path: Path) -> list[Move]:
 def read_inform(path: Path, frames: dict[str, Pose] | None = None) -> list[Move]:
     """Run an INFORM job and those that it calls."""
     frames = frames if frames is not None else {}
-    head, body = mark_actions(path.read_text(), "inform").split("NOP\n")
+    head, body = path.read_text().split("NOP\n")
     points, stations, variables, kind = {}, {}, {}, ""
     configuration: tuple[int, ...] = ()
     for line in head.splitlines():
@@ -184,12 +183,13 @@ def read_inform(path: Path, frames: dict[str, Pose] | None = None) -> list[Move]
     assert not stations or re.search(r"^///GROUP2 ST\d+$", head, re.M)
     moves: list[Move] = []
     for line in body.removesuffix("END\n").splitlines():
-        if act := read_action(line):
+        if act := read_beside(line, "inform"):
             moves.append(act)
         elif match := re.fullmatch(r"(MFRAME UF#\(\d+\)|SETTOOL TL#\(\d+\)) P(\d{5})( BF)?", line):
             frames[match[1][0]] = variables[match[2]]
         elif match := re.fullmatch(r"CALL JOB:(\w+)", line):
-            moves += read_inform(path.with_name(f"{match[1]}.JBI"), frames)
+            called = path.with_name(f"{match[1]}.JBI")  # a job of the cell changes tools
+            moves += read_inform(called, frames) if called.exists() else [Move("act", True, action=line)]
         elif not line.startswith("'"):
             other = rf"(?: \+MOVJ EC(\d{{5}})(?: VJ={NUMBER})?)?"
             match = re.fullmatch(rf"S?MOV([JL]) C(\d{{5}}) (VJ|V)=({NUMBER}) PL=(\d){other}", line)
@@ -220,7 +220,7 @@ def read_kawasaki(path: Path) -> list[Move]:
         text = file.read_text()
         for head, body in re.findall(r"^\.(PROGRAM \w+\(\)|JOINTS|TRANS)\n(.*?)^\.END", text, re.M | re.S):
             if head.startswith("PROGRAM"):
-                programs[head[8:-2]] = list_lines(body, "kawasaki_as")
+                programs[head[8:-2]] = list_lines(body)
             else:
                 values |= {line.split()[0]: [float(n) for n in line.split()[1:]] for line in body.splitlines()}
     runner = _Kawasaki(programs, values)
@@ -241,7 +241,7 @@ class _Kawasaki:
 
     def run(self, name: str) -> None:
         for line in self.programs[name]:
-            if act := read_action(line):
+            if act := read_beside(line, "kawasaki_as"):
                 self.moves.append(act)
             elif match := re.fullmatch(r"POINT part = TRANS\((.*)\)|TOOL TRANS\((.*)\)", line):
                 numbers = read_numbers(match[1] or match[2])

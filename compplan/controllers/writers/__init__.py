@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from compplan.controllers.writers.fit import Fitted, fit_moves
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.machine import Wiring, describe_events
 from compplan.controllers.writers.post import describe_cell
@@ -18,7 +19,7 @@ from compplan.controllers.writers.program import Program, build_program
 from compplan.controllers.writers.text import legal_name
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.notes import Stop
-from compplan.io.plugins import Registry
+from compplan.io.registry import Registry
 from compplan.io.tables import write_text
 from compplan.robot import Robot
 
@@ -39,7 +40,7 @@ class Language(Protocol):
 _OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "own", "csv")
 #: Every language, by the name of its module. It may also say whose controllers
 #: speak the language (BRAND), its words for events (PHRASES), and what a user has to know of a program (describe).
-WRITERS: Registry[Language] = Registry[Language](_OWN, __name__).install("languages").load_installed()
+WRITERS: Registry[Language] = Registry[Language](_OWN, __name__)
 
 #: Letters that a main program adds to the name of the job: _ALL, and _L for linear moves.
 ADDED = 6
@@ -50,7 +51,7 @@ KINDS = re.compile(r"_[JjLl]$")
 
 __all__ = [
     "WHOLE", "WRITERS", "Program", "Wiring", "build_program", "check_brand", "check_languages", "describe_program",
-    "write_program", "write_sequence",
+    "fit_program", "write_program", "write_sequence",
 ]  # fmt: skip
 
 
@@ -78,6 +79,12 @@ def write_program(
     if not any_brand:
         check_brand(program.controller, language)
     return WRITERS[language].write(program, Path(folder), most)
+
+
+def fit_program(program: Program, language: str) -> Fitted:
+    """Return a program at the ends of the moves of the tool that a language writes."""
+    form = getattr(WRITERS[language], "FORM", None)
+    return fit_moves(program) if form is None else form.fit(program)
 
 
 def check_brand(controller: str, language: str) -> None:

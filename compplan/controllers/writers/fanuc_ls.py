@@ -27,8 +27,10 @@ FASTEST, SLOW, SLOWEST = 2000.0, 1.0, 1.0
 #: Share of the axis rates that rapid moves take (assumed). [%]
 RAPID = 20
 #: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
-CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 2}), 99
+CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1}), 99
 MOVES_PART = True
+#: Motion group of what carries the part (assumed).
+POSITIONER = 2
 #: Numbers of a Cartesian position.
 PLACE = [f"{name} = {{:12.5f}}  mm" for name in "XYZ"] + [f"{name} = {{:12.6f}} deg" for name in "WPR"]
 
@@ -38,7 +40,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"WAIT {seconds:7.2f}(sec)"],
     expect=lambda signal: [f"WAIT DI[{signal}]=ON"],
     pause=lambda task: ["PAUSE"],
-    pause_if=lambda signal, task: [f"IF DI[{signal}]=OFF,JMP LBL[@]", "PAUSE", "LBL[@]"],
     call=lambda name, number: [f"CALL {name.upper()}({number:.0f})"],
 )
 
@@ -46,7 +47,7 @@ PHRASES = Phrases(
 #: A teach pendant program takes 36 letters (R-30iB; older ones 8).
 FORM = ProgramForm(
     "fanuc_ls", "FANUC", PHRASES, lambda poses: place_table(poses, "xyz"), longest=26, most=1000, letters=str.upper,
-    single=True, numbered=False, percents=(RAPID, 1.0),
+    single=True, numbered=False, carried_arcs=False, percents=(RAPID, 1.0),
 )  # fmt: skip
 
 
@@ -65,8 +66,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
     check_cell(program.post, CELL, "FANUC")
     can = len(turning) == 6 and (program.moves_part or state_configurations(program) is not None)
-    form = replace(FORM, arcs=not program.moves_part)
-    return form.write(program, folder, most, _format_part, _format_calls, can=can and program.tcp is not None)
+    return FORM.write(program, folder, most, _format_part, _format_calls, can=can)
 
 
 def describe(program: Program) -> list[str]:
@@ -144,7 +144,7 @@ def _format_position(program: Program, move: WrittenMove, number: int, frame: in
         values = [f"J{axis}= {value:12.6f} deg" for axis, value in enumerate(move.arm, start=1)]
     if program.moves_part:
         others = ",\t".join(f"J{axis}= {value:12.6f} deg" for axis, value in enumerate(move.outer, start=1))
-        second = f"\n   GP{cell.positioner}:\n\tUF : 0, UT : 1,\n\t{others}"
+        second = f"\n   GP{POSITIONER}:\n\tUF : 0, UT : 1,\n\t{others}"
     else:
         values += [f"E{axis}= {value:12.6f}  mm" for axis, value in enumerate(move.outer, start=1)]
     groups = ",\n\t".join(",\t".join(values[start : start + 3]) for start in range(0, len(values), 3))
@@ -157,11 +157,10 @@ def format_program(
 ) -> str:  # fmt: skip
     """Return the file of a program: its head, its instructions with their numbers, its positions.
 
-    `frame` is the user frame that positions count from, 0 for joint positions; a main program has frames, header and
-    footer, and calls its parts.
+    `frame` is the user frame that positions count from, 0 for joint positions; a main program has frames.
     """
     cell = check_cell(program.post, CELL, "FANUC")
-    second = cell.positioner if program.moves_part else 0
+    second = POSITIONER if program.moves_part else 0
     base = program.base_frame if frame and not program.moves_part else None
     wanted = [("UTOOL", cell.tool, program.tool), ("UFRAME", cell.base, base)]
     words = {
@@ -181,8 +180,8 @@ def format_program(
 
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    plain = replace(program, post=replace(program.post, overwrite=False), tool=None, header=(), footer=())
-    return format_program(name, plain, 0, [], [], True, calls)
+    plain = replace(program, post=replace(program.post, overwrite=False))
+    return format_program(name, plain, 0, [], [], False, calls)
 
 
 MAIN = MainForm(".LS", 26, _format_main)

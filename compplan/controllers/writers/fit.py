@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ class Fitted:
     rows: NDArray[np.int_]  #: The row of each in the whole program. Shape (m,).
 
 
+@lru_cache(maxsize=2)
 def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
     """Fit lines and arcs to the linear moves of a program; one without a tolerance stays as it is.
 
@@ -51,13 +53,13 @@ def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
         arcs: Whether the language has arcs.
     """
     n = len(program)
-    if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
+    if program.tolerance <= 0.0 or program.time is None or n < 2:
         return Fitted(program, np.arange(n))
     rows = np.arange(n)
     if program.corner_shift is not None:
         rows = np.flatnonzero(np.isfinite(program.corner_shift[:, 0]))
         program = program.take(rows)
-        assert program.tcp is not None and program.corner_shift is not None
+        assert program.corner_shift is not None
         tcp = program.tcp.copy()
         tcp[:, :3, 3] += program.corner_shift
         program = replace(program, tcp=tcp)
@@ -84,7 +86,7 @@ def _mark_ends(program: Program) -> NDArray[np.bool_]:
 
 def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> Program:
     """Return the program at some of its rows, with the feed that takes the time of the plan, or a cycle."""
-    assert program.tcp is not None and program.time is not None
+    assert program.time is not None
     length = np.array([0.0, *(track.measure(a, b, m) for a, b, m in zip(ends[:-1], ends[1:], kind[1:], strict=True))])
     time, cut = np.diff(track.time[ends], prepend=0.0), ~program.alone(linear=True)[ends]
     cut[0] = False
@@ -109,7 +111,7 @@ class _Track:
     def __init__(self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool) -> None:
         assert program.time is not None
         poses = program.positions
-        self.x, self.turn = 1e3 * poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3])
+        self.x, self.quaternion = 1e3 * poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]).as_quat()
         self.tolerance, self.arcs = np.full(len(program), tolerance), arcs
         self.cycle = program.cycle
         self.step = np.linalg.norm(np.diff(self.x, axis=0, prepend=self.x[:1]), axis=1)
@@ -259,7 +261,16 @@ class _Track:
 
     def _turn_from(self, a: int, b: int) -> Array:
         """Return rotation vectors from the orientation at a row to those up to another. Shape (b - a + 1, 3). [rad]"""
-        return np.asarray((self.turn[a].inv() * self.turn[a : b + 1]).as_rotvec())
+        x, y, z, w = self.quaternion[a]
+        vectors, real = self.quaternion[a : b + 1, :3], self.quaternion[a : b + 1, 3:]
+        skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        imaginary, real = (
+            w * vectors - real * self.quaternion[a, :3] + vectors @ skew,
+            w * real + vectors @ [[x], [y], [z]],
+        )
+        size = np.linalg.norm(imaginary, axis=1, keepdims=True)
+        angle = np.where(real < 0.0, -2.0, 2.0) * np.arctan2(size, np.abs(real))
+        return np.asarray(imaginary * angle / np.maximum(size, 1e-300))
 
     def measure(self, a: int, b: int, kind: int) -> float:
         """Return the length of a move. [mm]"""

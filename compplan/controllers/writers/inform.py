@@ -28,7 +28,7 @@ BRAND = "Yaskawa"
 #: A remark has 32 letters.
 LONGEST_REMARK = 32
 #: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
-CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1})
+CELL = CellWords(int, int, {"tool": 1, "base": 1})
 TOOL_VARIABLE, FRAME_VARIABLE, MOVES_PART = 98, 99, True
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1
@@ -40,7 +40,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"TIMER T={seconds:.2f}"],
     expect=lambda signal: [f"WAIT IN#({signal})=ON"],
     pause=lambda task: ["PAUSE"],
-    pause_if=lambda signal, task: [f"PAUSE IF IN#({signal})=ON"],
     call=lambda name, number: [f"CALL JOB:{name.upper()}"],
 )
 
@@ -62,7 +61,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """
     if not program.moves_part or program.prismatic.any() or len(program.joint_names) - program.outer.sum() != 6:
         need_six_axes(program, "INFORM", sliding=0)
-    can = program.tcp is not None and (program.moves_part or {"shoulder", "elbow", "wrist"} <= set(program.words))
+    can = program.moves_part or {"shoulder", "elbow", "wrist"} <= set(program.words)
     return FORM.write(
         program, folder, most, _format_part, _format_calls, can=can,
         adjust=lambda fitted: stop_at_corners(fitted, "inform"),
@@ -135,7 +134,7 @@ def format_job(
         "station": program.moves_part,
         "cell": check_cell(program.post, CELL, "INFORM"), "tool_variable": TOOL_VARIABLE,
         "user": "///POSTYPE USER" in points,
-        "frame_variable": FRAME_VARIABLE, "tool": list_numbers(place_numbers(program.mounted, "xyz"), 7),
+        "frame_variable": FRAME_VARIABLE, "tool": list_numbers(place_numbers(program.tool, "xyz"), 7),
         "base": list_numbers(place_numbers(program.base_frame, "xyz"), 7), "moves": moves, "parts": parts,
         "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
         "mass": "" if program.mass is None else f"{program.mass:.2f}",
@@ -144,7 +143,7 @@ def format_job(
 
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    plain = replace(program, post=replace(program.post, overwrite=False), header=(), footer=())
+    plain = replace(program, post=replace(program.post, overwrite=False))
     return format_job(plain, name, [], [], main=False, parts=calls)
 
 

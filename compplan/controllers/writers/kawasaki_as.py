@@ -31,7 +31,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"TWAIT {seconds:.3f}"],
     expect=lambda signal: [f"SWAIT {INPUTS + int(signal)}"],
     pause=lambda task: [f'TYPE "{task}"', "PAUSE"],
-    pause_if=lambda signal, task: [f"IF SIG({INPUTS + int(signal)}) THEN", f'  TYPE "{task}"', "  PAUSE", "END"],
     call=lambda name, number: [f"CALL {name.lower()}({number:.0f})"],
 )
 
@@ -51,7 +50,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     transformation: linear moves keep the branch of the joint move before them. A sliding joint is the seventh value.
     """
     need_six_axes(program, "Kawasaki AS", sliding=1)
-    return FORM.write(program, folder, most, _format_part, _format_calls, can=program.tcp is not None)
+    return FORM.write(program, folder, most, _format_part, _format_calls, can=True)
 
 
 def name_variables(name: str) -> str:
@@ -85,7 +84,7 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
     program, load = part.program, ""
     if program.mass is not None:
         load = list_numbers([program.mass, *program.centre * 1e3], 3)
-    tool, base = (list_numbers(place_numbers(pose, "ZYZ"), 7) for pose in (program.mounted, program.base_frame))
+    tool, base = (list_numbers(place_numbers(pose, "ZYZ"), 7) for pose in (program.tool, program.base_frame))
     words = {
         "name": part.name, "parts": [*part.parts], "comments": head_lines(program), "load": load, "accuracy": ACCURACY,
         "cell": check_cell(program.post, CELL, "Kawasaki AS"), "base": base, "tool": tool,

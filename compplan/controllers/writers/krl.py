@@ -25,7 +25,7 @@ UNTRUE = 0.1
 #: How far before a corner lines and arcs leave the path where the job does not ask for less. [mm]
 WIDE = "$APO.CDIS=0.1"
 #: $BASE of a part that a positioner carries is EK of MACHINE_DEF[n], here its number (assumed).
-CELL = CellWords(int, int, {"positioner": 2})
+CELL, POSITIONER = CellWords(int, int), 2
 MOVES_PART = True
 #: How modules begin that the controller itself writes: seen and edited by all, all lines editable.
 HEAD = ("&ACCESS RVP", "&REL 1", "&PARAM EDITMASK = *")
@@ -41,7 +41,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"WAIT SEC {seconds:.3f}"],
     expect=lambda signal: [f"WAIT FOR $IN[{signal}]"],
     pause=lambda task: [MESSAGE.format(task), "HALT"],
-    pause_if=lambda signal, task: [f"IF $IN[{signal}] THEN", f"  {MESSAGE.format(task)}", "  HALT", "ENDIF"],
     call=lambda name, number: [f"{name}({number:.0f})"],
 )
 
@@ -62,8 +61,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     part, $BASE moves with it (EK).
     """
     order_joints(program, ARM, "KRL")
-    can = program.tcp is not None and program.status is not None
-    return FORM.write(program, folder, most, _format_part, _format_calls, can=can)
+    return FORM.write(program, folder, most, _format_part, _format_calls, can=program.status is not None)
 
 
 def turn_bits(arm: Sequence[float]) -> int:
@@ -158,8 +156,9 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
     words = {
         "name": part.name, "parts": [*part.parts], "comments": head_lines(program), "load": load,
         "remarks": [] if part.linear else describe(program),
-        "cell": check_cell(program.post, CELL, "KRL"), "base": FRAME.format(*place_numbers(program.base_frame, "ZYX")),
-        "tool": None if program.tool is None else FRAME.format(*place_numbers(program.tool, "ZYX")),
+        "cell": check_cell(program.post, CELL, "KRL"), "positioner": POSITIONER,
+        "base": FRAME.format(*place_numbers(program.base_frame, "ZYX")),
+        "tool": FRAME.format(*place_numbers(program.tool, "ZYX")),
         "rapid_percent": RAPID_PERCENT,
         "rail": bool(program.prismatic.any()) and not program.moves_part, "carried": program.moves_part,
     }  # fmt: skip

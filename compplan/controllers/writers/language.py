@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from compplan.controllers.writers.fit import fit_moves
+from compplan.controllers.writers.fit import Fitted, fit_moves
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import name_main
 from compplan.controllers.writers.program import Program, joint_percent
@@ -92,6 +92,7 @@ class ProgramForm:
     single: bool = False  #: Whether a program of one part is that part itself.
     numbered: bool = True  #: Whether a name leaves room for the number of a part.
     arcs: bool = True  #: Whether it has arcs.
+    carried_arcs: bool = True  #: Whether it has arcs in programs that move the part.
     by_main: bool = True  #: Whether the name that a job gives its main program is that of the files.
     newline: str = "\r\n"  #: What ends its lines.
     percents: tuple[float, float] = (100.0, 1.0)  #: Share of the joint rates in rapid moves, and least one. [%]
@@ -112,9 +113,13 @@ class ProgramForm:
         if program.form != "linear" or not can:
             texts |= self.format_kind(program, name, points, format_part, format_main, linear=False)
         if can and program.form != "joint":
-            fitted = adjust(fit_moves(program, arcs=self.arcs).program)
+            fitted = adjust(self.fit(program).program)
             texts |= self.format_kind(fitted, name, points, format_part, format_main, linear=True)
         return write_texts(folder, texts, self.newline)
+
+    def fit(self, program: Program) -> Fitted:
+        """Return the program at the ends of the moves of the tool that the language writes."""
+        return fit_moves(program, arcs=self.arcs and (self.carried_arcs or not program.moves_part))
 
     def name_program(self, program: Program, most: int) -> str:
         """Return the name of a program, its ending aside."""
@@ -189,7 +194,7 @@ def change(stands: dict[str, str], key: str, word: str) -> list[str]:
 
 def describe_feeds(program: Program, steps: str, state: Callable[[Array], Array]) -> list[str]:
     """Return what must be said where a language states feeds in steps and some [mm/s] are off by more than 1 %."""
-    moves = fit_moves(program).program if program.tcp is not None else program
+    moves = fit_moves(program).program
     wrong = ~moves.rapid & (np.abs(state(moves.feed) - moves.feed) > 0.01 * moves.feed)
     if not wrong.any():
         return []

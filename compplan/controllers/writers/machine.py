@@ -6,31 +6,49 @@ stands still is fed into the part. Every language has a `Phrases`; `phrase_event
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
 
 from compplan.controllers.writers.text import clean_text
 from compplan.errors import InputError
 from compplan.io.notes import Stop
+from compplan.io.tomlfile import StrictTable
 from compplan.toolpath.events import Event
 
 #: How long a program waits for a spindle that has no `spindle_ready` (assumed). [s]
 SPINDLE_WAIT = 5.0
+
+
+def _check_signal(value: object) -> object:
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 99999:
+        return value
+    if isinstance(value, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", value):
+        return value
+    raise ValueError(f"is {value!r}, expected the number of a signal (0 to 99999), or its name")
+
+
 #: A signal: its number, or its name where the language has names.
-Signal = int | str
+Signal = Annotated[int | str, BeforeValidator(_check_signal)]
 
 
-@dataclass(frozen=True)
-class Wiring:
-    """Hold the signals of a cell and what they do; what is None is not wired."""
+class Wiring(StrictTable):
+    """[output.io]: signals of the cell for events of the CAM file; events without one ask the operator.
 
-    spindle: Signal | None = None  #: Output that turns the spindle.
-    spindle_ready: Signal | None = None  #: Input that is on when the spindle has its speed.
-    coolant: Signal | None = None  #: Output of coolant, flood or mist.
-    tool_change: str | None = None  #: Program that changes the tool; it gets the tool's number.
-    optional_stop: Signal | None = None  #: Input that is on while optional stops are wanted; left out: every one stops.
-    #: Outputs for signals of a robot program that was read, by their name there.
-    signals: Mapping[str, Signal] = field(default_factory=dict)
+    spindle, coolant: outputs that turn the spindle, and switch flood or mist.
+    spindle_ready: input that is on when the spindle has its speed.
+    tool_change: program that changes the tool; it gets the tool's number.
+    signals: outputs for signals of a robot program that was read, by their name there in any case of letters.
+    """
+
+    spindle: Signal | None = None
+    spindle_ready: Signal | None = None
+    coolant: Signal | None = None
+    tool_change: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
+    signals: dict[str, Signal] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -42,7 +60,6 @@ class Phrases:
     wait: Callable[[float], list[str]]  #: Waits: (seconds).
     expect: Callable[[Signal], list[str]]  #: Waits for an input: (signal).
     pause: Callable[[str], list[str]]  #: Stops until the operator goes on: (what to do).
-    pause_if: Callable[[Signal, str], list[str]]  #: ... while an input is on: (signal, what to do).
     call: Callable[[str, float], list[str]]  #: Calls a program with a number: (name, number).
     named: bool = False  #: Whether signals may have names.
     #: Lines of events that the language has words of its own for, None for others.
@@ -52,12 +69,10 @@ class Phrases:
 def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, language: str) -> dict[int, list[str]]:
     """Return the lines of a program's events by the row after which they stand; -1: before the first move.
 
-    "@" in a phrase is the number of the place, from 1, for labels.
-
     Raises:
         InputError: If a signal is a name where the language takes numbers only.
     """
-    wired = {key: getattr(wiring, key) for key in ("spindle", "spindle_ready", "coolant", "optional_stop")}
+    wired = {key: getattr(wiring, key) for key in ("spindle", "spindle_ready", "coolant")}
     for key, signal in {**wired, **wiring.signals}.items():
         if isinstance(signal, str) and not phrases.named:
             raise InputError(f"output.io {key} is {signal!r}, {language} numbers its signals; give a number")
@@ -74,10 +89,7 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
             written += [*remark, *code]
             asked += [task] if task else []
         written += phrases.pause(", then ".join(asked)) if asked else []
-    return {
-        place: [line.replace("@", str(label)) for line in written]
-        for label, (place, written) in enumerate(lines.items(), start=1)
-    }
+    return lines
 
 
 def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> tuple[list[str], list[str], str]:
@@ -86,11 +98,11 @@ def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> tuple[list[str
     if not text:
         return [], [], ""
     code = [] if event.kind == "comment" else phrases.native(event)
-    code = _phrase_event(event, text, wiring, phrases) if code is None else code
+    code = _phrase_event(event, wiring, phrases) if code is None else code
     return phrases.say(text), code or [], text if code is None else ""
 
 
-def _phrase_event(event: Event, text: str, wiring: Wiring, phrases: Phrases) -> list[str] | None:
+def _phrase_event(event: Event, wiring: Wiring, phrases: Phrases) -> list[str] | None:
     """Return the lines that do an event by the signals of the cell; None where nothing is wired for it."""
     kind = event.kind
     if kind == "spindle_cw" and wiring.spindle is not None:
@@ -105,10 +117,9 @@ def _phrase_event(event: Event, text: str, wiring: Wiring, phrases: Phrases) -> 
         return phrases.call(wiring.tool_change, event.value)
     if kind == "dwell":
         return phrases.wait(event.value)
-    if kind == "optional_stop" and wiring.optional_stop is not None:
-        return phrases.pause_if(wiring.optional_stop, text)
-    if kind == "output" and event.text in wiring.signals:
-        return phrases.switch(wiring.signals[event.text], event.value != 0.0)
+    signals = {name.upper(): signal for name, signal in wiring.signals.items()}
+    if kind == "output" and event.text in signals:
+        return phrases.switch(signals[event.text], event.value != 0.0)
     return None
 
 

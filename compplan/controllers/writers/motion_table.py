@@ -13,12 +13,16 @@ from pydantic import Field
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.io.tomlfile import Numbers, StrictTable
+from compplan.io.tomlfile import StrictTable
 
 #: Share of a second in which a joint without a stated acceleration reaches its full velocity (assumed). [s]
 FULL_SPEED = 0.3
 #: Greatest lag of a drive that is taken for true. [s]
 LONGEST_LAG = 0.5
+#: Lag, acceleration lag and lost motion of a joint that are taken for true. [ms], [ms^2], [deg or mm]
+Lag = Annotated[float, Field(ge=0.0, le=1e3 * LONGEST_LAG)]
+AccelerationLag = Annotated[float, Field(ge=-1e6 * LONGEST_LAG**2, le=1e6 * LONGEST_LAG**2)]
+LostMotion = Annotated[float, Field(ge=0.0, le=1.0)]
 #: Source of a model that nobody measured.
 ASSUMED = "assumed"
 
@@ -35,9 +39,9 @@ class MotionTable(StrictTable):
     blend_share: Annotated[float, Field(ge=0.0, le=2.0)] = 1.0
     acceleration_mm_s2: Annotated[float, Field(gt=0.0, le=1e6)] = 3000.0
     smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 40.0
-    lag_ms: Numbers | None = None
-    acceleration_lag_ms2: Numbers | None = None
-    lost_motion_deg: Numbers | None = None
+    lag_ms: Annotated[tuple[Lag, ...], Field(strict=False)] | None = None
+    acceleration_lag_ms2: Annotated[tuple[AccelerationLag, ...], Field(strict=False)] | None = None
+    lost_motion_deg: Annotated[tuple[LostMotion, ...], Field(strict=False)] | None = None
     source: str = ASSUMED
 
 
@@ -65,7 +69,7 @@ def read_motion(
     `limits` are velocity and acceleration limits of the joints, infinite where unknown. Shape (nq,) each.
 
     Raises:
-        InputError: If a list does not hold one number a joint, or a lag is out of range.
+        InputError: If a list does not hold one number a joint.
     """
     table = MotionTable() if table is None else table
     nq = len(prismatic)
@@ -75,12 +79,6 @@ def read_motion(
         if given is not None and len(given) != nq:
             raise InputError(f"has {len(given)} numbers, expected {nq}, one a joint", file=file, where=f"motion.{key}")
         lists[key] = np.zeros(nq) if given is None else np.array(given, dtype=np.float64)
-    bounds = {"lag_ms": (0.0, 1e3 * LONGEST_LAG), "acceleration_lag_ms2": (-1e6 * LONGEST_LAG**2,
-              1e6 * LONGEST_LAG**2), "lost_motion_deg": (0.0, 1.0)}  # fmt: skip
-    for key, (low, high) in bounds.items():
-        if (lists[key] < low).any() or (lists[key] > high).any():
-            message = f"is {lists[key].tolist()}, expected numbers from {low:g} to {high:g}"
-            raise InputError(message, file=file, where=f"motion.{key}")
     velocity, acceleration = limits
     acceleration = np.where(np.isfinite(acceleration), acceleration, velocity / FULL_SPEED)
     unit = np.where(prismatic, 1e-3, np.pi / 180.0)
@@ -94,25 +92,17 @@ def read_motion(
 def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mapping[str, Any]:
     """Return the table [motion] that states a motion."""
     unit = np.where(prismatic, 1e3, 180.0 / np.pi)
-
-    def plain(values: Array) -> list[float]:
-        return [float(f"{value:.6g}") for value in values]
-
-    return {
-        "cycle_ms": float(f"{1e3 * motion.cycle:.6g}"),
-        "blend_share": float(f"{motion.blend_share:.6g}"),
-        "acceleration_mm_s2": float(f"{1e3 * motion.acceleration:.6g}"),
-        "smoothing_ms": float(f"{1e3 * motion.smoothing:.6g}"),
-        "lag_ms": plain(1e3 * motion.lag),
-        "acceleration_lag_ms2": plain(1e6 * motion.acceleration_lag),
-        "lost_motion_deg": plain(motion.lost_motion * unit),
-        "source": motion.source,
-    }
+    stated = {
+        "cycle_ms": 1e3 * motion.cycle, "blend_share": motion.blend_share,
+        "acceleration_mm_s2": 1e3 * motion.acceleration, "smoothing_ms": 1e3 * motion.smoothing,
+        "lag_ms": 1e3 * motion.lag, "acceleration_lag_ms2": 1e6 * motion.acceleration_lag,
+        "lost_motion_deg": motion.lost_motion * unit,
+    }  # fmt: skip
+    digits = {key: np.vectorize(lambda value: float(f"{value:.6g}"))(values) for key, values in stated.items()}
+    return {**{key: values.tolist() for key, values in digits.items()}, "source": motion.source}
 
 
 def list_assumed_motion(table: MotionTable | None) -> list[str]:
     """Name the keys of [motion] that nobody stated."""
-    stated = set() if table is None else table.model_fields_set
-    if table is not None and table.source == ASSUMED:
-        stated = set()
+    stated = set() if table is None or table.source == ASSUMED else table.model_fields_set
     return [name for name in MotionTable.model_fields if name not in {*stated, "source"}]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,22 +26,22 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     template = program.post.template
     if template is None:
         raise InputError("programs 'own' need a template: output.templates own; compplan init template own writes one")
-    fitted = program if program.tcp is None or program.form == "joint" else fit_moves(program).program
+    fitted = program if program.form == "joint" else fit_moves(program).program
     words = {
         "name": legal_name(name_main(program), LONGEST_NAME), "comments": head_lines(program), "cell": program.post,
         "robot": program.robot, "controller": program.controller, "joint_names": list(program.joint_names),
-        "tool": _say_poses(program.mounted[None])[0], "base": _say_poses(program.base_frame[None])[0],
+        "tool": _say_poses(program.tool[None])[0], "base": _say_poses(program.base_frame[None])[0],
         "mass_kg": program.mass, "centre_mm": (program.centre * 1e3).tolist(), "moves": _list_moves(fitted),
         "before": [vars(event) for event in program.events if event.place < 0],
     }  # fmt: skip
     file = folder / f"{words['name']}{Path(template.name.removesuffix('.jinja')).suffix or '.txt'}"
-    write_text(file, render_post(replace(program, header=(), footer=()), "own", words))
+    write_text(file, render_post(program, "own", words))
     return [file]
 
 
 def _list_moves(program: Program) -> list[dict[str, Any]]:
     """Return what a template may know of each move: kind, end, feed, whether it stops, and what happens behind it."""
-    linear = program.tcp is not None and program.form != "joint"
+    linear = program.form != "joint"
     alone, stops, arcs = program.alone(linear=linear), program.stops(linear=linear), program.arcs
     places = _say_poses(program.positions) if linear else [None] * len(program)
     middles = dict(zip(np.flatnonzero(arcs).tolist(), _say_poses(program.via_positions[arcs]), strict=True))

@@ -84,7 +84,7 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
 
     own = program.post.template
     text = read_post(language) if own is None else read_text(own)
-    data = to_plain({"header": program.header, "footer": program.footer, **words})
+    data = to_plain(words)
     try:
         made = _environment().from_string(text).render(data)
     except TemplateError as error:

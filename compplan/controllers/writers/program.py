@@ -46,11 +46,9 @@ class Post:
     base: int | str | None = None  #: Number or name of the cell's own frame, None for the part frame of the job.
     overwrite: bool = False  #: Whether programs fill the cell's tool data and frame with those of the job.
     main: str | None = None  #: Name of the main program, None for that of the job.
-    #: Number or name by which the cell knows what carries the part, None for the language's usual one.
-    positioner: int | str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Program:
     """Hold a program; row i describes the move that ends at waypoint i."""
 
@@ -60,14 +58,14 @@ class Program:
     prismatic: NDArray[np.bool_]  #: Which joints slide. Shape (nq,).
     feed: Array  #: Feed; 0 for rapid moves. Shape (n,). [mm/s]
     rapid: NDArray[np.bool_]  #: Which moves are rapid. Shape (n,).
+    #: Commanded TCP poses in the geometry that the controller believes, base frame. Shape (n, 4, 4). [m]
+    tcp: Array
+    #: Pose of the TCP frame seen from the controller's flange frame (z out of the flange). Shape (4, 4). [m]
+    tool: Array = field(default_factory=lambda: np.eye(4))
     #: Waypoints where the tool stands still, beside those that `stops` finds, or None. Shape (n,).
     exact: NDArray[np.bool_] | None = None
     time: Array | None = None  #: Time at each waypoint, or None. Shape (n,). [s]
     rates: Array | None = None  #: Greatest joint rates, or None. Shape (nq,). [deg/s or mm/s]
-    #: Commanded TCP poses in the geometry that the controller believes, base frame, or None. [m] Shape (n, 4, 4).
-    tcp: Array | None = None
-    #: Pose of the TCP frame seen from the controller's flange frame (z out of the flange), or None. [m] Shape (4, 4).
-    tool: Array | None = None
     #: Pose of the part frame seen from the base. Cartesian positions count from it. Shape (4, 4). [m]
     part: Array = field(default_factory=lambda: np.eye(4))
     #: Pose of the frame that the controller's frames count from, seen from the base. Shape (4, 4). [m]
@@ -86,9 +84,6 @@ class Program:
     robot: str = ""  #: Name of the robot.
     controller: str = ""  #: What controller it is.
     comments: tuple[str, ...] = ()  #: Lines for the head of every file.
-    #: Lines of the language itself that run before the first move, such as what starts the spindle.
-    header: tuple[str, ...] = ()
-    footer: tuple[str, ...] = ()  #: Lines of the language itself that run after the last move.
     #: What happens beside motion, each after the row that it names; -1: before the first move.
     events: tuple[Event, ...] = ()
     wiring: Wiring = field(default_factory=Wiring)  #: Signals of the cell that do it.
@@ -156,11 +151,6 @@ class Program:
         return self.prismatic if self.carries is None else self.prismatic | self.carries
 
     @property
-    def mounted(self) -> Array:
-        """`tool`, or the flange frame itself where there is none. Shape (4, 4) [m]."""
-        return np.eye(4) if self.tool is None else self.tool
-
-    @property
     def base_frame(self) -> Array:
         """Pose of the part frame seen from the frame that the controller counts from (from what carries the part).
 
@@ -170,9 +160,7 @@ class Program:
 
     @property
     def positions(self) -> Array:
-        """Commanded TCP poses seen from the part frame; a program without poses is refused. Shape (n, 4, 4) [m]."""
-        if self.tcp is None:
-            raise InputError("a program with positions needs the poses of the TCP")
+        """Commanded TCP poses seen from the part frame. Shape (n, 4, 4) [m]."""
         return np.asarray(np.linalg.inv(self.part) @ self.tcp)
 
     @property
@@ -290,7 +278,7 @@ def head_lines(program: Program) -> list[str]:
     lines = [f"{program.name}: {len(program)} waypoints for {program.robot} {program.controller}".rstrip()]
     if program.unchecked:
         lines.append(f"SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: {program.unchecked}")
-    if not program.header and not any(event.kind.startswith("spindle") for event in program.events):
+    if not any(event.kind.startswith("spindle") for event in program.events):
         lines.append("no header lines: spindle and coolant are not started here")
     return [clean_text(line) for line in [*lines, *program.comments]]
 
@@ -312,13 +300,12 @@ def joint_shares(program: Program) -> Array:
     for the greatest share of its rate decides. Shape (n,).
     """
     shares = np.full(len(program), np.nan)
-    duration = None
     if program.time is not None:
         duration = np.diff(program.time)
-    elif program.tcp is not None:
+    else:
         distance = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1) * 1e3
         duration = np.where(program.feed[1:] > 0.0, distance / np.maximum(program.feed[1:], 1e-9), np.nan)
-    if duration is not None and program.rates is not None and len(program) > 1:
+    if program.rates is not None and len(program) > 1:
         share = np.max(np.abs(np.diff(program.joints, axis=0)) / program.rates, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             wanted = share / duration

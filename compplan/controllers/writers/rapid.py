@@ -18,8 +18,8 @@ name = "rapid"
 BRAND = "ABB"
 RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
-#: Mechanical unit that carries the part, where a job names none (assumed).
-CELL = CellWords(str, str, {"positioner": "STN1"})
+#: Words of the cell, and the mechanical unit that carries the part (assumed).
+CELL, POSITIONER = CellWords(str, str), "STN1"
 MOVES_PART = True
 #: Letters of a message on the teach pendant.
 LONGEST_MESSAGE = 80
@@ -36,12 +36,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"WaitTime {seconds:.3f};"],
     expect=lambda signal: [f"WaitDI {name_signal(signal, 'di')},1;"],
     pause=lambda task: [MESSAGE.format(task), "Stop;"],
-    pause_if=lambda signal, task: [
-        f"IF {name_signal(signal, 'di')}=1 THEN",
-        f"  {MESSAGE.format(task)}",
-        "  Stop;",
-        "ENDIF",
-    ],
     call=lambda name, number: [f"{name} {number:.0f};"],
     named=True,
 )
@@ -68,8 +62,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 6:
         raise InputError(f"RAPID targets take six rotating and six external axes, not {list(program.joint_names)}")
-    can = program.tcp is not None and len(turning) == 6
-    return FORM.write(program, folder, most, _format_part, _format_calls, can=can)
+    return FORM.write(program, folder, most, _format_part, _format_calls, can=len(turning) == 6)
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
@@ -103,12 +96,12 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
     cell, none = check_cell(program.post, CELL, "RAPID"), _format_frame(np.eye(4))
     base = f'[FALSE,TRUE,"",{_format_frame(program.base_frame)},{none}]'
     if program.moves_part:
-        base = f'[FALSE,FALSE,"{cell.positioner}",{none},{_format_frame(program.part)}]'
+        base = f'[FALSE,FALSE,"{POSITIONER}",{none},{_format_frame(program.part)}]'
     words = {
         "name": name, "entry": program.post.main or f"run_{name}", "parts": [f"run_{part}" for part in part.parts],
         "comments": head_lines(program), "cell": cell, "massless": program.mass is None, "tool": _format_tool(program),
         "tool_name": cell.tool or f"t_{name}", "base_name": cell.base or f"w_{name}", "base": base,
-        "unit": cell.positioner if program.moves_part else None,
+        "unit": POSITIONER if program.moves_part else None,
     }  # fmt: skip
     return {f"{name}.mod": render_post(program, "rapid", words)}
 
@@ -138,7 +131,7 @@ def _format_frame(pose: Array) -> str:
 
 
 def _format_tool(program: Program) -> str:
-    frame, mass, centre = _format_frame(program.mounted), "1", "0,0,1"
+    frame, mass, centre = _format_frame(program.tool), "1", "0,0,1"
     if program.mass is not None:
         mass, centre = f"{program.mass:.3f}", ",".join(f"{value:.3f}" for value in program.centre * 1e3)
     return f"[TRUE,{frame},[{mass},[{centre}],[1,0,0,0],0,0,0]]"

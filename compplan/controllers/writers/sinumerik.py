@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.krl import turn_bits
 from compplan.controllers.writers.language import (
@@ -52,7 +51,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"G4 F{seconds:.3f}"],
     expect=lambda signal: [f"WHILE $A_IN[{signal}]==0", "ENDWHILE"],
     pause=lambda task: ["M0"],
-    pause_if=lambda signal, task: ["M1"],
     call=lambda name, number: [f"{name}({number:.0f})"],
     native=_describe_natively,
 )
@@ -75,13 +73,13 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     0). A sliding joint is the axis E1. Names of axes and the transformation are the machine's: check them.
     """
     need_six_axes(program, "SINUMERIK", sliding=1)
-    if program.tcp is None or program.status is None:
-        raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
-    fitted, points = fit_moves(program).program, most or FORM.most
+    if program.status is None:
+        raise InputError("SINUMERIK programs need configuration words with status in controller.toml")
+    fitted, points = FORM.fit(program).program, most or FORM.most
 
     def state_poses(poses: Array) -> Array:
         turned = poses.copy()
-        turned[:, :3, :3] = turned[:, :3, :3] @ program.mounted[:3, :3].T
+        turned[:, :3, :3] = turned[:, :3, :3] @ program.tool[:3, :3].T
         return place_table(turned, "xyz")
 
     name = FORM.name_program(fitted, points).upper()
@@ -117,7 +115,7 @@ def _format_program(program: Program, name: str, blocks: Sequence[str]) -> str:
         "name": name, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "SINUMERIK"),
         "mass": "not known" if program.mass is None else f"{program.mass:.3f} kg",
         "rail": bool(program.prismatic.any()),
-        "tool": (np.round(program.mounted[:3, 3] * 1e3, 5) + 0.0).tolist(), "blocks": blocks,
+        "tool": (np.round(program.tool[:3, 3] * 1e3, 5) + 0.0).tolist(), "blocks": blocks,
         "base": place_numbers(program.base_frame, "ZYX"),
     }  # fmt: skip
     return render_post(program, "sinumerik", words)

@@ -36,7 +36,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"sleep({seconds:.3f})"],
     expect=lambda signal: [f"while (not get_standard_digital_in({signal})):", "  sync()", "end"],
     pause=lambda task: [QUESTION.format(task)],
-    pause_if=lambda signal, task: [f"if (get_standard_digital_in({signal})):", f"  {QUESTION.format(task)}", "end"],
     call=lambda name, number: [f"{name}({number:.0f})"],
 )
 
@@ -60,7 +59,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     (pose_trans). The controller has no configuration words: linear moves keep the branch of the joint move before them.
     """
     need_six_axes(program, "URScript", sliding=0)
-    return FORM.write(program, folder, most, _format_part, None, can=program.tcp is not None)
+    return FORM.write(program, folder, most, _format_part, None, can=True)
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
@@ -68,12 +67,12 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
     if program.mass is not None:
         centre = ", ".join(f"{value:.6f}" for value in np.round(program.centre, 6) + 0.0)
         load = f"{program.mass:.3f}, [{centre}]"
-    tool, base = _state_poses(np.stack([program.mounted, program.base_frame])).tolist()
+    tool, base = _state_poses(np.stack([program.tool, program.base_frame])).tolist()
     words = {
         "name": part.name, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "URScript"),
         "tool": POSE.format(*tool), "base": POSE.format(*base), "load": load,
         "set_payload": PAYLOAD.get(program.controller, "set_target_payload"),
-        "first": part.rows.start == 0, "last": part.rows.stop == len(program), "moves": _format_moves(part),
+        "moves": _format_moves(part),
     }  # fmt: skip
     return {f"{part.name}.script": render_post(program, "urscript", words)}
 
@@ -115,8 +114,6 @@ def _joint_speeds(program: Program) -> Array:
 def _blend_radii(part: ProgramPart) -> Array:
     """Return how far before each waypoint its corner may be rounded; 0 where it is reached exactly. Shape (n,). [m]"""
     program, zone = part.program, ZONES["urscript"]
-    if program.tcp is None:
-        return np.zeros(len(program))
     step = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1)
     room = np.minimum(np.append(np.inf, step), np.append(step, np.inf))
     radius = np.minimum(zone.size, zone.share * room)

@@ -41,7 +41,6 @@ PHRASES = Phrases(
     wait=lambda seconds: [f"delay({seconds:.3f})"],
     expect=lambda signal: [f"wait({name_signal(signal, 'diIn')}==true)"],
     pause=_ask,
-    pause_if=lambda signal, task: [f"if {name_signal(signal, 'diIn')}==true", *_ask(task), "endIf"],
     call=lambda name, number: [f"call {name}({number:.0f})"],
     named=True,
 )
@@ -65,7 +64,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"
         raise InputError(message)
     check_cell(program.post, CELL, "VAL3")
-    return FORM.write(program, folder, most, _format_part, _format_project, can=program.tcp is not None)
+    return FORM.write(program, folder, most, _format_part, _format_project, can=True)
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
@@ -130,7 +129,7 @@ def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
     """Return the digital inputs and outputs that the programs use, as data of the project."""
     wiring = program.wiring
     outputs = [wiring.spindle, wiring.coolant, *wiring.signals.values()]
-    inputs = [wiring.spindle_ready, wiring.optional_stop]
+    inputs = [wiring.spindle_ready]
     names = [name_signal(signal, "doOut") for signal in outputs if signal is not None]
     names += [name_signal(signal, "diIn") for signal in inputs if signal is not None]
     return [(name, "dio", ['link=""']) for name in dict.fromkeys(names) if program.events]
@@ -139,7 +138,7 @@ def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
 def _list_data(part: ProgramPart) -> list[tuple[str, str, list[str]]]:
     """Return name, type and values of the data of a project: points, feeds, tool, part frame, motion descriptors."""
     program, limits = part.program, 'tmax="99999" rmax="99999"'
-    tool, base = (place_numbers(pose, "XYZ") for pose in (program.mounted, program.base_frame))
+    tool, base = (place_numbers(pose, "XYZ") for pose in (program.tool, program.base_frame))
     full = f'accel="100" vel="100" decel="100" {limits}'
     arrays = [
         ("tTool", "tool", [FRAME.format(*tool, "flange[0]")]), ("fPart", "frame", [FRAME.format(*base, "world[0]")]),

@@ -219,11 +219,9 @@ def _revisit_scatter(campaign: Campaign, gap: Array) -> tuple[float, float, floa
     _, first, index, size = np.unique(campaign.visit[rows], return_index=True, return_inverse=True, return_counts=True)
     mean = np.stack([np.bincount(index, gap[rows, k]) / size for k in range(gap.shape[1])], axis=1)
     at = rows[first]
-    load = np.round(campaign.wrench[at] / max(LIKE_LOAD * campaign.load_scale, FORCE_NOISE)).astype(int)
-    key = np.column_stack([campaign.pose[at], campaign.target_index[at], load])
-    _, group = np.unique(key, axis=0, return_inverse=True)
-    order = np.argsort(group.reshape(-1), kind="stable")
-    pairs = np.flatnonzero(np.diff(group.reshape(-1)[order]) == 0)
+    group = group_repeats(campaign, at)
+    order = np.argsort(group, kind="stable")
+    pairs = np.flatnonzero(np.diff(group[order]) == 0)
     a, b = order[pairs], order[pairs + 1]
     apart = np.abs(at[a] - at[b]) > 0
     a, b = a[apart], b[apart]
@@ -233,6 +231,13 @@ def _revisit_scatter(campaign: Campaign, gap: Array) -> tuple[float, float, floa
     keep = _no_gross_pairs(half.sum(1))
     share = 0.5 * float(np.mean(1.0 / size[a][keep] + 1.0 / size[b][keep]))
     return float(half[keep].mean()), float(half[keep].size), share
+
+
+def group_repeats(campaign: Campaign, rows: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Number the poses of some rows, equal ones of one target under one load alike. Shape (rows,)."""
+    load = np.round(campaign.wrench[rows] / max(LIKE_LOAD * campaign.load_scale, FORCE_NOISE)).astype(int)
+    key = np.column_stack([campaign.pose[rows], campaign.target_index[rows], load])
+    return np.asarray(np.unique(key, axis=0, return_inverse=True)[1].reshape(-1))
 
 
 def _no_gross_pairs(total: Array) -> NDArray[np.bool_]:

@@ -124,7 +124,7 @@ def _again_curve(at: Linearization, index: int, old: Signature) -> Signature:
     """Offer a curve over a joint's angle at a new linearization."""
     cycles = old.fixed.get("cycles_per_turn", old.fixed.get("cycles_per_m"))
     if cycles is None:
-        return spline_at(at, index)
+        return spline_at(at, index, old.fixed.get("knots_rad", old.fixed.get("knots_m", ())))
     return series_at(at, index, cycles[0], old.tried) if old.form.startswith("series") else waves_at(
         at, index, cycles, old.tried
     )  # fmt: skip

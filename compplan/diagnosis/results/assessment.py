@@ -21,6 +21,7 @@ from compplan.diagnosis.data.shared import FEW_ROWS, HALF_WIDTH, NEGLIGIBLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import EVIDENCE
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
+from compplan.diagnosis.results.delivery import NOMINAL
 from compplan.diagnosis.results.verdict import CLAIMED
 from compplan.robot import Array
 from compplan.robot.mounting import mounted_tool
@@ -159,7 +160,7 @@ def _summarise(distance: Array) -> Accuracy:
 def list_corrections(diagnosis: Diagnosis, spreads: dict[str, float]) -> tuple[Correction, ...]:
     """List zeros, lengths and frames of the delivered robot; `spreads`: deviation of each parameter by column. [SI]"""
     delivery = diagnosis.delivery
-    if delivery.posterior is None:
+    if delivery.kind == NOMINAL:
         return ()
     equations = diagnosis.equations
     named = {f.effect.place[:2] for f in diagnosis.verdict.findings if f.probability >= CLAIMED}
@@ -204,7 +205,7 @@ def list_frames(diagnosis: Diagnosis, spreads: dict[str, float]) -> tuple[Pose, 
 def _spreads(diagnosis: Diagnosis) -> dict[str, float]:
     """Return the standard deviation of every parameter that the campaign tells, by column. [SI]"""
     equations, posterior = diagnosis.equations, diagnosis.delivery.posterior
-    if posterior is None:
+    if diagnosis.delivery.kind == NOMINAL:
         return {}
     size = np.sqrt(np.maximum(np.diag(posterior.covariance), 0.0))
     free = np.isin(posterior.columns, equations.columns_named(REGISTRATION))

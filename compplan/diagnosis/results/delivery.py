@@ -39,7 +39,7 @@ class Delivery:
     held: HeldOut  #: What its model predicts of rows that it never saw.
     residual: Array  #: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
     uncertainty: Uncertainty  #: How surely it is known.
-    posterior: Posterior | None = None  #: The posterior that it holds; None for the nominal robot.
+    posterior: Posterior  #: The posterior of the calibration, which the nominal robot does not hold.
 
     def robot(self, nominal: Robot, known: int) -> Robot:
         """Return the robot folder: the nominal robot with the effects behind the `known` first ones."""
@@ -69,7 +69,7 @@ def deliver_robot(
     state = calibrated_state(fit, values, found.named) if better else nominal
     if not better or not stands(problem, state):
         known = state_uncertainty(fit, every, nominal, plain, good, rivals)
-        return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known)
+        return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known, found.posterior)
     state = settle_play(problem, register_again(fit, state, fit.state.use))
     known = state_uncertainty(fit, every, state, held, good, rivals)
     return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, found.posterior)

@@ -1,39 +1,65 @@
-"""What to measure next: the moves that separate effects which a campaign leaves ambiguous, and what they would tell.
+"""What to measure next: poses and loads that separate effects which a campaign leaves ambiguous, and what they tell.
 
-Two hypotheses A and B, each fitted to the campaign with everything else free, predict a further move with means
+Two hypotheses A and B, each fitted to the campaign with everything else free, predict further rows with means
 m_A, m_B and covariances K_A, K_B of what is not known exactly. With noise N the expected log likelihood ratio is
 
     D = 1/2 (m_A - m_B)^T (N + (K_A + K_B) / 2)^-1 (m_A - m_B)
 
-[Box1967; Atkinson1975: T-optimality, here with the uncertainty of both models]. Moves are picked one after the other,
-each for what it adds to those before, until more of them would not tell more, then exchanged.
+[Box1967; Atkinson1975: T-optimality, here with the uncertainty of both models]. Rows are picked one after the other,
+each for what it adds to those before, until more of them would not tell more, then exchanged. Candidates continue the
+campaign: poses within joint limits, no lower and no nearer to the base axis than it went, without load and under its
+largest loads. Whether cables and surroundings allow a pose is not known here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import expit, logit, ndtri
 
-from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
-from compplan.diagnosis.evidence.candidates import offered_signatures
-from compplan.diagnosis.results.measurement_moves import KINDS, MOVES, MeasuringMove, list_moves, probe_signature
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, NEGLIGIBLE, SAMPLE, SEED, SURE, rank_number
+from compplan.diagnosis.evidence.candidates import key_of, offered_signatures, propose_again
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import NAMING, Verdict
 from compplan.diagnosis.search.search import SEARCH, SHIFTS, Claim, Model
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.probability import MAP, find_alternatives, is_comparable
 from compplan.diagnosis.validation.unmodelled import UNMODELLED
-from compplan.effects import apply_effects, build_model, solve_model_poses
+from compplan.effects import apply_effects, build_model, solve_model_poses, transmission_error
 from compplan.effects.linearization import Linearization, Place, linearize_model
-from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, weight_rows
-from compplan.robot import Array
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, take_clear, weight_rows
+from compplan.robot import Array, Robot
 
 NOTHING = "none"
+
+
+@dataclass(frozen=True)
+class NextSettings:
+    """Numbers of what is proposed."""
+
+    #: Candidates of new poses, and draws for each: some are not clear (assumed).
+    poses: int = 40
+    #: Seconds between stays (assumed). [s]
+    pace: float = 15.0
+    #: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
+    assumed_weight: float = 50.0
+    #: Radius about the base axis beyond which it is always clear (assumed). [m]
+    column: float = 0.3
+    #: Poses at least, since a single reading may be a gross error, and at most; so many proposals at most, too
+    #: (assumed).
+    fewest_poses: int = 3
+    most_poses: int = 8
+    #: A proposal has to add this much expected probability (assumed).
+    worth_it: float = 0.05
+
+
+NEXT = NextSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,24 +74,23 @@ class Pair:
 
 
 class DifferenceShown(NamedTuple):
-    """What k moves show of the difference of two models."""
+    """What k poses show of the difference of two models."""
 
     mean: Array  #: Parameters of the first, less those of the second, each in its own place. Shape (P,).
     covariance: Array  #: Mean covariance of the two. Shape (P, P).
-    rows: Array  #: Derivatives of what each move shows, in units of its noise. Shape (k, c, P).
+    rows: Array  #: Derivatives of what each pose shows, in units of its noise. Shape (k, c, P).
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A measurement that separates two explanations; the second is None where the question is whether there is any.
+    """Rows that separate two explanations; the second is None where the question is whether there is any.
 
-    `moves` of one kind, the most telling first; `probability` of the better explanation now, `gain` by how much that of
-    the true one is expected to rise, `information` the expected log likelihood ratio.
+    `rows` of the candidates, the most telling first; `probability` of the better explanation now, `gain` by how much
+    that of the true one is expected to rise, `information` the expected log likelihood ratio.
     """
 
     separates: tuple[Place, Place | None]
-    kind: str
-    moves: tuple[MeasuringMove, ...]
+    rows: tuple[int, ...]
     probability: float
     gain: float
     information: float
@@ -80,8 +105,8 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     pairs = list(find_pairs(fit, diagnosis.verdict))
     if not pairs or not fit.problem.campaign.measured.any():
         return []
-    pool, moves = list_moves(fit.problem.robot, fit.problem.campaign)
-    if not moves:
+    pool = list_rows(fit.problem.robot, fit.problem.campaign)
+    if len(pool) <= FEW_ROWS:
         return []
     scene = build_model(fit.problem.robot, pool, registration=fit.state.registration, later=True)
     scene = apply_effects(scene, fit.state.effects)
@@ -92,11 +117,12 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     variance = np.exp(fit.model.posterior.hyper.log_noise) * (1.0 + np.exp(2.0 * fit.model.posterior.hyper.log_shared))
     parts = zip(predict_columns(fit, at), variance, strict=True)
     design = np.concatenate([part / np.sqrt(v) for part, v in parts], axis=1)
-    tried = [(pair, best_proposal(pair, design, moves)) for pair in pairs]
+    loaded = np.asarray(pool.wrench[FEW_ROWS:].any(axis=1))
+    tried = [(pair, best_proposal(pair, design[FEW_ROWS:], loaded)) for pair in pairs]
     proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -rank_number(p.gain))
     tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
     tables += [_inseparable(pair) for pair, found in tried if found is None]
-    return tables[: MOVES.most_moves]
+    return tables[: NEXT.most_poses]
 
 
 def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
@@ -144,9 +170,12 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
     Columns that further rows cannot show are zero.
     """
     equations, n = fit.search.equations, len(at.campaign)
-    by_key = {(s.place, s.form): s for s in offered_signatures(at, fit.problem.register, SHIFTS)}
+    claimed = [equations.signatures[claim.signature] for claim in fit.model.claims]
+    looked_for = [s for s in claimed if s.name in (*SHIFTS, transmission_error.name)]
+    offered = offered_signatures(at, fit.problem.register, SHIFTS)
+    offered += propose_again(at, looked_for, {key_of(s) for s in looked_for})
+    by_key = {(s.place, s.form): s for s in offered}
     designs = [np.zeros((n, channel.residual.shape[1], equations.p)) for channel in equations.source]
-    used = {int(column) for claim in fit.model.claims for column in equations.columns(claim.signature)}
     done: set[int] = set()
     for number, signature in enumerate(equations.signatures):
         columns = equations.columns(number)
@@ -155,9 +184,7 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
             continue
         found = by_key.get((signature.place, signature.form))
         if found is None or len(found.keys) != len(columns):
-            if not used & {int(c) for c in columns}:
-                continue
-            found = probe_signature(at, signature)
+            continue
         motions = {"position": found.twist[:, :3], "orientation": found.twist[:, 3:], "encoder": found.encoder}
         for channel, design in zip(equations.source, designs, strict=True):
             motion = motions.get(channel.name)
@@ -168,43 +195,35 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
     return designs
 
 
-def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> Proposal | None:
-    """Find the kind of move that separates a pair best, with as few moves as do it. design: shape (n, c, p)."""
+def best_proposal(pair: Pair, design: Array, loaded: NDArray[np.bool_]) -> Proposal | None:
+    """Find the poses that separate a pair, without load where that tells as much, as few as do it.
+
+    `design`: columns at the candidates, shape (n, c, p); `loaded`: which of them carry a load. Shape (n,).
+    """
     found: list[Proposal] = []
-    for kind in KINDS:
-        own = [move for move in moves if move.kind == kind]
-        if not own:
-            continue
-        picked, information = pick_moves(predict_difference(pair, design, own), pair.log_odds)
-        if picked:
-            probability = float(expit(abs(pair.log_odds)))
-            gain = expected_gain(pair.log_odds, information / MAP.temper, MAP.temper)
-            chosen = tuple(own[k] for k in picked)
-            found.append(Proposal((pair.first, pair.second), kind, chosen, probability, gain, information))
-    best = max((proposal.gain for proposal in found), default=0.0)
-    if best < MOVES.worth_it:
-        return None
-    good = [proposal for proposal in found if proposal.gain >= best - NEGLIGIBLE]
-    return min(good, key=lambda p: sum(len(move.rows) for move in p.moves))
+    plain, under = np.flatnonzero(~loaded), np.flatnonzero(loaded)
+    for poses in (plain[:, None], np.column_stack([plain[: len(under)], under])):
+        picked, information = pick_poses(predict_difference(pair, design[poses]), pair.log_odds)
+        gain = expected_gain(pair.log_odds, information / MAP.temper, MAP.temper)
+        rows = tuple(poses[picked].ravel().tolist())
+        found.append(Proposal((pair.first, pair.second), rows, float(expit(abs(pair.log_odds))), gain, information))
+    best = found[0] if found[0].gain >= found[1].gain - NEGLIGIBLE else found[1]
+    return best if best.gain >= NEXT.worth_it else None
 
 
-def predict_difference(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> DifferenceShown:
-    """Return what moves show of the difference of two models; `design`: columns at further rows. Shape (n, c, p)."""
+def predict_difference(pair: Pair, design: Array) -> DifferenceShown:
+    """Return what poses of r rows show of the difference of two models; `design`: their columns. Shape (k, r, c, p)."""
     two = [model.posterior for model in (pair.model, pair.other)]
-    columns = np.concatenate([design[:, :, posterior.columns] for posterior in two], axis=2)
-    longest = max(len(move.rows) for move in moves)
-    rows = np.zeros((len(moves), longest, *columns.shape[1:]))
-    for number, move in enumerate(moves):
-        rows[number, : len(move.rows)] = columns[list(move.rows)]
+    columns = np.concatenate([design[..., posterior.columns] for posterior in two], axis=-1)
     return DifferenceShown(
         np.r_[two[0].mean, -two[1].mean],
         0.5 * block_diag(*(posterior.covariance for posterior in two)),
-        rows.reshape(len(moves), -1, columns.shape[2]),
+        columns.reshape(len(columns), -1, columns.shape[-1]),
     )
 
 
-def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], float]:
-    """Pick moves for what each adds to those before, as many as add to the expected gain, then exchange them.
+def pick_poses(shown: DifferenceShown, log_odds: float) -> tuple[list[int], float]:
+    """Pick poses for what each adds to those before, as many as add to the expected gain, then exchange them.
 
     Returns their numbers, and the expected log likelihood ratio of all of them together.
     """
@@ -215,17 +234,17 @@ def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], floa
 
     picked: list[int] = []
     information = 0.0
-    for best, added in grow_choice(worth, min(MOVES.most_moves, len(shown.rows))):
-        # a single move may be too little to show although all that are allowed would
-        most = information + (MOVES.most_moves - len(picked)) * added
-        enough = len(picked) >= MOVES.fewest_moves or not picked
+    for best, added in grow_choice(worth, min(NEXT.most_poses, len(shown.rows))):
+        # a single pose may be too little to show although all that are allowed would
+        most = information + (NEXT.most_poses - len(picked)) * added
+        enough = len(picked) >= NEXT.fewest_poses or not picked
         if enough and gain_of(most) < gain_of(information) + NEGLIGIBLE:
             break
         picked, information = [*picked, best], information + added
     if gain_of(information) < NEGLIGIBLE:
         return [], 0.0
     chosen = settle_choice(worth, picked)
-    return [move for move, _ in chosen], sum(added for _, added in chosen)
+    return [pose for pose, _ in chosen], sum(added for _, added in chosen)
 
 
 def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> float:
@@ -245,36 +264,29 @@ def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> f
 
 def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[str, Any]:
     """Return a proposal as diagnosis.json holds it: poses in deg (sliding joints in mm), loads in N and N m."""
-    robot, campaign = fit.problem.robot, at.campaign
-    rows = [row for move in proposal.moves for row in move.rows]
+    robot, campaign, rows = fit.problem.robot, at.campaign, [FEW_ROWS + row for row in proposal.rows]
     unit = np.where(robot.prismatic, 1e3, 180.0 / np.pi)
+    loaded = any(campaign.wrench[row].any() for row in rows)
     table: dict[str, Any] = {
         "separates": _separates(*proposal.separates),
-        "kind": proposal.kind,
-        "how": _say(proposal),
+        "how": "measure each pose without load and under the load" if loaded else "measure these poses, without load",
         "columns": list(robot.joint_headers),
         "poses": [[round(float(v), 4) for v in campaign.q[row] * unit] for row in rows],
         "wrenches": [[round(float(v), 2) for v in campaign.wrench[row]] for row in rows],
-        "approach": [name_approach(at, row) for row in rows] if proposal.kind == "reversal" else None,
         "probability_now": round(proposal.probability, 3),
         "expected_probability_gain": round(proposal.gain, 3),
         "expected_log_likelihood_ratio": round(proposal.information, 2),
     }
-    if proposal.kind == "warm_up" and campaign.time is not None:
-        table["time_s"] = [round(float(campaign.time[row]), 2) for row in rows]
-    if proposal.kind == "warm_up" and campaign.temperature is not None:
-        table["temperature_C"] = [round(float(campaign.temperature[row]), 1) for row in rows]
-    if proposal.kind == "loaded_unloaded" and not fit.problem.campaign.load_varies:
+    if loaded and not fit.problem.campaign.load_varies:
         table["assumed"] = "the campaign had no loads; the weight on the tool is assumed"
     return table
 
 
 def _inseparable(pair: Pair) -> dict[str, Any]:
-    """Say that no move was found that would tell two explanations apart."""
+    """Say that no rows were found that would tell two explanations apart."""
     return {
         "separates": _separates(pair.first, pair.second),
-        "kind": "none",
-        "how": "no move within joint limits and given loads separates these; the simpler one predicts as well",
+        "how": "no pose within joint limits and given loads separates these; the simpler one predicts as well",
         "poses": [],
         "wrenches": [],
         "probability_now": round(float(expit(abs(pair.log_odds))), 3),
@@ -286,14 +298,78 @@ def _separates(first: Place, second: Place | None) -> list[dict[str, str | None]
     return [place_table(first), place_table((NOTHING, None, None) if second is None else second)]
 
 
-def _say(proposal: Proposal) -> str:
-    joints = list(dict.fromkeys(move.joint for move in proposal.moves if move.joint))
-    of = f" ({', '.join(joints)})" if joints else ""
-    return KINDS[proposal.kind] + of
+def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
+    """Lay out candidates as the continuation of a campaign: `FEW_ROWS` of its rows, from which it goes on, then theirs.
+
+    Poses without load, then some of them under a load each.
+    """
+    poses = draw_poses(robot, campaign, NEXT.poses, np.random.default_rng(seed))
+    loaded, loads = poses[:ENOUGH_ROWS], np.array(given_loads(campaign))
+    before = np.resize(np.flatnonzero(campaign.usable), FEW_ROWS)
+    q = np.concatenate([campaign.q[before], poses, loaded])
+    under = loads[np.arange(len(loaded)) % len(loads)]
+    later = np.arange(len(q)) >= FEW_ROWS
+    time = 0.0 if campaign.time is None else float(np.nanmax(campaign.time))
+    warm = None if campaign.warming is None else np.where(later, np.max(campaign.warming), 0.0)
+    return Campaign(
+        run=np.where(later, "static_next", "static_before"),
+        q=q,
+        wrench=np.concatenate([campaign.wrench[before], np.zeros((len(poses), 6)), under]),
+        position=np.zeros((len(q), 3)),
+        rotation=None if campaign.rotation is None else np.broadcast_to(np.eye(3), (len(q), 3, 3)),
+        time=None if campaign.time is None else later * (time + NEXT.pace * np.arange(len(q))),
+        temperature=None if warm is None else campaign.reference_temperature + warm,
+        link=None if campaign.link is None else q.copy(),
+        target=None if campaign.target is None else np.full(len(q), int(campaign.target_index[-1])),
+        target_names=campaign.target_names,
+    )
 
 
-def name_approach(at: Linearization, row: int) -> str:
-    """Say which joint moves last before a row, and in which direction."""
-    move = at.campaign.q[row] - at.campaign.q[row - 1]
-    index = int(np.argmax(np.abs(move)))
-    return f"{at.robot.joint_names[index]} {'upwards' if move[index] > 0 else 'downwards'}"
+def draw_poses(robot: Robot, campaign: Campaign, count: int, random: np.random.Generator) -> Array:
+    """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= count, nq)."""
+    q = random.uniform(*joint_range(robot, campaign), (NEXT.poses * count, robot.nq))
+    return take_clear([q], lambda part: keeps_clear(robot, campaign, part), count)
+
+
+def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
+    """Return the joint range that may be visited. Shapes (nq,). [rad or m]"""
+    seen = campaign.q[campaign.usable]
+    middle = 0.5 * (seen.min(0) + seen.max(0))
+    lower, upper = np.maximum(robot.lower, middle - np.pi), np.minimum(robot.upper, middle + np.pi)
+    margin = NEGLIGIBLE * (upper - lower)
+    # a rail is as long as it was seen to be where the folder states no limits
+    endless = robot.prismatic & ~(np.isfinite(robot.lower) & np.isfinite(robot.upper))
+    return np.where(endless, seen.min(0), lower + margin), np.where(endless, seen.max(0), upper - margin)
+
+
+def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]:
+    """Tell which poses stand no lower and no nearer to the base axis than the campaign did. Shape (n,)."""
+    usable = np.flatnonzero(campaign.usable)
+    some = usable[:: max(1, len(usable) // SAMPLE)]
+    seen, tip = _tips(robot, campaign.q[some]), _tips(robot, q)
+    near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), NEXT.column)
+    return np.asarray((tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= near))
+
+
+def _tips(robot: Robot, q: Array) -> Array:
+    run = np.array(["static"] * len(q), dtype=np.str_)
+    rows = Campaign(run, q, np.zeros((len(q), 6)), np.zeros((len(q), 3)))
+    return solve_model_poses(build_model(robot, rows)).position
+
+
+def given_loads(campaign: Campaign) -> list[Array]:
+    """Pick the largest loads of the campaign that point in different directions; a known weight where it had none."""
+    wrench = campaign.wrench[campaign.usable & ~campaign.unloaded]
+    if not campaign.load_varies or not len(wrench):
+        return [np.array([0.0, 0.0, -NEXT.assumed_weight, 0.0, 0.0, 0.0])]
+    order = np.argsort(-np.linalg.norm(wrench[:, :3], axis=1))
+    picked: list[Array] = []
+    for row in order:
+        force = wrench[row, :3]
+        # nearer to a right angle than to each other
+        size = np.linalg.norm(force) * np.sqrt(0.5)
+        if all(force @ other[:3] < size * np.linalg.norm(other[:3]) for other in picked):
+            picked.append(np.round(wrench[row], 1))
+        if len(picked) == FEW_ROWS:
+            break
+    return picked

@@ -25,7 +25,7 @@ from scipy.special import chdtri
 from compplan.diagnosis.data.channels import group_poses
 from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, NEGLIGIBLE, SAMPLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION, in_background
-from compplan.diagnosis.evidence.evidence import EVIDENCE
+from compplan.diagnosis.evidence.evidence import EVIDENCE, Posterior
 from compplan.diagnosis.results.verdict import Verdict, unname
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState
@@ -111,27 +111,31 @@ def state_uncertainty(
     return free_base(fit.problem.robot, stated) if adrift else stated
 
 
-def size_named(fit: Fit, verdict: Verdict, calibration: float) -> tuple[Verdict, Uncertainty]:
-    """Give named effects the sizes that they have where these, and no others, are present, and state their covariance.
+def size_named(fit: Fit, posterior: Posterior, verdict: Verdict, calibration: float) -> tuple[Verdict, Uncertainty]:
+    """Give named effects the sizes that they have in the calibration, and state their covariance.
 
     Effects whose 95 % region contains zero are named no more: with values v and covariance C, v^T C^-1 v below the 95 %
-    point of chi-square. `calibration` is the factor of all deviations that makes bands hold poses left out.
+    point of chi-square. `posterior` is that of the calibration, `calibration` the factor of all deviations that makes
+    bands hold poses left out.
     """
-    named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
-    fitted = with_claims(_with_usual_classes(fit), named, background=True)
-    equations, posterior = fitted.search.equations, fitted.model.posterior
+    robot, equations = fit.problem.robot, fit.search.equations
     values, findings, told = posterior.values(equations.p), [], set[int]()
+    unknowns, columns = [], np.zeros(0, int)
     for finding in verdict.findings:
         if finding.signature >= 0:
-            signature, columns = equations.signatures[finding.signature], equations.columns(finding.signature)
-            size = limit_sizes(fit.problem.robot, signature, values[columns] * signature.scale)
+            signature, own = equations.signatures[finding.signature], equations.columns(finding.signature)
+            size = limit_sizes(robot, signature, values[own] * signature.scale)
             finding = replace(finding, effect=signature.effect(size))
-            if 2.0 * posterior.loss_without(columns) > calibration**2 * chdtri(len(columns), 1.0 - LEVEL):
+            if 2.0 * posterior.loss_without(own) > calibration**2 * chdtri(len(own), 1.0 - LEVEL):
                 told.add(finding.signature)
+            if np.isin(own, posterior.columns).all() and not np.isin(own, columns).any():
+                unknowns.append(Unknown(*signature.place, signature.keys, np.zeros(len(own)), dict(signature.fixed)))
+                columns = np.r_[columns, own]
         findings.append(finding)
-    known = _collect(fitted, named, replace(fit.state, values=dict.fromkeys(equations.names, 1.0)))
-    unknowns, factor = spread_unknowns(known.unknowns, known.moment)
-    sizes = Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration)
+    at = np.searchsorted(posterior.columns, columns)
+    covariance = posterior.covariance[np.ix_(at, at)] * np.outer(equations.scale[columns], equations.scale[columns])
+    spread, factor = spread_unknowns(unknowns, covariance)
+    sizes = Uncertainty("measured", "named effects", spread, factor, calibration=calibration)
     return unname(replace(verdict, findings=tuple(findings)), told), sizes
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.results.delivery import Delivery
 from compplan.diagnosis.results.posterior import state_change
+from compplan.diagnosis.results.repeats import RepeatCheck, check_repeats
 from compplan.diagnosis.results.verdict import CALIBRATED, Finding, Verdict
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.unmodelled import RevisedProbabilities
@@ -83,6 +85,13 @@ class Diagnosis(Shown):
     sizes: Uncertainty
     noise: str
 
+    @cached_property
+    def repeats(self) -> RepeatCheck | None:
+        """Poses measured again that scatter beyond the stated sigma, outliers left out; None where none do."""
+        good = self.fit.problem.campaign.usable.copy()
+        good[self.outliers] = False
+        return check_repeats(self.fit.at, np.where(good[:, None], self.residual_after, np.nan))
+
     @property
     def points(self) -> Array:
         """Measured points in the robot's base frame, as expected where no position was measured. Shape (n, 3). [m]"""
@@ -117,6 +126,7 @@ class Diagnosis(Shown):
             ("on rows never seen", f"{format_length(gap.held_out_before)} before, {format_length(gap.held_out_after)} "
                                    "after"),
             ("measurement noise", f"{format_length(gap.noise_floor)}: {self.noise}"),
+            *([] if self.repeats is None else [("poses measured again", self.repeats.sentence)]),
             *([("outliers", f"{len(self.outliers)} rows left out")] if len(self.outliers) else []),
         ]  # fmt: skip
 
@@ -162,6 +172,7 @@ class Diagnosis(Shown):
                 "held_out_after_rms_mm": _mm(self.gap.held_out_after),
                 "noise_floor_mm": _mm(self.gap.noise_floor),
                 "noise_source": self.noise,
+                **({} if self.repeats is None else {"repeats": self.repeats.to_json()}),
             },
             "structure_left": {
                 "present": structure.left,

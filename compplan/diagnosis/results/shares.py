@@ -28,6 +28,7 @@ from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, LISTED, SAMPLE, S
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
+from compplan.diagnosis.results.delivery import NOMINAL
 from compplan.diagnosis.results.verdict import CLAIMED, Finding
 from compplan.diagnosis.search.state import FitState, attain_state
 from compplan.effects import driver_of, locate_effect, robot_effects
@@ -66,21 +67,6 @@ class Part:
     columns: NDArray[np.int_]  #: Its columns of the posterior's; empty where its size is held.
 
 
-@dataclass(frozen=True)
-class Carrier:
-    """A named effect at its place: share of the gap, its interval given that the effect is present, and probability."""
-
-    place: str
-    effect: str
-    share: Share
-    probability: float
-
-    def to_json(self) -> dict[str, str | float]:
-        """Return the carrier as diagnosis.json holds it."""
-        probability = {"probability": round(self.probability, 4)}
-        return {"place": self.place, "effect": self.effect, **self.share.to_json(), **probability}
-
-
 @dataclass(frozen=True, eq=False)
 class Shares:
     """A gap divided."""
@@ -88,7 +74,6 @@ class Shares:
     #: Share of each place: joints, other parts of the cell, small errors everywhere, not explained.
     by_place: dict[str, Share]
     by_factor: dict[str, Share]  #: Share of what follows each factor, and what is not explained.
-    carriers: tuple[Carrier, ...]  #: Named findings with their shares, largest first.
     noise: float  #: Share that noise explains.
 
 
@@ -104,15 +89,10 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
     drivers = list(dict.fromkeys(name for own in factors for name in own))
     first = [*diagnosis.robot.joint_names, *(name for own in places for name in own if name != CALIBRATION)]
     stated = [share if part.probability >= CLAIMED else 0.0 for part, share in zip(every, point, strict=True)]
-    carriers = [
-        Carrier(part.place, part.effect, find_interval(share, values), part.probability)
-        for part, share, values in sorted(zip(every, point, drawn, strict=True), key=lambda one: -rank_number(one[1]))
-        if part.probability >= CLAIMED and part.place != CALIBRATION
-    ]
     return Shares(
         add_up([*dict.fromkeys(first), CALIBRATION], places, stated, drawn, fate, noise),
         add_up(drivers, factors, stated, drawn, fate, noise),
-        tuple(carriers), noise,
+        noise,
     )  # fmt: skip
 
 
@@ -319,7 +299,7 @@ class SmallErrors:
 def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
     """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
     posterior, equations = diagnosis.delivery.posterior, diagnosis.equations
-    if posterior is None:
+    if diagnosis.delivery.kind == NOMINAL:
         return None
     motion = PosteriorMotion(diagnosis, np.random.default_rng(seed), equations, posterior)
     loaded = diagnosis.fit.problem.campaign.load_varies

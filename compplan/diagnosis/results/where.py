@@ -1,9 +1,7 @@
 """Where a gap lies: by place and by what it follows, and over the rows.
 
 By place and factor: `shares`. By direction, run and region: how much of the sum of squares lies there,
-before and after. Intervals hold 95 %. A trace is the error that a named joint makes at every row against what it
-follows, everything else that is explained taken out: a soft spring shows as a line over load, lost motion as two
-levels, a gear error as a wave over the joint's angle.
+before and after. Intervals hold 95 %.
 """
 
 from __future__ import annotations
@@ -25,15 +23,12 @@ from compplan.diagnosis.results.shares import (
     draw_blocks,
     find_interval,
 )
-from compplan.effects import driver_of
-from compplan.effects.linearization import Linearization
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
-    from compplan.diagnosis.results.verdict import Finding
 
 #: Decimals to which rows are dealt to regions and levels: micrometres and micronewtons, far above rounding (theory).
 RESOLVED = 6
@@ -55,7 +50,6 @@ class Split:
 
     shares: Shares  #: Shares of places and factors.
     spread: Division  #: How the gap spreads over the rows.
-    traces: tuple[Trace, ...] = ()  #: Errors that the named joints make, over what they follow; for pictures.
     #: The gap divided among the errors of the robot that goes out; None where the nominal one does.
     small_errors: SmallErrors | None = None
 
@@ -71,7 +65,6 @@ class Split:
         return {
             **calibrated,
             "rms_mm": 1e3 * spread.rms,
-            "carried_by": [carrier.to_json() for carrier in shares.carriers],
             "by_joint": {name: share.to_json() for name, share in shares.by_place.items()},
             "by_factor": {name: share.to_json() for name, share in shares.by_factor.items()},
             "noise_share": shares.noise,
@@ -91,7 +84,6 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
     return Split(
         divide_gap(diagnosis, seed),
         spread_gap(diagnosis.robot, campaign, before, after, used, seed),
-        trace_findings(diagnosis),
         divide_small_errors(diagnosis, seed),
     )
 
@@ -166,67 +158,3 @@ def split_region(table: GapTable, position: Array) -> list[dict[str, Any]]:
                 }
                 entries.append({**limits, **table.describe(inside)})
     return entries
-
-
-#: Rows whose point lies nearer to the joint's axis than this share of the usual distance tell nothing about it
-#: (assumed).
-NEAR_AXIS = 0.25
-
-
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """The error of one joint over the k rows that show it."""
-
-    place: str  #: The joint.
-    effect: str  #: The effect that stays in.
-    driver: Array  #: What the error is drawn over. Shape (k,). [`driver_unit`]
-    error: Array  #: Error that the joint makes. Shape (k,). [`error_unit`, "mrad" or "mm"]
-    driver_name: str  #: What the driver is.
-    driver_unit: str  #: Its unit.
-    error_unit: str  #: Unit of the error.
-
-    @property
-    def two_sided(self) -> bool:
-        """Tell whether the driver is a direction: minus, unknown, plus."""
-        return self.driver_name == "direction of the last move"
-
-
-def trace_findings(diagnosis: Diagnosis) -> tuple[Trace, ...]:
-    """Trace the errors of the joints that a diagnosis names."""
-    revised, at = diagnosis.revised, diagnosis.fit.at
-    equations, values = revised.search.equations, revised.model.posterior.values(revised.search.equations.p)
-    source = equations.source[0]
-    left = equations.left(values)[0] * source.sigma
-    traces = []
-    for finding in diagnosis.verdict.findings:
-        if finding.signature not in revised.model.signatures or finding.effect.joint not in at.robot.joint_names:
-            continue
-        columns = equations.columns(finding.signature)
-        part = left + equations.designs[0][..., columns] @ values[columns] * source.sigma
-        traces.append(_trace(finding, at, source.rows, part))
-    return tuple(traces)
-
-
-def _trace(finding: Finding, at: Linearization, rows: NDArray[np.int_], part: Array) -> Trace:
-    """Turn what a finding has to explain into an error about the joint's own axis."""
-    joint = str(finding.effect.joint)
-    index = at.robot.joint_names.index(joint)
-    slides = bool(at.robot.prismatic[index])
-    own = at.motion[rows][:, :3, index]
-    square = (own**2).sum(axis=1)
-    seen = square > NEAR_AXIS**2 * square.mean()
-    error = 1e3 * (own * part).sum(axis=1) / np.maximum(square, 1e-300)
-    driver, name, unit = _driver(finding.effect.name, at, index, slides)
-    return Trace(joint, finding.effect.name, driver[rows][seen], error[seen], name, unit, "mm" if slides else "mrad")
-
-
-def _driver(effect: str, at: Linearization, index: int, slides: bool) -> tuple[Array, str, str]:
-    """Return what stands on the horizontal axis, its name and its unit."""
-    follows, campaign = driver_of(effect), at.campaign
-    if follows in ("load", "gravity"):
-        return at.own_load[:, index], "load about the joint's axis", "N" if slides else "N m"
-    if follows == "direction of approach":
-        return campaign.approach[:, index], "direction of the last move", ""
-    if follows == "speed":
-        return campaign.speed[:, index], "joint speed", "m/s" if slides else "rad/s"
-    return campaign.q[:, index] * (1e3 if slides else 180 / np.pi), "joint position", "mm" if slides else "deg"

@@ -146,11 +146,7 @@ def calibrated_state(fit: Fit, values: Array, named: Sequence[int]) -> FitState:
 def hold_out_calibration(folds: Folds, found: Calibration) -> HeldOut:
     """Predict every row by the robot that a calibration without its fold makes, read from its folder."""
     values = dict(zip(folds.numbers, found.without_fold, strict=True))
-
-    def build(number: int) -> tuple[Fit, FitState]:
-        return folds.fit, calibrated_state(folds.fit, values[number], found.named)
-
-    return folds.hold_out_states(build)
+    return folds.hold_out(lambda number: calibrated_state(folds.fit, values[number], found.named))
 
 
 def is_calibrated(signature: Signature) -> bool:

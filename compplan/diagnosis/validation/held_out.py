@@ -21,7 +21,7 @@ from compplan.diagnosis.evidence.evidence import Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, select_rows
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
-from compplan.diagnosis.search.state import Fit, FitState, advance_state, stands
+from compplan.diagnosis.search.state import Fit, FitState, stands
 from compplan.effects import apply_effects, build_model, fold_effects, robot_effects, solve_model_poses
 from compplan.errors import ConvergenceError, InputError
 from compplan.measurement.campaign import Campaign
@@ -110,27 +110,18 @@ class Folds:
         found = find_posterior(part, prior.of(prior.active), fit.model.posterior.hyper, fit=False)
         return replace(fit, model=replace(fit.model, posterior=replace(found, columns=prior.active)))
 
-    def hold_out(self, claims: Sequence[Claim]) -> HeldOut:
-        """Predict every row by the exact model of some claims that is fitted to the other folds."""
-
-        def build(number: int) -> tuple[Fit, FitState]:
-            fitted = self.fit_others(claims, number)
-            return fitted, advance_state(fitted)
-
-        return self.hold_out_states(build)
-
-    def hold_out_states(self, build: Callable[[int], tuple[Fit, FitState]]) -> HeldOut:
+    def hold_out(self, build: Callable[[int], FitState]) -> HeldOut:
         """Predict every row by the exact model that a fit to the other folds leads to."""
         fit, rows = self.fit, self.fit.search.equations.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
         for number in self.numbers:
-            fitted, state = build(number)
+            state = build(number)
             if fit.problem.register and stands(fit.problem, state):
                 # frames turn far: what their derivatives leave out is fitted exactly, to rows that the fit saw; the
                 # few rows of a contact may leave its place open without some of them, and all are fitted below anyway
                 own = CONTACTS in fit.problem.register
-                state = register_again(fitted, state, fit.state.use & (own | (self.fold != number)))
-            gap = predict_gap(fitted, state)
+                state = register_again(fit, state, fit.state.use & (own | (self.fold != number)))
+            gap = predict_gap(fit, state)
             if gap is None:
                 gap = np.where(campaign.measured[:, None], campaign.position, np.inf)
             test = self.fold == number

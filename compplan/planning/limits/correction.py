@@ -12,7 +12,7 @@ from compplan.planning.problem import Bounds, Limit, PlanningProblem, Station
 
 @dataclass(frozen=True)
 class CorrectionLimit(Limit):
-    """|p_unloaded(q) - p_programmed| <= most, written (d^2 - c^2) / (2 c) <= 0: a length near its bound."""
+    """|p_unloaded(q) - p_programmed| <= c, written sqrt(2 d^2 + 2 c^2) - 2 c <= 0: a length, near its bound and far."""
 
     most: float  #: Greatest distance. [m]
     name = "correction"
@@ -23,7 +23,7 @@ class CorrectionLimit(Limit):
     def rows(self, station: Station) -> ca.SX:
         """Return the excess of the correction, less that of a released station out of reach."""
         gap = station.frames.position - station.programmed
-        return (ca.sumsqr(gap) - self.most**2) / (2.0 * self.most) - station.excess
+        return ca.sqrt(2.0 * (ca.sumsqr(gap) + self.most**2)) - 2.0 * self.most - station.excess
 
     def bounds(self, problem: PlanningProblem) -> Bounds:
         """Return its bounds: none where the tool is unloaded."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from compplan.errors import UnknownNameError
-from compplan.io.plugins import Registry
+from compplan.io.registry import Registry
 from compplan.job import names
 from compplan.planning.task import Command, PlanTask
 

@@ -7,14 +7,14 @@ follows from:
     PathForceTable     `wrench_along(nominal)`, path axes: from path and feed alone      compplan.toolpath.contact
     CuttingTable       `cutter`, `spindle`, `shape`: from what a cutter meets of stock    compplan.process.cutting
 
-A new model is one new file and one line here, or an entry point of an installed package.
+A new model is one new file and one line here.
 """
 
 from __future__ import annotations
 
 from typing import Protocol
 
-from compplan.io.plugins import Registry
+from compplan.io.registry import Registry
 from compplan.toolpath.contact import ForceTable
 
 
@@ -37,7 +37,7 @@ FORCE_MODELS: Registry[ForceModel] = Registry[ForceModel]((
     "friction_stir",
     "grinding",
     "file",
-), __name__).install("force_models").load_installed()  # fmt: skip
+), __name__)  # fmt: skip
 
 
 def name_force_model(name: str) -> str:

@@ -129,17 +129,6 @@ class RobotMaps:
             "planes": {name: _sum_up(m, self.quality[name]) for name, m in self.planes.items()},
         }  # fmt: skip
 
-    def lines(self) -> list[str]:
-        """Say the summary in lines for people."""
-        lines = []
-        for name, plane in self.summary()["planes"].items():
-            worst, under = plane["worst_unit_force_um_per_N"], plane["under_wrench_mm"]
-            lines.append(
-                f"{name:10s}  worst unit force: mean {worst['mean']:.2f}, max {worst['max']:.2f} um/N;  "
-                f"given wrench: mean {under['mean']:.2f}, max {under['max']:.2f} mm;  reached {plane['reached']:.0%}"
-            )
-        return lines
-
 
 def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
     """Map a robot over a horizontal and a vertical plane.

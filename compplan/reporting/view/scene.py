@@ -11,17 +11,14 @@ from numpy.typing import NDArray
 
 from compplan.io.palette import NEUTRAL
 from compplan.io.quantities import format_length, format_number
-from compplan.reporting.charts import SEQUENTIAL, thin_path
-from compplan.reporting.scenes import follow_joints
-from compplan.reporting.view.recording import PlanRecording, ViewCell
+from compplan.reporting.charts import SEQUENTIAL
+from compplan.reporting.view.recording import PlanRecording
 from compplan.robot import Array
 
 Bytes = NDArray[np.uint8]
 Rows = NDArray[np.int_] | slice | int
 #: Deviation that gets the last colour, in tolerances; the middle one is one tolerance.
 LAST = 2.0
-#: Points of a path that are drawn at most.
-POINTS = 20_000
 #: The way of showing the tip that is a band.
 ERROR_BAND = "error_band"
 #: A length of deviation.csv that reads 0 is below this. [m]
@@ -67,12 +64,6 @@ def pick_point(points: Array, origin: Array, direction: Array) -> int:
     return int(np.argmin(np.where(np.isfinite(angle), angle, np.inf)))
 
 
-def locate_chain(cell: ViewCell, q: Array) -> dict[str, Array]:
-    """Locate every link of the arm at joints q, shape (nq,) [rad or m]; shape (4, 4) each [m]."""
-    value = dict(zip((joint.name for joint in cell.actuated), q, strict=True))
-    return follow_joints(cell.base, cell.joints, value)
-
-
 @dataclass(frozen=True, eq=False)
 class PlanScene:
     """A plan to be shown."""
@@ -82,9 +73,7 @@ class PlanScene:
     @cached_property
     def ways(self) -> dict[str, str]:
         """What can be shown, with what it is called."""
-        factor = self.recording.cell.facts.get("softer", "softer")
-        softer = f"as planned, robot softer than modelled ({factor}, assumed)"
-        names = {"uncorrected": "without correction", "planned": "as planned, robot as modelled", "softer": softer}
+        names = {"uncorrected": "without correction", "planned": "as planned, robot as modelled"}
         known = {way: name for way, name in names.items() if np.isfinite(self.recording.deviation[way]).any()}
         if np.isfinite(self.recording.error_band).any():
             known[ERROR_BAND] = "95 % band of the true tip"
@@ -129,15 +118,6 @@ class PlanScene:
         """Return the row where a way strays most."""
         return int(np.argmax(np.nan_to_num(self.sizes[way], nan=-1.0)))
 
-    @cached_property
-    def length(self) -> Array:
-        """Length of the path up to each row. Shape (n,). [m]."""
-        return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.recording.tip, axis=0), axis=1))]
-
-    def name_row(self, row: int, way: str) -> str:
-        """Name a row by its deviation and its length along the path."""
-        return f"{_describe_length(self.sizes[way][row])} at {1e3 * self.length[row]:.4g}\u00a0mm"
-
     def place(self, way: str, magnify: float, rows: Rows = slice(None)) -> Array:
         """Return where the loaded tip is drawn at rows, deviations magnified. Shape (k, 3), or (3,) of one row. [m]"""
         tip = self.recording.tip[rows]
@@ -145,28 +125,22 @@ class PlanScene:
             tip if way == ERROR_BAND else tip + magnify * np.nan_to_num(self.recording.deviation[way][rows])
         )
 
-    @cached_property
-    def rows(self) -> NDArray[np.int_]:
-        """Rows that are drawn."""
-        return thin_path(self.recording.tip, list(self.sizes.values()), POINTS)
-
     def draw_path(self, way: str, magnify: float) -> Lines:
         """Draw the path of the loaded tip, coloured by its deviation against the tolerance."""
-        colours = paint_sizes(self.sizes[way][self.rows], self.top(way) / LAST)
-        return join_rows(self.place(way, magnify, self.rows), colours)
+        return join_rows(self.place(way, magnify), paint_sizes(self.sizes[way], self.top(way) / LAST))
 
     def draw_wanted(self) -> Lines:
         """Draw the wanted path in grey."""
-        return join_rows(self.recording.tip[self.rows], paint_sizes(np.full(len(self.rows), np.nan), 1.0))
+        return join_rows(self.recording.tip, paint_sizes(np.full(self.count, np.nan), 1.0))
 
     def pose_links(self, row: int) -> dict[str, Array]:
-        """Locate every link as commanded. Shape (4, 4) each. [m]"""
-        return locate_chain(self.recording.cell, self.recording.q[row])
+        """Return the pose of every link as commanded. Shape (4, 4) each. [m]"""
+        return dict(zip(self.recording.facts["links"], self.recording.poses[row], strict=True))
 
     @cached_property
     def greatest_force(self) -> float:
         """Greatest force on the tool [N]."""
-        return float(np.linalg.norm(self.recording.wrench[:, :3], axis=1).max(initial=0.0))
+        return float(np.linalg.norm(self.recording.force, axis=1).max(initial=0.0))
 
     def find_row(self, time: float) -> int:
         """Return the row at a time [s]."""
@@ -175,16 +149,16 @@ class PlanScene:
     def tell(self, row: int) -> str:
         """Describe a row as markdown: deviations, joints, force, posture."""
         record = self.recording
-        lines = [f"**Waypoint {row}** of {self.count}, {record.move[row]}, {record.time[row]:.2f} s", ""]
+        lines = [f"**Row {record.row[row]}** of joints.csv, {record.move[row]}, {record.time[row]:.2f} s", ""]
         lines += ["| deviation | |", "|---|---|"]
         lines += [f"| {name} | {_describe_length(self.sizes[way][row])} |" for way, name in self.ways.items()]
         lines += [f"| tolerance | {format_length(record.tolerance)} |", "", "| joint | |", "|---|---|"]
-        for joint, value in zip(record.cell.actuated, record.q[row], strict=True):
-            position = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
-            lines.append(f"| {joint.name} | {position} |")
-        force = ", ".join(format_number(float(value)) for value in record.wrench[row, :3])
+        for header, value in zip(record.facts["joints"], record.joints[row], strict=True):
+            name, _, unit = header.rpartition("_")
+            lines.append(f"| {name} | {value:.2f}\u00a0{unit} |")
+        force = ", ".join(format_number(float(value)) for value in record.force[row])
         x, y, z = (format_number(1e3 * float(value), 5) for value in record.tip[row])
-        words = ", ".join(f"{name} {word}" for name, word in record.cell.facts.get("configuration", {}).items())
+        words = ", ".join(f"{name} {word}" for name, word in record.facts["configuration"].items())
         lines += ["", f"Force on the tool: {force} N (x, y, z of the base)", "", f"Wanted tip: {x}, {y}, {z} mm"]
         return "\n".join([*lines, "", f"Posture: {words or 'not known'}"])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import socket
 import threading
 import time
@@ -16,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.quantities import format_length, format_set_length
-from compplan.reporting.charts import SEQUENTIAL
 from compplan.reporting.provenance import GRADE_MEANING
 from compplan.reporting.view.recording import read_recording
 from compplan.reporting.view.scene import ERROR_BAND, Lines, PlanScene, pick_point
@@ -54,25 +52,11 @@ def start_server(folder: Path, port: int) -> PlanViewer:
     return PlanViewer(server, PlanScene(recording))
 
 
-def draw_colour_bar(top: float, tolerance: float) -> str:
-    """Draw the colour bar as HTML: from no deviation to the one that has the last colour, both [m]."""
-    stops = ", ".join(f"{colour} {100 * stop:.0f}%" for stop, colour in SEQUENTIAL)
-    at = min(100.0 * tolerance / top, 100.0)
-    return (
-        '<div style="padding: 0 1em; font-size: 0.78em"><div>Colour: deviation of the tip</div>'
-        f'<div style="position: relative; height: 12px; background: linear-gradient(90deg, {stops})">'
-        f'<div style="position: absolute; left: {at:.1f}%; top: -2px; width: 2px; height: 16px; background: #1d2329">'
-        '</div></div><div style="display: flex; justify-content: space-between">'
-        f"<span>0</span><span>| tolerance {html.escape(format_set_length(tolerance))}</span>"
-        f"<span>{html.escape(format_length(top))}</span></div></div>"
-    )
-
-
 class PlanViewer:
     """A plan in the browser: the arm moves along the path in the time that the program takes."""
 
     def __init__(self, server: Any, scene: PlanScene) -> None:
-        self.server, self.cell, self.scene = server, scene.recording.cell, scene
+        self.server, self.facts, self.scene = server, scene.recording.facts, scene
         self.row, self.lock, self.written, self.running = scene.start, threading.RLock(), 0.0, True
         self._add_cell()
         tip = scene.recording.tip
@@ -91,15 +75,15 @@ class PlanViewer:
 
     def _add_cell(self) -> None:
         """Add the solids of the cell, those of the arm in frames that move with its links."""
-        server, cell = self.server, self.cell
+        server, ground = self.server, self.facts["ground"]
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)
         server.scene.add_grid("/floor", width=FLOOR, height=FLOOR, cell_size=CELL, section_thickness=0.0)
-        self.root, self.carried = "/part" if cell.ground else "", np.asarray(np.eye(4))
-        self.part = server.scene.add_frame("/part", show_axes=False) if cell.ground else None
-        links, add = {joint.child for joint in cell.joints} | {cell.base}, server.scene.add_frame
-        self.frames = {link: add(f"{self.root}/arm/{link}", show_axes=False) for link in sorted(links)}
-        for number, solid in enumerate(cell.solids):
+        self.root, self.carried = "/part" if ground else "", np.asarray(np.eye(4))
+        self.part = server.scene.add_frame("/part", show_axes=False) if ground else None
+        add = server.scene.add_frame
+        self.frames = {link: add(f"{self.root}/arm/{link}", show_axes=False) for link in self.facts["links"]}
+        for number, solid in enumerate(self.scene.recording.solids):
             name = self.root + (f"/arm/{solid.link}/{number}" if solid.link else f"/cell/{solid.name}")
             *shade, opacity = solid.colour
             server.scene.add_mesh_simple(
@@ -111,7 +95,7 @@ class PlanViewer:
     def move(self, poses: dict[str, Array]) -> None:
         """Move the links; where a positioner carries the part all of it, so that the ground stands still."""
         if self.part is not None:
-            self.carried = np.asarray(np.linalg.inv(poses[self.cell.ground]))
+            self.carried = np.asarray(np.linalg.inv(poses[self.facts["ground"]]))
             self.part.wxyz = Rotation.from_matrix(self.carried[:3, :3]).as_quat(scalar_first=True)
             self.part.position = self.carried[:3, 3]
         turns = Rotation.from_matrix(np.stack([poses[link][:3, :3] for link in self.frames])).as_quat(scalar_first=True)
@@ -131,7 +115,7 @@ class PlanViewer:
     def look_at(self, points: Array, poses: dict[str, Array]) -> None:
         """Frame the whole arm and the path, points (n, 3) [m], the path in front."""
         corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
-                   for solid in self.cell.solids if solid.link in poses]  # fmt: skip
+                   for solid in self.scene.recording.solids if solid.link in poses]  # fmt: skip
         points, everything = self.see(points), self.see(np.concatenate([*corners, np.zeros((1, 3)), points]))
         low, high = everything.min(axis=0), everything.max(axis=0)
         middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
@@ -146,14 +130,14 @@ class PlanViewer:
         camera.position, camera.look_at = middle + FRAMED * radius * aside, middle
 
     def _build_panel(self) -> None:
-        gui, scene, facts = self.server.gui, self.scene, self.scene.recording.cell.facts
+        gui, scene, facts = self.server.gui, self.scene, self.facts
         grade = GRADE_MEANING[facts["grade"]]
-        gui.add_markdown(f"**{scene.recording.name}** \n\n{facts['robot']}, robot model {grade}")
-        shown = next(way for way in ("uncorrected", ERROR_BAND, "planned", "softer") if way in scene.ways)
+        gui.add_markdown(f"**{facts['name']}** \n\n{facts['robot']}, robot model {grade}")
+        shown = next(way for way in ("uncorrected", ERROR_BAND, "planned") if way in scene.ways)
         self.way = gui.add_dropdown("show the tip", list(scene.ways.values()), initial_value=scene.ways[shown])
         first = int(scene.magnification(shown))
         self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1, initial_value=first)
-        self.bar = gui.add_html("")
+        self.bar = gui.add_markdown("")
         self.play = gui.add_checkbox("play", initial_value=False)
         self.slider = gui.add_slider("waypoint", min=0, max=scene.count - 1, step=1, initial_value=self.row)
         self.speed = gui.add_slider("speed, times real", min=0.1, max=20.0, step=0.1, initial_value=1.0)
@@ -189,8 +173,8 @@ class PlanViewer:
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
             self.draw("/path", self.scene.draw_path(way, magnify), 6.0)
-            self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)
-            self.worst.label = f"worst place: {self.scene.name_row(self.scene.find_worst(way), way)}"
+            ends = format_length(self.scene.top(way)), format_set_length(self.scene.recording.tolerance)
+            self.bar.content = "Deviation: blue none, dark red {}; tolerance {}".format(*ends)
             self.show_row(self.row)
 
     def show_row(self, row: int) -> None:
@@ -203,7 +187,7 @@ class PlanViewer:
                 tip = self.scene.place(way, magnify, row)
                 self.marker.position = tip
                 longest = FORCE_LENGTH * max(self.extent, 1.0) / max(self.scene.greatest_force, 1e-9)
-                force = longest * self.scene.recording.wrench[row, :3]
+                force = longest * self.scene.recording.force[row]
                 self.force.points = np.stack([tip, tip + force]).astype(np.float32)[None]
             if time.monotonic() - self.written > 1.0 / PANEL or not self.play.value:
                 self.written = time.monotonic()

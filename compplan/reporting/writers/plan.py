@@ -5,7 +5,7 @@ A fault in any of the files leaves nothing behind (`compplan.io.transaction`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,11 +19,12 @@ from compplan.controllers.writers.program import Post
 from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
+from compplan.job.frames import ToolTable
 from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan, summarise_plan
-from compplan.reporting.writers.recording import write_plan_cell
+from compplan.reporting.writers.recording import write_recording
 from compplan.robot import Array
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
@@ -56,10 +57,11 @@ def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
 
     Returns the plan with what its files say, and the programs.
     """
-    programs = write_programs(plan, part)
+    program = make_program(plan)
+    programs = write_programs(plan, part, program)
     write_joints(plan, part / "joints.csv")
     before = plan.status
-    plan = read_back(plan, part)
+    plan = read_back(plan, part, program)
     if plan.status != before:  # the heads of the programs say so
         for file in programs:
             file.unlink(missing_ok=True)
@@ -71,15 +73,19 @@ def write_beside(plan: Plan, part: Path) -> None:
     """Write what stands beside the moves of a plan: the page, what `compplan view` needs, plan.json."""
     from compplan.reporting.plan_page import write_plan_page
 
-    write_plan_cell(plan, part, choose_rows(plan))
+    write_recording(plan, part, tabulate_joints(plan), choose_rows(plan))
     write_plan_page(plan, part / "report.html")
     write_json(part / "plan.json", summarise_plan(plan), indent=2)
 
 
-def read_back(plan: Plan, folder: Path) -> Plan:
-    """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
-    from compplan.controllers.readback.comparison import StiffArm, compare_written
-    from compplan.controllers.readback.joint_table import Commanded
+def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
+    """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is.
+
+    `program` is what they were written from, if it is at hand.
+    """
+    from compplan.controllers.readback.comparison import Commanded, StiffArm, compare_written
+    from compplan.controllers.readback.joint_table import check_joint_table
+    from compplan.controllers.writers import fit_program
     from compplan.simulation.exact_model import read_exact_robot
     from compplan.simulation.inertia import solve_rigid
 
@@ -93,44 +99,60 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     rows = np.r_[ahead, first + np.arange(n), last + behind]
     feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
     q = np.vstack([way.q, plan.q, back.q])
-    stands = _find_stands(plan, len(ahead), len(behind))
+    standstill = _mark_standstills(plan, len(ahead), len(behind))
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     sent = np.vstack([way.q, plan.sent, back.q])
-    program = make_program(plan)
+    program = program or make_program(plan)
     stops = STOPPING.intersection(job.output.programs)
     may_stop = mark_corner_stops(program, job.output.programs) if stops else np.zeros(len(rows), bool)
-    table = choose_rows(plan)
     none = np.zeros((len(rows), 3))
-    beside = none[:, 0] if program.corner is None else program.corner
-    asked = none[:, 0] if program.asked is None else program.asked
+    corner_distance = none[:, 0] if program.corner is None else program.corner
+    programmed = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        q, time, tip, rows, feed, stands, may_stop, free, table, sent, asked, beside, corner,
+        sent[rows], time[rows], 1e3 * feed[rows], standstill, may_stop, free, programmed, corner_distance, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 
-    def arm_with(tool: Mapping[str, Any] | None) -> StiffArm:
-        exact_robot = read_exact_robot(Path(robot), tool, geometry="controller.urdf")
-        return StiffArm(bool(exact_robot.ground), partial(solve_rigid, exact_robot))
+    tool = job.tool or ToolTable()
+    table_of_tool = None if job.tool is None else job.tool.model_dump(exclude_unset=True)
+    held, flange = (
+        read_exact_robot(Path(robot), told, geometry="controller.urdf")
+        for told in (table_of_tool, {"frame": "pendant"})
+    )
+    centre = np.linalg.inv(tool.pose) @ np.r_[1e-3 * np.array(tool.centre_of_mass_mm), 1.0]
+    arm = StiffArm(
+        bool(held.ground), partial(solve_rigid, held), partial(solve_rigid, flange), job.T_base_part, tool.mass_kg,
+        centre[:3],
+    )  # fmt: skip
+    said = check_joint_table(folder / "joints.csv", plan.robot, time, q, tip, choose_rows(plan))
+    output = job.output
+    breaches, notes = compare_written(
+        folder,
+        output.programs,
+        Path(robot),
+        arm,
+        wanted,
+        lambda language: fit_program(program, language).rows,
+        main=output.main,
+        excused=bool(output.io.model_fields_set),
+    )
+    return plan.add_checks((*state_breaches((*said, *breaches), "read back"), *state_notes(notes)))
 
-    tables = job.model_dump(by_alias=True, exclude_unset=True)
-    found = compare_written(folder, tables, Path(robot), wanted, arm_with)
-    return plan.add_checks((*state_breaches(found.breaches, "read back"), *state_notes(found.notes)))
 
-
-def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
+def _mark_standstills(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
     """Tell at which rows of a program the tool has to stand still beside the ends of rapid moves.
 
     That is where the cut begins after an approach, where something happens, and where the plan rests.
     """
     n = len(plan.task)
-    stands = np.zeros(before + n + after, bool)
-    stands[before : before + n] = plan.task.rests
-    stands[before] |= before > 0
-    stands[find_halts(place_events(plan.task.nominal.events, before, n, after))] = True
-    return stands
+    standstill = np.zeros(before + n + after, bool)
+    standstill[before : before + n] = plan.task.rests
+    standstill[before] |= before > 0
+    standstill[find_halts(place_events(plan.task.nominal.events, before, n, after))] = True
+    return standstill
 
 
 def _find_rows(some: Array, among: Array) -> NDArray[np.int_]:
@@ -160,25 +182,30 @@ def place_rows(plan: Plan, wanted: Array | None = None) -> tuple[Array, Array]:
 
 
 def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
-    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, the wrench, kind of move.
+    """Write joints.csv; see `tabulate_joints`."""
+    write_table(path, tabulate_joints(plan, wanted), decimals=10)
+
+
+def tabulate_joints(plan: Plan, wanted: Array | None = None) -> dict[str, NDArray[Any]]:
+    """Return the columns of joints.csv: time, commanded joints, wanted tip and tool axis, the wrench, kind of move.
 
     The wrench is the one that the job's [process] predicts, whatever measured parts said of it. `wanted`: where the
     path wants the tip, where the plan aims beside it. Shape (n, 3). [m]
     """
     robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
-    time, kept = _list_times(plan), choose_rows(plan)
+    rows = choose_rows(plan)
     q = np.vstack([before.q, plan.q, after.q])
     position, axis = place_rows(plan, wanted)
     wrench = predict_rows(plan)
     stays = np.where(task.leaving, "retract", "approach")
     move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, stays, "cut"))
-    columns: dict[str, object] = {"time_s": time}
+    columns: dict[str, NDArray[Any]] = {"time_s": _list_times(plan)}
     columns |= robot.joint_columns(q)
     columns |= {f"{name}_mm": position[:, k] * 1e3 for k, name in enumerate("xyz")}
     columns |= {name: axis[:, k] for k, name in enumerate("ijk")}
     columns |= {name: wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     columns["move"] = np.array(["approach"] * len(before.q) + move.tolist() + ["retract"] * len(after.q))
-    write_table(path, {name: np.asarray(values)[kept] for name, values in columns.items()}, decimals=10)
+    return {name: values[rows] for name, values in columns.items()}
 
 
 def predict_rows(plan: Plan) -> Array:
@@ -215,28 +242,29 @@ def choose_rows(plan: Plan) -> NDArray[np.bool_]:
     stay[first : first + n] |= rapid[:-1] | rapid[1:]
     stay[first : first + n] |= plan.task.rests
     stay[[first + event.place for event in plan.task.nominal.events if event.place >= 0]] = True
-    kept: list[int] = []
+    selected: list[int] = []
     for row in range(len(time)):
-        if kept and time[row] - time[kept[-1]] < cycle:
+        if selected and time[row] - time[selected[-1]] < cycle:
             if not stay[row]:
                 continue
-            if not stay[kept[-1]]:
-                kept.pop()
-        kept.append(row)
+            if not stay[selected[-1]]:
+                selected.pop()
+        selected.append(row)
     chosen = np.zeros(len(time), bool)
-    chosen[kept] = True
+    chosen[selected] = True
     return chosen
 
 
-def write_programs(plan: Plan, folder: Path) -> list[Path]:
+def write_programs(plan: Plan, folder: Path, program: Program | None = None) -> list[Path]:
     """Write the native programs that the job asks for, approach and retract included."""
     from compplan.controllers.writers import write_program
 
     if plan.job is None or not plan.job.output.programs:
         return []
-    program, output, files = make_program(plan), plan.job.output, []
+    program, output, files = program or make_program(plan), plan.job.output, []
     for language in output.programs:
-        own = replace(program, post=make_post(plan.job, language))
+        post = make_post(plan.job, language)
+        own = program if post == program.post else replace(program, post=post)
         files += write_program(own, language, folder, any_brand=output.any_brand)
     return files
 
@@ -285,7 +313,7 @@ def make_program(plan: Plan) -> Program:
         name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
         part=None if plan.job is None else plan.job.T_base_part,
         events=place_events(plan.task.nominal.events, before, len(plan.task), after),
-        wiring=None if plan.job is None else plan.job.output.io.wiring,
+        wiring=None if plan.job is None else plan.job.output.io,
     )  # fmt: skip
     if plan.job is None:
         return program
@@ -302,9 +330,9 @@ def make_program(plan: Plan) -> Program:
     if shift is not None:
         shift = np.vstack([np.zeros((before, 3)), shift, np.zeros((after, 3))])
     zones["corner"] = np.r_[np.ones(before), zones["corner"], np.ones(after)]
-    asked = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
+    programmed = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
     return replace(
-        program, tolerance=output.bound_fit(plan.task.tolerance), corner_shift=shift, asked=asked,
+        program, tolerance=output.bound_fit(plan.task.tolerance), corner_shift=shift, asked=programmed,
         cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines,
         **zones,
     )  # fmt: skip

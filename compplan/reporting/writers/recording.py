@@ -1,31 +1,33 @@
-"""What the folder of a plan keeps for the viewer: cell.json and deviation.csv.
+"""What the folder of a plan keeps beside joints.csv: deviation.csv, and view.npz for the viewer.
 
-cell.json holds what stands in the cell and how the arm moves, so that neither robot folder nor job is needed:
+deviation.csv has the rows of joints.csv: attained minus wanted tip, base frame, uncorrected and as planned, and the
+distance that holds the true tip with 95 %.
 
-    { "schema": 1, "robot":, "grade":, "tolerance_mm":, "configuration": {}, "base":, "tcp":, "softer": its cell,
-      "ground": link that stands still where a positioner carries the part, "base" then the one that carries it; or "",
-      "joints": [ { "name":, "kind": "revolute" | "prismatic" | "fixed", "parent":, "child":, "placement": [[4 x 4], m],
-                    "axis": [3], "mimic": null | { "joint":, "multiplier":, "offset": } } ],   from the base to the TCP
-      "shapes": [ { "name":, "link": "" where it stands still, "colour": [red, green, blue, opacity, from 0 to 1],
-                    "vertices_mm": [[3]], "faces": [[3]] } ] }            in the frame of its link, or in the base frame
-
-deviation.csv has the rows of joints.csv: attained minus wanted tip, base frame, uncorrected, as planned, and as planned
-on a softer robot, and the distance that holds the true tip with 95 %.
+view.npz holds a `PlanRecording`: what stands in the cell, and at most `ROWS` rows with the pose of every link.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.tables import write_json, write_table
-from compplan.reporting.scenes import MESH_COLOURS, Shape, locate_links, place_shapes, read_parents, simplify_mesh
-from compplan.robot import Robot
+from compplan.io.tables import write_table
+from compplan.reporting.charts import thin_path
+from compplan.reporting.scenes import (
+    MESH_COLOURS,
+    Shape,
+    follow_joints,
+    locate_links,
+    place_shapes,
+    read_parents,
+    simplify_mesh,
+)
+from compplan.robot import Array, Robot
 from compplan.robot.solids import triangulate_box
 
 if TYPE_CHECKING:
@@ -33,57 +35,63 @@ if TYPE_CHECKING:
 
 #: Colour of the stock.
 STOCK_COLOUR = (0.66, 0.70, 0.74, 0.35)
+#: Name of the viewer's file, and about how many rows it holds at most.
+FILE, ROWS = "view.npz", 4000
+#: Ways of showing the loaded tip, in the order that they are offered.
+WAYS = ("uncorrected", "planned")
 
 
-def write_plan_cell(plan: Plan, folder: Path, kept: NDArray[np.bool_]) -> None:
-    """Write cell.json and deviation.csv of a plan; `kept` are the rows that joints.csv holds."""
-    scene = None if plan.task.start is None else plan.task.start.settings.scene
-    shapes = [
-        Shape(link, *simplify_mesh(mesh), MESH_COLOURS[name], name)
-        for name, link, mesh in (() if scene is None else scene.meshes)
-    ]
-    shapes += _place_stock(plan)
-    more = {"tolerance_mm": 1e3 * plan.task.tolerance, "configuration": dict(plan.task.configuration),
-            "softer": plan.mismatch.cell}  # fmt: skip
-    write_json(folder / "cell.json", {**summarise_cell(plan.robot, shapes), **more}, indent=None)
-    write_deviation(plan, folder / "deviation.csv", kept)
+def write_recording(plan: Plan, folder: Path, table: Mapping[str, NDArray[Any]], table_rows: NDArray[np.bool_]) -> None:
+    """Write deviation.csv and view.npz; table: columns of joints.csv, table_rows: its rows of the plan."""
+    columns = write_deviation(plan, folder / "deviation.csv", table_rows)
+    deviation = {way: np.column_stack([columns[f"{way}_{axis}_mm"] for axis in "xyz"]) * 1e-3 for way in WAYS}
+    band, tip = columns["error_band_mm"] * 1e-3, np.column_stack([table[f"{axis}_mm"] for axis in "xyz"]) * 1e-3
+    sizes = [band, *(np.linalg.norm(values, axis=1) for values in deviation.values())]
+    rows = thin_path(tip, sizes, ROWS)
+    robot, task = plan.robot, plan.task
+    q = np.vstack([plan.approach.q, plan.q, plan.retract.q])[table_rows][rows]
+    poses, shapes = locate_chain(robot, q), [*place_arm(robot), *_place_cell(plan)]
+    facts = {
+        "name": plan.name, "robot": robot.name, "grade": robot.grade, "tolerance_mm": 1e3 * task.tolerance,
+        "configuration": dict(task.configuration), "ground": robot.ground,
+        "joints": list(robot.joint_columns(q)), "links": list(poses),
+        "shapes": [{"link": shape.link, "name": shape.name, "colour": shape.colour} for shape in shapes],
+    }  # fmt: skip
+    arrays: dict[str, Any] = {
+        "facts": np.array(json.dumps(facts)), "row": rows, "time": table["time_s"][rows], "tip": tip[rows],
+        "move": table["move"][rows], "error_band": band[rows],
+        "joints": np.column_stack(list(robot.joint_columns(q).values())),
+        "force": np.column_stack([table[f"f{axis}_N"] for axis in "xyz"])[rows],
+        "poses": np.stack(list(np.broadcast_arrays(*poses.values())), axis=1, dtype=np.float32),
+    }  # fmt: skip
+    arrays |= {way: values[rows] for way, values in deviation.items()}
+    for k, shape in enumerate(shapes):
+        arrays |= {f"vertices{k}": shape.vertices.astype(np.float32), f"faces{k}": shape.faces.astype(np.uint32)}
+    np.savez(folder / FILE, **arrays)
 
 
-def summarise_cell(robot: Robot, around: Sequence[Shape] = ()) -> dict[str, Any]:
-    """Return what cell.json holds: how the arm moves, and what stands there."""
-    joints = [
-        {"name": joint.name, "kind": joint.kind, "parent": joint.parent, "child": joint.child,
-         "placement": joint.placement.round(9), "axis": joint.axis,
-         "mimic": None if joint.mimic is None else asdict(joint.mimic)}
-        for joint in robot.joints
-    ]  # fmt: skip
-    shapes = [
-        {"name": shape.name or shape.link, "link": shape.link, "faces": np.asarray(shape.faces, int),
-         "colour": [round(float(value), 3) for value in shape.colour], "vertices_mm": (1e3 * shape.vertices).round(2)}
-        for shape in (*_place_arm(robot), *around)
-    ]  # fmt: skip
-    names = {"robot": robot.name, "grade": robot.grade, "base": robot.base, "tcp": robot.tcp, "ground": robot.ground}
-    return {"schema": 1, **names, "joints": joints, "shapes": shapes}
+def locate_chain(robot: Robot, q: Array) -> dict[str, Array]:
+    """Locate the links of the chain in the base frame at joints q, shape (n, nq) [rad or m]; see `follow_joints`."""
+    return follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q.T, strict=True)))
 
 
-def write_deviation(plan: Plan, path: Path, kept: NDArray[np.bool_]) -> None:
-    """Write deviation.csv; `kept` are the rows that joints.csv holds."""
-    n, wrong = len(plan.task), plan.mismatch
-    softer, band = np.full((n, 3), np.nan), np.full((n, 1), np.nan)
-    softer[wrong.cut] = wrong.deviation[wrong.cut]
+def write_deviation(plan: Plan, path: Path, table_rows: NDArray[np.bool_]) -> dict[str, Array]:
+    """Write deviation.csv and return its columns; `table_rows` are the rows that joints.csv holds."""
+    band = np.full((len(plan.task), 1), np.nan)
     if plan.error_band is not None:
         band[plan.error_band.cut, 0] = plan.error_band.radius[plan.error_band.cut]
     ends = ((len(plan.approach.q), len(plan.retract.q)), (0, 0))
-    sides = {"uncorrected": plan.before.deviation, "planned": plan.after.deviation, "softer": softer}
-    columns: dict[str, object] = {}
+    sides = dict(zip(WAYS, (plan.before.deviation, plan.after.deviation), strict=True))
+    columns: dict[str, Array] = {}
     for name, values in {**sides, "error_band": band}.items():
-        padded = 1e3 * np.pad(values, ends, constant_values=np.nan)[kept]
+        padded = 1e3 * np.pad(values, ends, constant_values=np.nan)[table_rows]
         titles = [f"{name}_{axis}_mm" for axis in "xyz"] if name in sides else [f"{name}_mm"]
         columns |= dict(zip(titles, padded.T, strict=True))
     write_table(path, columns, decimals=9)
+    return columns
 
 
-def _place_arm(robot: Robot) -> list[Shape]:
+def place_arm(robot: Robot) -> list[Shape]:
     """Return the shapes of the arm, each in the frame of the link of the chain that carries it."""
     q, shapes = np.zeros(robot.nq), []
     poses, parents = locate_links(robot, q), read_parents(robot)
@@ -98,11 +106,14 @@ def _place_arm(robot: Robot) -> list[Shape]:
     return shapes
 
 
-def _place_stock(plan: Plan) -> list[Shape]:
-    """Return the stock that the job's force model cuts, in the robot base frame."""
+def _place_cell(plan: Plan) -> list[Shape]:
+    """Return part, fixture and tool in the frames of their links, and the stock in the robot base frame."""
+    scene = None if plan.task.start is None else plan.task.start.settings.scene
+    meshes = () if scene is None else scene.meshes
+    shapes = [Shape(link, *simplify_mesh(mesh), MESH_COLOURS[name], name) for name, link, mesh in meshes]
     stock = None if plan.job is None else getattr(plan.job.process, "stock", None)
     if plan.job is None or stock is None:
-        return []
+        return shapes
     if stock.block_mm is not None:
         corners, faces = triangulate_box(*(1e-3 * np.asarray(stock.block_mm, float)))
     else:
@@ -110,4 +121,4 @@ def _place_stock(plan: Plan) -> list[Shape]:
 
         corners, faces = simplify_mesh(load_mesh(plan.job.folder / stock.mesh, stock.unit))
     pose = plan.job.T_base_part
-    return [Shape("", corners @ pose[:3, :3].T + pose[:3, 3], faces, STOCK_COLOUR, "stock")]
+    return [*shapes, Shape("", corners @ pose[:3, :3].T + pose[:3, 3], faces, STOCK_COLOUR, "stock")]

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.io.plugins import Registry
+from compplan.io.registry import Registry
 from compplan.toolpath.readers.lines import read_bounded
 from compplan.toolpath.readers.moves import CamFacts, CamFile
 from compplan.toolpath.readers.options import CamTable, use_machine
@@ -30,7 +30,7 @@ HEAD_LETTERS = 100_000
 
 _OWN = ("gcode", "apt", "krl", "rapid", "heidenhain", "sinumerik")
 #: Every reader, by the name of its language, which is that of its module.
-READERS: Registry[Any] = Registry[Any](_OWN, __name__).install("readers").load_installed()
+READERS: Registry[Any] = Registry[Any](_OWN, __name__)
 
 __all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "find_reader", "list_suffixes", "read_cam", "refuse_idle"]
 

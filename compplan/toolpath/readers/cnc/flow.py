@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.lines import MOST_LINES, read_bounded, split_lines
+from compplan.toolpath.readers.lines import read_bounded, split_lines
 
-#: Greatest number of passes of one call, of calls within calls, and of jumps.
+#: Greatest number of passes of one call, and of calls within calls.
 MOST_CALLS = 9999
 DEEPEST = 11
-MOST_JUMPS = 200_000
-#: Greatest number of letters of blocks that are carried out again by jumps and calls (assumed).
-MOST_LETTERS = 4_000_000
+#: Greatest number of letters of blocks that are carried out again by jumps and calls, and what a block counts beside
+#: its letters: some 120,000 blocks, 1 to 4 s (assumed).
+MOST_LETTERS, BLOCK_LETTERS = 4_000_000, 15
 #: Longest name of a program that is searched beside a file (assumed).
 LONGEST_NAME = 100
 #: What a line returns where its program ends.
@@ -42,10 +42,9 @@ class CncProgram:
 
 @dataclass
 class Call:
-    """Hold a program that is carried out: its number, and the passes of its loops so far."""
+    """Hold a program that is carried out, and the passes of its loops so far."""
 
     program: CncProgram
-    number: int = 0
     repeats: dict[int, int] = field(default_factory=dict)
     counting: dict[int, float] = field(default_factory=dict)
 
@@ -55,8 +54,10 @@ class Flow:
 
     def __init__(self, file: Path, deepest: int = DEEPEST) -> None:
         self.file, self.deepest = file, deepest
-        self.line = self.executed = self.depth = self.jumps = self.calls = self.letters = 0
+        self.line = self.executed = self.lines = self.depth = self.letters = 0
         self.over = False
+        #: Returns the letters of a line.
+        self.weigh: Callable[[Any], int] = len
         self.programs: dict[str, CncProgram] = {}
         self.call = Call(CncProgram((), 0, 0, file))
         #: Carries out a line of the program that runs; returns the next one, or END.
@@ -78,14 +79,14 @@ class Flow:
 
     def run(self, program: CncProgram, start: int | None = None) -> bool:
         """Carry out a program from a line on up to its end; return whether a line ended it."""
-        kept, self.calls = self.call, self.calls + 1
-        self.call = Call(program, self.calls)
+        kept, self.call = self.call, Call(program)
+        self.lines = max(self.lines, len(program.lines))
         index, last, run_line = program.first if start is None else start, program.last, self.run_line
         while index < last:
             self.line = index + 1
             self.executed += 1
-            if self.executed > MOST_LINES:
-                raise self.error(f"more than {MOST_LINES} blocks are carried out, calls counted; no more are read")
+            if self.executed > self.lines:
+                self.count_work(self.weigh(program.lines[index]))
             index = run_line(program, index)
             if index < 0 or self.over:
                 break
@@ -100,33 +101,24 @@ class Flow:
         here, self.file, at = self.line, program.file, self.file
         self.depth += 1
         for _ in range(int(times)):
-            self.count_jump()
+            self.count_work(0)
             self.run(program, start)
             if self.over:
                 break
         self.depth -= 1
         self.line, self.file = here, at
 
-    def count_jump(self) -> None:
-        """Count a jump or a call."""
-        self.jumps += 1
-        if self.jumps > MOST_JUMPS:
-            raise self.error(f"more than {MOST_JUMPS} jumps and calls are carried out; no more are read")
-
     def count_work(self, letters: int) -> None:
-        """Count the letters of a block that may be carried out again."""
-        if self.executed > len(self.call.program.lines):
-            self.letters += letters
-            if self.letters > MOST_LETTERS:
-                raise self.error(f"more than {MOST_LETTERS} letters of blocks are carried out again by jumps and "
-                                 "calls; no more are read")  # fmt: skip
+        """Count a call, or the letters of a block that is carried out again."""
+        self.letters += letters + BLOCK_LETTERS
+        if self.letters > MOST_LETTERS:
+            raise self.error(f"more than {MOST_LETTERS} letters of blocks are carried out again by jumps and calls; "
+                             "no more are read")  # fmt: skip
 
     def repeat(self, index: int, times: Callable[[], float]) -> bool:
         """Return whether a repetition that stands in a line goes back once more."""
         left = self.call.repeats.get(index)
         left = int(times()) if left is None else left
-        if left > MOST_JUMPS:
-            raise self.error(f"a repetition by {left} times, at most {MOST_JUMPS} are read")
         if left > 0:
             self.call.repeats[index] = left - 1
             return True

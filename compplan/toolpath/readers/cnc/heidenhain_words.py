@@ -24,7 +24,7 @@ VALUE = rf"[-+]?\s*(?:{NUMBER}|Q[LRS]?\d+)"
 PLAIN = re.compile(rf"L(?: ?X({DECIMAL}))?(?: ?Y({DECIMAL}))?(?: ?Z({DECIMAL}))?(?: ?F({DECIMAL}))?(?: M90)?")
 #: Words of a motion block. Bare signs belong to DR and to R of paraxial blocks.
 WORD = re.compile(
-    rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|DR|"
+    rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|DR|"
     rf"R[0LR](?![\d.,])|R|F\s*(?:MAX|AUTO)|F[UZT]?|S(?=\s*[\d.,Q])|M\s*(?=\d|Q))"
     rf"\s*({VALUE}|[-+](?!\s*[\d.,Q]))?"
 )
@@ -50,7 +50,7 @@ PLANES = {0: 19, 1: 18, 2: 17}
 #: What words of a block are called in all dialects; with I before them they count from where the tool is.
 ADDRESSES = {**{letter: letter for letter in (*AXES, *LETTERS)}, "PR": "RP", "PA": "AP"}
 TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
-TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$")
+TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:[RF]\s*{VALUE}\s*)*$")
 TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
 #: Parameters that PLANE and cycle 19 set to the angles of the rotary axes.
 TILT_ANGLES = {"Q120", "Q121", "Q122"}
@@ -122,11 +122,8 @@ class KlartextWords:
         self.per_turn = False
         #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
         self.old = self.fast = False
-        #: Side of the contour on which the tool runs: L, R, or none.
-        self.side = ""
-        #: Tool in the spindle, as the program calls it, its feed [mm/s], and radii that the program states.
+        #: Tool in the spindle, as the program calls it, and its feed [mm/s].
         self.tool = ""
-        self.radii: dict[str, float] = {}
         self.tool_feed: float | None = None
         #: Lets the frames follow another tool axis.
         self.turn_axis: Callable[[], None] = lambda: None
@@ -246,8 +243,6 @@ class KlartextWords:
         if re.match(r"DEF(?![A-Z])", text):
             found = match_form(TOOL_DEF, text, "tool TOOL")
             self.old = self.old or found.group(2) is not None
-            if found.group(3) is not None:
-                self.radii[found.group(1) or ""] = self.value(found.group(3))
             return
         called, axis, rest = match_form(TOOL, text, "tool call TOOL").groups()
         it.contour.refuse_open()
@@ -277,13 +272,11 @@ class KlartextWords:
         with self.functions({int(number) for number in re.findall(r"M\s*(\d+)", bare)}):
             pass
 
-    def take_side(self, words: Mapping[str, str]) -> None:
-        """Keep whether the tool runs left or right of the contour; note compensation of its radius, or refuse it."""
-        for word in ("R0", "RL", "RR", "R"):
+    def check_side(self, words: Mapping[str, str]) -> None:
+        """Note compensation of the tool's radius, or refuse it."""
+        for word in ("RL", "RR", "R"):
             if word in words and (word != "R" or words[word] in ("+", "-")):
-                self.side = word[1:].replace("0", "")
-                if word != "R0":
-                    self.it.compensate_radius(f"{word}{words[word] if word == 'R' else ''}")
+                self.it.compensate_radius(f"{word}{words[word] if word == 'R' else ''}")
 
     def take_feed(self, words: Mapping[str, str]) -> bool:
         """Take the feed of a block; return whether it is rapid."""

@@ -15,8 +15,6 @@ from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 
 #: Greatest number of variables.
 MOST_VARIABLES = 10_000
-#: Letters of work that a jump counts as.
-JUMP_LETTERS = 200
 HEAD = re.compile(r"\s*[O:]\s*0*(\d+)\b(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)", re.IGNORECASE)
 SEQUENCE = re.compile(r"\s*(?:/\d?\s*)?N\s*0*(\d+)", re.IGNORECASE)
 LOOP_END = re.compile(r"\s*(?:N\d+\s*)?END\s*([1-9])", re.IGNORECASE)
@@ -146,8 +144,6 @@ class MacroFlow:
         self.variables = Variables()
         #: Line that a jump goes to.
         self.next: int | None = None
-        #: Variables at the last pass of each jump of each call.
-        self._passed: dict[tuple[int, int], list[tuple[str, float]]] = {}
 
     def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
         """Find the subprograms of a file, after O1000; return the first program."""
@@ -156,16 +152,6 @@ class MacroFlow:
         for (index, number), stop in zip(numbers, [*(at for at, _ in numbers[1:]), len(lines)], strict=False):
             self.flow.programs.setdefault(number, CncProgram(lines, index + 1, stop, file))
         return CncProgram(lines, 0, numbers[1][0] if len(numbers) > 1 else len(lines), file)
-
-    def _jump(self, index: int) -> None:
-        """Go on at a line; refuse to jump without end."""
-        self.flow.count_work(JUMP_LETTERS)
-        place = self.flow.call.number, self.flow.line
-        now = [*self.variables.local[-1].items(), *self.variables.shared.items()]
-        if self._passed.get(place) == now:
-            raise InputError("this jump repeats without end: no variable has changed since the last time")
-        self._passed[place] = now
-        self.next = index
 
     def _find_number(self, number: int) -> int:
         """Return where block N number stands in this program: the first one."""
@@ -181,7 +167,6 @@ class MacroFlow:
 
     def run_macro(self, line: str) -> str | None:
         """Carry out the macro words of a line in capitals; return the block that is left, None without any."""
-        self.flow.count_work(2 * len(line))
         bare = re.sub(r"^N\s*\d+\s*", "", line)
         try:
             if self._control(bare) or (bare.startswith("#") and self.variables.assign(bare)):
@@ -208,12 +193,12 @@ class MacroFlow:
             number, used = self.variables.work_out(found.group(1))
             if number is None or number != int(number) or found.group(1)[used:].strip():
                 raise InputError(f"{unread} GOTO and the number of a block")
-            self._jump(self._find_number(int(number)))
+            self.next = self._find_number(int(number))
         elif found := WHILE.match(line):
             if found.group(1) and not self.variables.work_out(found.group(1))[0]:
-                self._jump(self._find_loop(self.flow.line, 1, found.group(2)) + 1)
+                self.next = self._find_loop(self.flow.line, 1, found.group(2)) + 1
         elif found := END_LOOP.match(line):
-            self._jump(self._find_loop(self.flow.line - 2, -1, found.group(1)))
+            self.next = self._find_loop(self.flow.line - 2, -1, found.group(1))
         elif line.startswith("WHILE"):
             raise InputError(f"{unread} WHILE [..] DO and a number from 1 to 9")
         return found is not None

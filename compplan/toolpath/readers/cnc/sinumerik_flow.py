@@ -110,7 +110,6 @@ class SinumerikFlow:
             self._declare(text)
         if word in ("MSG", "DEF", "PROC", "EXTERN"):
             return index + 1
-        self.flow.count_jump()
         if word == "IF":
             return self._run_if(rest, program, index)
         if word == "ELSE" and index in program.alternatives:
