@@ -272,8 +272,8 @@ def learn(
     from compplan.errors import InputError
     from compplan.learning.measured_path import reach_of
     from compplan.learning.part import learn_from_part
-    from compplan.learning.scan import read_surface
     from compplan.measurement.instrument import read_instrument
+    from compplan.measurement.part_points import read_surface
     from compplan.reporting.learn import write_learning
 
     if frame not in ("part", "base"):

@@ -21,7 +21,6 @@ DIMENSIONS = {
     "time": {"s": 1.0, "ms": 1e-3},
     "speed": {"m_s": 1.0, "mm_s": 1e-3, "m_min": 1.0 / 60.0, "mm_min": 1e-3 / 60.0},
     "temperature": {"C": 1.0},
-    "power": {"W": 1.0, "kW": 1e3},
 }
 #: Unit suffix -> (dimension, factor to SI).
 UNITS = {unit: (name, factor) for name, units in DIMENSIONS.items() for unit, factor in units.items()}
@@ -32,7 +31,7 @@ class FileColumn:
     """One column that a table may have."""
 
     name: str  #: Name without unit. A trailing or inner `#` stands for a number from 1: `q#` is q1, q2, ...
-    #: "length", "angle", "force", "moment", "time", "speed", "temperature", "power", "number" (no unit) or "text";
+    #: "length", "angle", "force", "moment", "time", "speed", "temperature", "number" (no unit) or "text";
     #: several where the unit decides.
     dimension: str | tuple[str, ...] = "number"
     required: bool = False  #: Whether a table without it is refused.

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from compplan.learning.scan import Surface
+from compplan.measurement.part_points import Surface
 from compplan.robot import Array
 from compplan.robot.pose import build_pose, rigid_columns
 from compplan.toolpath.toolpath import Toolpath

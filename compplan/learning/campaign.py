@@ -9,13 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from compplan.effects import solve_model_poses
-from compplan.effects.forward_model import ForwardModel
 from compplan.errors import InputError
 from compplan.learning.candidates import (
-    LENGTHS,
     PLACES,
-    SOCKETS,
     Candidates,
     Fixture,
     find_postures,
@@ -25,22 +21,21 @@ from compplan.learning.candidates import (
 )
 from compplan.learning.design import Choice, Design, choose_measurements, order_poses
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.observations import DISTANCE, Observations
+from compplan.measurement.equipment import SOCKETS, TRACKER, Equipment
+from compplan.measurement.observations import Observations
 from compplan.measurement.pose_selection import learn_rows
 from compplan.planning.plan import Plan
-from compplan.planning.posture.collision_scene import CollisionScene, build_scene
+from compplan.planning.posture.collision_scene import build_scene
 from compplan.robot import Array, Robot
-from compplan.robot.uncertainty import Uncertainty
 from compplan.simulation.predict import predict_campaign
-from compplan.uncertainty.assumed import list_assumed, robot_uncertainty, widen_uncertainty
+from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 from compplan.uncertainty.band import lead_unknowns, linearise_path, split_covariance
-from compplan.uncertainty.ladder import CALIBRATION, COMPLIANCES, PATH, TRACKER, Equipment
+from compplan.uncertainty.ladder import COMPLIANCES
 from compplan.uncertainty.sensitivities import (
     build_path_model,
     build_varied_model,
     measure_slopes,
     read_force_spread,
-    select_model_rows,
 )
 
 #: Postures that stand for wherever an arm can stand (assumed).
@@ -86,22 +81,19 @@ def design_campaign(
     solids = None if task.start is None else task.start.settings.scene
     solids = build_scene(robot) if solids is None else solids
     lowest = float(task.position[:, 2].min())
-    known, scene, rows, notes = _stage_purpose(plan, equipment, lowest, solids)
+    known, scene = robot_uncertainty(robot), build_path_model(robot, plan.q, task.wrench, task.step_time)
     # poses narrow the robot alone: what of the force goes with it counts as apart
-    touched = task.touched if equipment.purpose == PATH else None
-    path = replace(linearise_path(scene, known, read_force_spread(plan.job), rows, touched=touched), tie=None)
-    design = Design(known, path, equipment.sigma, equipment.frames)
-    if equipment.purpose == CALIBRATION:
-        design = take_frames(design, scene)
+    path = linearise_path(scene, known, read_force_spread(plan.job), task.cut, touched=task.touched)
+    design, notes = Design(known, replace(path, tie=None), equipment.sigma, equipment.frames), list_assumed(robot)
     start, used, said = learn_log(design, robot, log)
     notes += said
     announce("postures")
     postures, sights = find_postures(robot, plan.q, lowest, solids, equipment.seed), None
     if equipment.instrument != TRACKER and len(postures):
         places = PLACES[equipment.instrument] if equipment.places is None else equipment.places
-        length = LENGTHS.get(equipment.instrument, 0.0) if equipment.length is None else equipment.length
         middle = task.position[task.cut].mean(axis=0)
-        postures, sights = find_touching(robot, postures, middle, lowest, equipment.instrument, places, length, solids)
+        postures, sights = find_touching(robot, postures, middle, lowest, equipment.instrument, places,
+                                          equipment.length, solids)  # fmt: skip
     if len(postures) < count:
         raise InputError(
             f"the arm finds {len(postures)} postures to measure in, {count} are asked for; check limits and collisions"
@@ -132,31 +124,14 @@ def design_campaign(
     )
 
 
-def _stage_purpose(
-    plan: Plan, equipment: Equipment, lowest: float, solids: CollisionScene
-) -> tuple[Uncertainty, ForwardModel, NDArray[np.bool_], list[str]]:
-    """Return what is known, the robot where the band is to be narrow, the rows that count, and what is assumed."""
-    task, robot = plan.task, plan.robot
-    if equipment.purpose == PATH:
-        scene = build_path_model(robot, plan.q, task.wrench, task.step_time)
-        return robot_uncertainty(robot), scene, task.cut, list_assumed(robot)
-    known = widen_uncertainty(robot, equipment.loaded)
-    reach = find_postures(robot, plan.q, lowest, solids, equipment.seed + 1, REACH)
-    # loads as they come on the path: the fit has to hold under them, too
-    wrench = task.wrench[np.linspace(0, len(task.wrench) - 1, len(reach)).astype(int)]
-    return known, build_path_model(robot, reach, equipment.loaded * wrench), np.ones(len(reach), bool), [known.source]
-
-
 def add_places(design: Design, start: Array, sights: Observations, tip: Array, count: int) -> tuple[Design, Array]:
     """Add the unknown places of contacts to a design, and what known distances say of them to its covariance.
 
     Raises:
         InputError: If so many poses are fewer than a place takes and one more.
     """
-    least = 4 if (sights.kind == DISTANCE).any() else 2
-    if count < least * len(sights.names):
-        number = {2: "two", 4: "four"}[least]
-        message = f"{count} poses at {len(sights.names)} unknown places, expected at least {number} a place"
+    if count < 2 * len(sights.names):
+        message = f"{count} poses at {len(sights.names)} unknown places, expected at least two a place"
         raise InputError(f"{message}: more --poses or fewer --places")
     design = replace(design, places=len(sights.names))
     wide = design.start.copy()
@@ -168,25 +143,11 @@ def add_places(design: Design, start: Array, sights: Observations, tip: Array, c
     return design, wide
 
 
-def take_frames(design: Design, scene: ForwardModel) -> Design:
-    """Return the design without what unknown frames follow: each later campaign, each part brings its own.
-
-    scene: the robot at all rows of the design's path.
-    """
-    path = design.path
-    attained = solve_model_poses(select_model_rows(scene, path.rows))
-    rows = design.rows(path.model, attained.position, attained.rotation)
-    flat, p = rows.reshape(-1, rows.shape[2]), path.model.shape[2]
-    frames = np.linalg.qr(flat[:, p:])[0]
-    model = flat[:, :p] - frames @ (frames.T @ flat[:, :p])
-    return replace(design, path=replace(path, model=model.reshape(path.model.shape)))
-
-
 def _ask_for_load(design: Design, equipment: Equipment, covariance: Array, force: Array) -> list[str]:
     """Say what unloaded poses leave, where compliances make most of it, and which force of the path none shows. [N]"""
     aside, down = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (force[:, :2], force[:, 2:]))
     if equipment.loaded:
-        if equipment.pull > 0.0 or equipment.purpose != PATH or equipment.instrument == SOCKETS or aside <= down:
+        if equipment.pull > 0.0 or equipment.instrument == SOCKETS or aside <= down:
             return []
         return [
             f"weights pull down, the process of this path pushes sideways with up to {aside:.0f} N: pull the tool"

@@ -3,8 +3,8 @@
 Half of the postures lie around the path, half anywhere within the joint limits; those that touch something, or put the
 tool below the base, are left out.
 
-Sockets, dial gauges and ball bars stand where the campaign says, within centimetres: their places are unknown, and
-every place is met more than once. What each kind tells stands in `compplan.measurement.observations`.
+Sockets and dial gauges stand where the campaign says, within centimetres: their places are unknown, and every place is
+met more than once. What each kind tells stands in `compplan.measurement.observations`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from compplan.effects import solve_model_poses
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.observations import CONTACT, DISTANCE, READING, KnownDistances, Observations, along
+from compplan.measurement.equipment import GAUGE, SOCKETS
+from compplan.measurement.observations import CONTACT, READING, KnownDistances, Observations, along
 from compplan.measurement.pose_selection import take_clear
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene
@@ -38,12 +39,9 @@ TURN = np.radians(170.0)
 RUN_UP = (np.radians(1.5), 0.01)
 #: Lowest place of the tip over the base plane, where the path is not lower itself. [m]
 FLOOR = 0.05
-SOCKETS, GAUGE, BALL_BAR = "sockets", "gauge", "ball_bar"
 #: Kind of a row, and places that are put up where nobody says how many.
-KINDS = {SOCKETS: CONTACT, GAUGE: READING, BALL_BAR: DISTANCE}
-PLACES = {SOCKETS: 3, GAUGE: 6, BALL_BAR: 3}
-#: Length of a ball bar where none is stated. [m] (assumed)
-LENGTHS = {BALL_BAR: 0.3}
+KINDS = {SOCKETS: CONTACT, GAUGE: READING}
+PLACES = {SOCKETS: 3, GAUGE: 6}
 #: Standard deviation of the distance of two sockets of a plate. [m] (assumed)
 SURE = 2e-5
 #: Steps to bring the tip to a place, how near it has to come [m], and the greatest turn of a joint in one. [rad]
@@ -53,8 +51,6 @@ SETUP = {
     SOCKETS: "socket {label} at ({at}) mm, fixed so that it does not move while its poses are measured",
     GAUGE: "dial gauge {label} at ({at}) mm, its axis along ({along}) within a few mrad: it reads more where the tip is"
            " farther that way; zero it anywhere and leave it",
-    BALL_BAR: "ball bar {label} about a ball on a stand at ({at}) mm, {mm} mm from the tips: an error of the"
-              " stand changes the length of the bar; write the distance of both balls' centres down, not its change",
 }  # fmt: skip
 #: Directions of dials and plates, place by place.
 NORMALS = np.eye(3)[[2, 0, 1]]
@@ -162,26 +158,22 @@ def find_touching(
     """Find postures in which the tip is where an instrument sees it. Shape (k, nq) [rad or m], and what it sees.
 
     postures: that the arm can take, (m, nq); middle: of the path, (3,) [m]; lowest: its lowest place over the base
-    plane [m]; instrument: "sockets", "gauge" or "ball_bar"; places: how many; length: of the ball bar, or distance of
-    two sockets of a plate, 0 for single ones [m]; scene: what may touch what, or None.
+    plane [m]; instrument: "sockets" or "gauge"; places: how many; length: distance of two sockets of a plate, 0 for
+    single ones [m]; scene: what may touch what, or None.
 
     Raises:
         InputError: If the arm meets some place fewer than three times.
     """
     tip = locate_frames(build_chain(robot), postures).tcp_position
     q, label, names = [], [], list[str]()
+    plates = instrument == SOCKETS and length > 0.0
 
     def meet(centre: Array, number: int) -> list[Array]:
         """Return postures in which the arm meets a place, the `number`-th, or each socket of its plate."""
         nearest = np.argsort(np.linalg.norm(tip - centre, axis=1))[: max(len(postures) // 3, 12)]
-        wanted = np.tile(centre, (len(nearest), 1))
-        if instrument in LENGTHS:
-            away = tip[nearest] - centre
-            away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand is below
-            wanted = centre + length * away / np.linalg.norm(away, axis=1)[:, None]
         half, met = 0.5 * length * NORMALS[(number + 1) % 3], []
-        for shift in (-half, half) if instrument == SOCKETS and length > 0.0 else (np.zeros(3),):
-            found = bring_tips(robot, postures[nearest], wanted + shift)
+        for shift in (-half, half) if plates else (np.zeros(3),):
+            found = bring_tips(robot, postures[nearest], np.tile(centre + shift, (len(nearest), 1)))
             high = locate_frames(build_chain(robot), found).tcp_position[:, 2] >= min(FLOOR, lowest)
             met.append(found[high if scene is None else high & (measure_margin(scene, found, 0.0) >= 0.0)])
         return met
@@ -203,7 +195,7 @@ def find_touching(
                 break
         chosen = np.vstack([chosen, centre])
         for found in met:
-            side = f"/{len(names) % 2}" if instrument == SOCKETS and length > 0.0 else ""
+            side = f"/{len(names) % 2}" if plates else ""
             names.append(f"{number + 1}{side}")
             q.append(found)
             label.append(np.full(len(found), len(names) - 1))
@@ -211,11 +203,12 @@ def find_touching(
     of = np.array([int(name.split("/")[0]) - 1 for name in names])[contact]
     direction = NORMALS[of % 3] if KINDS[instrument] == READING else np.full((n, 3), np.nan)
     known = KnownDistances()
-    if instrument == SOCKETS and length > 0.0:
+    if plates:
         pairs = np.arange(2 * places).reshape(-1, 2)
         known = KnownDistances(pairs, np.full(places, length), np.full(places, SURE))
-    kind, value = np.full(n, KINDS[instrument]), np.full(n, length if instrument in LENGTHS else 0.0)
-    return np.concatenate(q), Observations(kind, contact, tuple(names), np.zeros((n, 3)), direction, value, known)
+    kind = np.full(n, KINDS[instrument])
+    sights = Observations(kind, contact, tuple(names), np.zeros((n, 3)), direction, np.zeros(n), known)
+    return np.concatenate(q), sights
 
 
 def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
@@ -249,11 +242,10 @@ def list_fixtures(instrument: str, sights: Observations | None, tip: Array) -> t
     for number, label in enumerate(names):
         assert sights is not None
         rows = np.flatnonzero(sights.contact == number)
-        own, value = sights.take(rows), 1e3 * float(sights.value[rows[0]])
-        place = own.start_places(tip[rows])[number] if instrument in LENGTHS else tip[rows].mean(axis=0)
+        place = tip[rows].mean(axis=0)
         says = SETUP[instrument].format(
-            at=", ".join(f"{1e3 * v:.0f}" for v in place + 0.0), label=label, mm=f"{value:g}",
-            along=", ".join(f"{v:g}" for v in own.direction[0]),
+            at=", ".join(f"{1e3 * v:.0f}" for v in place + 0.0), label=label,
+            along=", ".join(f"{v:g}" for v in sights.direction[rows[0]]),
         )  # fmt: skip
         stands.append(Fixture(label, place, says))
     return tuple(stands)

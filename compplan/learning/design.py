@@ -5,7 +5,7 @@ State x of parameters and unknown frames, covariance S. A measurement of the tip
     S H^T (H S H^T + R)^-1 H S        off S, and        tr(L S H^T (H S H^T + R)^-1 H S L^T)
 
 off the variance summed along the path, L the slopes there. Poses are chosen one after the other, then exchanged one by
-one while that helps. Loads are measured together, by short ways, the first pose once more at the end.
+one while that helps. Loads are measured together, each from the nearest pose, the first pose once more at the end.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.learning.candidates import Candidates, observe_rows
 from compplan.measurement.distance import band_radius
-from compplan.measurement.observations import DISTANCE, Observations
+from compplan.measurement.observations import Observations
 from compplan.measurement.pose_selection import learn_rows, measure_gains, settle_choice, take_greedily, weight_rows
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene
@@ -147,23 +146,9 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
 
 
 def first_visits(candidates: Candidates) -> list[int]:
-    """Return the first visits of every unknown place: they tell nothing of the arm, each later one does beside them.
-
-    A place takes one visit, the centre of a ball bar or a sphere three, in directions as different as can be.
-    """
-    sights, found = candidates.sights, list[int]()
-    if sights is None:
-        return found
-    away = sights.directions(candidates.tip, sights.start_places(candidates.tip))
-    for contact in range(len(sights.names)):
-        rows = np.flatnonzero(sights.contact == contact)
-        left = away[rows]
-        for _ in range(3 if (sights.kind[rows] == DISTANCE).any() else 1):
-            size = np.nan_to_num(np.linalg.norm(left, axis=1), nan=1.0)
-            taken = int(size.argmax())
-            found.append(int(rows[taken]))
-            left = left - np.outer(left @ left[taken], left[taken]) / max(size[taken] ** 2, 1e-12)
-    return found
+    """Return the first visit of every unknown place: it tells nothing of the arm, each later one does beside it."""
+    sights = candidates.sights
+    return [] if sights is None else np.unique(sights.contact, return_index=True)[1].tolist()
 
 
 def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:
@@ -192,14 +177,11 @@ def order_poses(
     size = np.array([np.abs(load[group == g]).sum() for g in range(group.max() + 1)])
     order: list[int] = []
     for number in np.argsort(size, kind="stable"):
-        left, here = set(np.flatnonzero(group == number).tolist()), order[-1] + 1 if order else 0
-        part: list[int] = []
+        left = set(np.flatnonzero(group == number).tolist())
         while left:
-            nearest = min(left, key=lambda k: (way[here, k + 1], k))
-            part.append(nearest)
-            left.remove(nearest)
-            here = nearest + 1
-        order += _untangle(part, way, order[-1] + 1 if order else 0)
+            here = order[-1] + 1 if order else 0
+            order.append(min(left, key=lambda k: (way[here, k + 1], k)))
+            left.remove(order[-1])
     steps = [way[a + 1, b + 1] for a, b in zip([-1, *order[:-1]], order, strict=True)]
     return np.array(order, int), np.flatnonzero(np.array(steps) >= DETOUR)
 
@@ -218,21 +200,3 @@ def measure_travel(robot: Robot, q: Array, start: Array, scene: CollisionScene |
     touching = pairs[margin < 0.0]
     time[touching[:, 0], touching[:, 1]] += DETOUR
     return np.asarray(time)
-
-
-def _untangle(part: list[int], way: Array, before: int) -> list[int]:
-    """Turn stretches of a round about while that makes it shorter."""
-
-    def length(order: list[int]) -> float:
-        at = [before, *(k + 1 for k in order)]
-        return float(sum(way[a, b] for a, b in pairwise(at)))
-
-    best, improved = length(part), True
-    while improved:
-        improved = False
-        for i in range(len(part) - 1):
-            for j in range(i + 1, len(part)):
-                turned = part[:i] + part[i : j + 1][::-1] + part[j + 1 :]
-                if (now := length(turned)) < best - 1e-9:
-                    part, best, improved = turned, now, True
-    return part

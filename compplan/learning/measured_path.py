@@ -8,29 +8,18 @@ Where the nominal surface is given it counts along the normal of that, as far fr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from compplan.io.columns import FileColumn
-from compplan.io.in_memory import is_file_name, open_table
-from compplan.io.meshes import is_scan
-from compplan.io.parsing import LEAST_SIGMA, LEAST_SIGMA_MM
 from compplan.io.tables import Table
 from compplan.learning.alignment import describe_motion, fit_rigid, sample_cut
-from compplan.learning.scan import SCAN_SIGMA, Surface, read_scan
-from compplan.measurement.instrument import read_directions
-from compplan.measurement.observations import fit_sphere
-from compplan.measurement.reading import rename_title
+from compplan.measurement.part_points import FARTHEST, SCAN_SIGMA, Surface, find_pasted, is_scanned
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 
-#: Points farther from the path are no measurement of it. [m]
-FARTHEST = 0.02
 #: Points whose stated length lies beyond an end of the path by no more belong to that end. [m]
 BEYOND = 1e-3
 #: Another stretch of the path claims a point where it is less than so many times as far.
@@ -51,8 +40,6 @@ BESIDE = 1e-3
 NEIGHBOURS, LINE = 12, 0.02
 #: Square of a normal's part across the path below which it tells nothing of it (assumed: 60 degrees).
 FLAT = 0.25
-#: Points of a ball bar whose plane is thinner than this share of their circle say nothing of the centre's height.
-FLAT_PATH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,75 +64,6 @@ class MeasuredPath:
         return np.asarray(np.einsum("mij,mj->mi", self.counts, self.deviation))
 
 
-def read_measured_points(source: Any) -> Table:
-    """Read measured points, of a file or in columns: x_mm y_mm z_mm, s_mm and sigma_mm where known; or a scan.
-
-    Raises:
-        InputError: If the file is not such a table.
-    """
-    if is_file_name(source) and is_scan(Path(source)):
-        return read_scan(Path(source))
-    columns = [FileColumn(axis, "length", group="position") for axis in "xyz"]
-    columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True), FileColumn("reading", "length")]
-    columns += [FileColumn("distance", "length")]
-    columns += [FileColumn(f"dir_{axis}", group="direction") for axis in "ijk"]
-    columns.append(FileColumn("q1", ("angle", "length")))
-    table = open_table(source, columns, what="measured points", rename=rename_title)
-    if "q1" in table:
-        raise table.error("has joints, expected measured points of a part; compplan diagnose takes a log of poses")
-    if "x" not in table:
-        raise table.error("missing column x_mm or x_m, expected x_mm y_mm z_mm of every point")
-    if not len(table):
-        raise table.error("the table has no rows, expected one row a measured point")
-    sigma = table.values.get("sigma", np.full(len(table), np.nan))
-    wrong = (sigma < LEAST_SIGMA) | (sigma > FARTHEST)
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        message = f"sigma_mm is {sigma[row] * 1e3:g}, expected {LEAST_SIGMA_MM:g} to {FARTHEST * 1e3:g} mm"
-        raise table.error(f"{message}; leave it empty where it is unknown", row)
-    return _probe_points(table)
-
-
-def _probe_points(table: Table) -> Table:
-    """Turn readings along a direction, from nominal points, into points with normals; other tables stay as they are.
-
-    Raises:
-        InputError: If a reading has no direction, or one that is no unit vector.
-    """
-    if "distance" in table:
-        return _bar_points(table)
-    if "reading" not in table:
-        return table
-    if "column 'contact' is not read" in table.notes:
-        raise table.error("contact beside reading_mm: an unknown zero; leave it out and use --align best_fit")
-    return _along(table, read_directions(table, np.ones(len(table), bool)), table.values["reading"])
-
-
-def _bar_points(table: Table) -> Table:
-    """Turn lengths of a ball bar at nominal points into readings along it, from the centre that fits them best.
-
-    The centre stays in the plane of the points where nothing shows how far it is out of it.
-    """
-    point, length = table.stack(["x", "y", "z"]), table.values["distance"]
-    if "reading" in table:
-        raise table.error("columns reading_mm and distance_mm, expected one of them")
-    away = point - fit_sphere(point, length, flat=FLAT_PATH)
-    size = np.linalg.norm(away, axis=1)
-    if not (np.abs(size - length) <= FARTHEST).all():
-        row = int(np.abs(size - length).argmax())
-        raise table.error(f"distance_mm is {length[row] * 1e3:.4g}, {size[row] * 1e3:.4g} mm from the centre that fits"
-                          " the rows best; expected the length of the ball bar at each nominal point", row)  # fmt: skip
-    return _along(table, away / size[:, None], length - size)
-
-
-def _along(table: Table, unit: Array, reading: Array) -> Table:
-    """Return the points that readings along unit vectors from nominal points mean, with those as normals."""
-    point = table.stack(["x", "y", "z"]) + reading[:, None] * unit
-    found = {**dict(zip("xyz", point.T, strict=True)), **dict(zip(("nx", "ny", "nz"), unit.T, strict=True))}
-    headers = {**table.headers, "nx": "dir_i", "ny": "dir_j", "nz": "dir_k"}
-    return replace(table, values={**table.values, **found}, headers=headers)
-
-
 def match_points(
     table: Table, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str = "datum",
     sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
@@ -160,8 +78,6 @@ def match_points(
     """
     given, scanned = table.stack(["x", "y", "z"]), is_scanned(table)
     surface = surface if surface is None or in_base else surface.move(T_base_part)
-    if "distance" in table and align != "best_fit":
-        raise table.error("distance_mm of a ball bar needs --align best_fit: its centre is unknown")
     point, normal, motion, moved = _place_points(
         table, given, nominal, T_base_part, in_base=in_base, align=align, surface=surface
     )
@@ -208,16 +124,6 @@ def match_points(
     )  # fmt: skip
 
 
-def find_pasted(table: Table) -> NDArray[np.bool_]:
-    """Tell rows that say in every number what one before says; readings of a probe may agree by rounding. Shape (m,)"""
-    if "reading" in table or "distance" in table:
-        return np.zeros(len(table), bool)
-    values = np.stack([np.nan_to_num(column, nan=np.inf) for column in table.values.values()], axis=1)
-    again = np.ones(len(table), bool)
-    again[np.unique(values, axis=0, return_index=True)[1]] = False
-    return again
-
-
 def _place_points(
     table: Table, given: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str,
     surface: Surface | None,
@@ -240,11 +146,6 @@ def _place_points(
 def reach_of(process: object) -> float:
     """Return how far from the path of the tip a process makes the surface of the part: its cutter's radius. [m]"""
     return 0.5e-3 * float(getattr(process, "diameter_mm", 0.0)) + BESIDE
-
-
-def is_scanned(table: Table) -> bool:
-    """Tell whether points are those of a scan: only their reader numbers them without a unit."""
-    return table.units.get("x") == ""
 
 
 def _find_normals(table: Table, point: Array, T_base_part: Array | None) -> Array | None:

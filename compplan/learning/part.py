@@ -17,12 +17,12 @@ from compplan.io.quantities import format_length
 from compplan.io.tables import Table
 from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
-from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
+from compplan.learning.measured_path import MeasuredPath, match_points
 from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, take_blocks
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
-from compplan.learning.scan import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
+from compplan.measurement.part_points import Surface, read_measured_points
 from compplan.planning.checks import state_notes
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
 from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
@@ -206,9 +206,7 @@ def learn_from_part(
     # what the path left open stands for robot and force there: other paths are told what these say alone
     wide = model_update if old is None else learn()
     told = model_update.taken
-    others = (
-        transfer_to_paths(job, robot, before.task, wide, known, whole) if told else transfer_nothing(job, robot, wide)
-    )
+    others = transfer_to_paths(job, robot, wide, known, whole) if told else transfer_nothing(job, robot, wide)
     residual = old
     if told:
         residual, model_update = add_residual(old, model_update, cut, before.task, others)
@@ -344,7 +342,7 @@ def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Unce
     force = band_radius(own[:, :, :1] @ np.swapaxes(own[:, :, :1], 1, 2))
     parts = {**error_band.parts, "model": radius, "unexplained": np.zeros(n)}
     parts["force"] = np.interp(np.arange(n), rows, force)
-    better = replace(error_band, radius=radius + plan.after.distance, parts=parts, known=known, without={}, before=None,
+    better = replace(error_band, radius=radius + plan.after.distance, parts=parts, known=known, before=None,
                      ladder=(), cheapest=())  # fmt: skip
     run = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (len(own), 3, 3))
     drawn = draw_columns(np.concatenate([model_update.open, own, run], axis=2), np.random.default_rng(SEED), PATHS)

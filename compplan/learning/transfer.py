@@ -1,37 +1,31 @@
 """What of an update travels to other paths: the force of the process, and the robot whole or not at all.
 
 A part is dealt to long stretches. Learned from the others, without the residual that belongs to the path, the force
-alone and force and robot together have to leave less on the stretch that they did not see. Then the updated robot is
-tried on paths that the part did not see: copies of the path, moved aside. Where it moves the tip farther than the
-folder before allowed with 95 %, or finds no equilibrium, it explains the part by what does not hold elsewhere.
+alone and force and robot together have to leave less on the stretch that they did not see.
 """
 
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.errors import ConvergenceError
 from compplan.job.job import Job
 from compplan.job.loading import find_learned_force
 from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.learning.gathered_points import Gathered
 from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, learn_without
 from compplan.learning.representable import apply_update
-from compplan.measurement.distance import band_radius
-from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, LearnedPartTable, add_part, find_axes
 from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
-from compplan.statics.ik import build_arm, pose_error, refine_ik
-from compplan.uncertainty.band import Slopes, linearise_path, split_covariance
+from compplan.uncertainty.band import Slopes
 from compplan.uncertainty.motion import read_placement, shift_part
-from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model, pick_rows, tip_of
+from compplan.uncertainty.sensitivities import ForceSpread
 
 #: How far a part that was fitted may have stood off, per axis: as good as not known. [m]
 FITTED = 0.01
@@ -39,11 +33,6 @@ FITTED = 0.01
 STRETCHES = 4
 #: What a step has to leave, at most, of what is left without it (assumed: less is not carried to another path).
 FORCE, ROBOT = 0.97, 0.95
-#: How far a copy is moved along each base axis, at least (assumed: as far as a neighbouring part lies), and how many
-#: rows of it are looked at. [m]
-ASIDE, ROWS = 0.15, 60
-#: Where a copy is reached. [m, rad]
-REACHED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +44,6 @@ class Transfer:
     reason: str  #: What the stretches say.
     #: What nothing, the force, and force and robot leave on stretches that they did not see, rms. [m]
     left: tuple[float, float, float]
-
-    def without_robot(self, why: str) -> Transfer:
-        """Return what travels where the robot does not: the force, if it helps alone."""
-        force = bool(self.left[1] < FORCE * self.left[0])
-        return replace(self, force=force, robot=False, reason=f"{self.reason}; the robot model is not updated: {why}")
 
 
 def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
@@ -169,89 +153,18 @@ def transfer_nothing(job: Job, robot: Robot, model_update: ModelUpdate) -> Other
 
 
 def transfer_to_paths(
-    job: Job, robot: Robot, task: PlanTask, model_update: ModelUpdate, known: Uncertainty, spread: ForceSpread
+    job: Job, robot: Robot, model_update: ModelUpdate, known: Uncertainty, spread: ForceSpread
 ) -> Others:
-    """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole.
-
-    The robot is tried on paths that the part did not see; where it fails there it is not told.
-    """
+    """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole."""
     travel = choose_transfer(model_update.model, model_update.gathered)
-    told = _tell(job, robot, model_update, known, spread, travel)
-    if not travel.robot:
-        return told
-    taught = told.robot if job.tool is None else job.tool.mount(told.robot)
-    fits, said = check_generalisation(task, taught, known, told.shares, spread.of_all())
-    if fits:
-        return told._replace(travel=replace(travel, reason="; ".join(filter(None, (travel.reason, said)))))
-    return _tell(job, robot, model_update, known, spread, travel.without_robot(said))
-
-
-def _tell(
-    job: Job,
-    robot: Robot,
-    model_update: ModelUpdate,
-    known: Uncertainty,
-    spread: ForceSpread,
-    travel: Transfer,
-) -> Others:
-    """Tell other paths what may travel."""
     told = transfer_nothing(job, robot, model_update)._replace(travel=travel)
     own_tool = job.tool is None
-    if told.travel.force:
+    if travel.force:
         name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]
-        keep = [(own_tool or u.effect != "tool_frame") and told.travel.robot for u in known.unknowns for _ in u.keys]
+        keep = [(own_tool or u.effect != "tool_frame") and travel.robot for u in known.unknowns for _ in u.keys]
         force, shares = learn_force(model_update, spread, told.force, job.process, turn, name, np.array(keep, bool))
         told = told._replace(force=force, shares=shares)
-    if told.travel.robot:
+    if travel.robot:
         taught, held = apply_update(robot, known, model_update.values, model_update.covariance, own_tool=own_tool)
         told = told._replace(robot=taught, held=held)
     return told
-
-
-def check_generalisation(
-    task: PlanTask, taught: Robot, known: Uncertainty, shares: Array, spread: ForceSpread
-) -> tuple[bool, str]:
-    """Try an updated robot on copies of the path, moved along each base axis to where the arm reaches.
-
-    task: as it was cut, with the robot of the folder before, of which `known` and `spread` were known; taught: with the
-    tool of the job; shares: what is told of the force, (4,). Returns whether it holds there, and what the copies say;
-    "" where none is reached.
-    """
-    rows = pick_rows(task.cut, ROWS)
-    wrench, every = task.wrench[rows], np.ones(len(rows), bool)
-    moved, allowed = [], []
-    for q in _move_aside(task, rows):
-        try:
-            before, after = (build_path_model(robot, q, wrench) for robot in (task.robot, taught))
-            here = np.arange(len(rows))
-            change = tip_of(apply_wrench_to_model(after, shares, spread), here) - tip_of(before, here)
-        except ConvergenceError:
-            return False, "the updated arm has no equilibrium on a displaced copy of the path"
-        slopes = linearise_path(before, known, spread, every)
-        parts = split_covariance(slopes, known)
-        moved.append(np.linalg.norm(change, axis=1))
-        allowed.append(band_radius(np.asarray(sum(parts.values()))))
-    if not moved:
-        return True, ""
-    size, band = (np.sqrt(np.mean(np.square(values), axis=1)) for values in (moved, allowed))
-    worst = int(np.argmax(size / np.maximum(band, 1e-12)))
-    said = (
-        f"on {len(moved)} displaced copies of the path, the updated robot moves the tip by up to"
-        f" {1e3 * size[worst]:.3g} mm where the old folder allowed {1e3 * band[worst]:.3g} mm (95 %)"
-    )
-    return bool(size[worst] <= band[worst]), said
-
-
-def _move_aside(task: PlanTask, rows: NDArray[np.int_]) -> list[Array]:
-    """Return joint positions of the copies that are reached within the limits. Shape (k, nq) each. [rad or m]"""
-    robot, place = task.robot, task.position[rows]
-    arm, way = build_arm(robot), max(ASIDE, float(np.ptp(place, axis=0).max()))
-    found = []
-    for axis in np.eye(3):
-        for shift in (way * axis, -way * axis):
-            q = refine_ik(arm, task.q_start[rows], place + shift, task.rotation[rows], iterations=30)
-            miss = np.abs(pose_error(arm.chain, q, place + shift, task.rotation[rows])).max()
-            if miss <= REACHED and ((q >= robot.lower) & (q <= robot.upper)).all():
-                found.append(q)
-                break
-    return found

@@ -160,12 +160,12 @@ def _start_place(rows: Observations, point: Array) -> Array:
     return np.asarray(np.linalg.lstsq(rows.direction, left, rcond=1e-9)[0])
 
 
-def fit_sphere(point: Array, distance: Array, flat: float = 1e-9) -> Array:
-    """Find the centre that points, (n, 3), have distances from; thinner than `flat`, they leave it in their plane. [m]
+def fit_sphere(point: Array, distance: Array) -> Array:
+    """Find the centre that points, (n, 3), have distances from. [m]
 
     |p|^2 - s^2 = 2 c^T p - |c|^2 is linear in c and |c|^2; about the mean, so that far places lose nothing.
     """
     middle = point.mean(axis=0)
     near = point - middle
     a = np.column_stack([2.0 * near, -np.ones(len(near))])
-    return np.asarray(middle + np.linalg.lstsq(a, np.sum(near**2, axis=1) - distance**2, rcond=flat)[0][:3])
+    return np.asarray(middle + np.linalg.lstsq(a, np.sum(near**2, axis=1) - distance**2, rcond=1e-9)[0][:3])

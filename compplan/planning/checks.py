@@ -24,7 +24,7 @@ from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
 from compplan.planning.timing import Timing
-from compplan.robot import Array, Robot, load_robot
+from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot, hold_load
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.simulation.inertia import (
@@ -145,12 +145,11 @@ def run_checks(
     checks = [
         _check_tip(task, after), _check_models(task, q, after), *_check_between(task, q, between, bench),
         _check_correction(task, position), *([] if executed is None else [_check_executed(task, executed)]),
-        _check_holes(task), *_check_joints(task, q, time, _list_joints(task, bench, job)),
+        _check_holes(task), *_check_joints(task, q, time),
     ]  # fmt: skip
     if bench.folder is None or job is None:
         return tuple(checks)
-    checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job)]
-    checks += [*_check_joints(task, q, time, load_robot(bench.folder), job), _check_feed(task, time)]
+    checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job), _check_feed(task, time)]
     if bending is not None and bench.moving is not None:
         checks.append(_check_inertia(task, time, bending, bench.moving))
     return tuple(checks)
@@ -253,18 +252,12 @@ def _angle(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
 
 
-def _check_each_joint(name: str, robot: Robot, use: Array, limit: float, says: str) -> list[Check]:
-    """Check a figure of every joint; `says` what a failed check says of joint and figure."""
-    return [Check(name, float(value), limit, says.format(joint=joint, value=value))
-            for joint, value in zip(robot.joint_names, use, strict=True)]  # fmt: skip
-
-
-def _check_joints(task: PlanTask, q: Array, time: Array, robot: Robot, job: Job) -> list[Check]:
-    """Joints stay within the limits that the robot folder states, in place and in time."""
-    limits, step = job.limits, np.diff(time)
+def _check_joints(task: PlanTask, q: Array, time: Array) -> list[Check]:
+    """Joints stay within their limits, in place and in time."""
+    robot, step = task.robot, np.diff(time)
     over = np.maximum(robot.lower - q, q - robot.upper).max(axis=0)
     checks = [
-        Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its limits in robot.urdf by "
+        Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its position limits by "
               + (f"{1e3 * over[j]:.3g} mm" if robot.prismatic[j] else f"{np.degrees(over[j]):.3g} deg"))
         for j, name in enumerate(robot.joint_names)
     ]  # fmt: skip
@@ -272,18 +265,13 @@ def _check_joints(task: PlanTask, q: Array, time: Array, robot: Robot, job: Job)
     checks.append(Check("time runs on, s", -float(step.min()), 0.0, f"time runs backwards at waypoint {back}"))
     if checks[-1].fails:
         return checks
-    moved = np.abs(np.diff(q, axis=0))
-    use = (moved / np.maximum(step, 1e-12)[:, None] / robot.velocity_limits / limits.velocity_scale).max(axis=0)
-    checks += _check_each_joint("joint velocity, share of robot.urdf", robot, use, ROUNDED,
-                                "{joint} moves {value:.3g} times as fast as robot.urdf allows")  # fmt: skip
+    rate = np.abs(np.diff(q, axis=0)) / np.maximum(step, 1e-12)[:, None] / task.velocity_limits
     rows = _find_moving(task, time)
-    if len(rows):
-        most = (np.abs(fit_parabolas(q, time, rows)[1]) / robot.acceleration_limits / limits.acceleration_scale).max(
-            axis=0
-        )
-        checks += _check_each_joint("joint acceleration, share of elasticity.toml", robot, most, ROUNDED * 1.01,
-                                    "{joint} accelerates {value:.3g} times as much as elasticity.toml allows"
-                                    )  # fmt: skip
+    push = np.abs(fit_parabolas(q, time, rows)[1]) / task.acceleration_limits
+    for name, share, limit in (("velocity", rate, ROUNDED), ("acceleration", push, 1.01 * ROUNDED)):
+        for joint, value in zip(robot.joint_names, share.max(axis=0, initial=0.0).tolist(), strict=True):
+            sentence = f"the {name} of {joint} is {value:.3g} times its limit"
+            checks.append(Check(f"joint {name}, share of its limit", value, limit, sentence))
     return checks
 
 

@@ -309,7 +309,6 @@ def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
             "whole_path_p95": error_band.whole * 1e3,
             "widest_waypoint": widest,
             "at_widest": {name: float(values[widest]) * 1e3 for name, values in error_band.parts.items()},
-            "p95_max_without": {name: value * 1e3 for name, value in error_band.without.items()},
         },
         **({} if before is None else {
             "error_band_before_mm": {"p95_max": before[0] * 1e3, "whole_path_p95": before[1] * 1e3}}),

@@ -191,7 +191,7 @@ def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: 
         told.append("path errors of the controller (no trace of it)")
     if not inertia_known:
         told.append("inertia and vibration of the arm (no masses, or no springs)")
-    if error_band is None or not error_band.placed:
+    if error_band is None or not error_band.parts["placement"].any():
         told.append("place of the part ([noise] part_frame_mm states none)")
     return (*told, "ringing after rapid moves", "bending of the cutter", "chatter", "warming up")
 

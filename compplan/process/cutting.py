@@ -230,7 +230,9 @@ def prepare_cutting(
         message = (f"is {process.diameter_mm:g}, larger than the stock, which is {1e3 * size:.4g} mm across the tool "
                    "axis; give the stock that is cut")  # fmt: skip
         raise InputError(message, file=job, where="process.diameter_mm")
-    stock = take_away(stock, [Cut(p.cutter(), t.position @ R_view, t.axis @ R_view, ~t.rapid) for p, t in before])
+    cuts = [Cut(p.cutter(), t.position @ R_view, t.axis @ R_view, ~t.rapid) for p, t in before]
+    stock, left_out = take_away(stock, cuts)
+    notes += left_out
     found = find_engagement(cutter, position, cutting, stock, axis=axes)
     if before and not found.touches.any():
         notes.append("This tool touches no stock: earlier tools left none on its path.")

@@ -35,6 +35,8 @@ STUDENT = 2.023
 SAME = 1e-9
 #: A force below this share of the greatest counts as the air. []
 AIR = 0.02
+#: A number that contributes less than this share of the greatest contribution is rounding: a log cannot tell it. []
+ROUNDING = 1e-9
 #: No prediction errs by more than this factor: beyond, a unit is wrong (assumed). []
 MOST_RATIO = 100.0
 #: Greatest lag that is searched for, to either side: a length [m], and a share of the cut (assumed).
@@ -56,7 +58,6 @@ COLUMNS = (
     FileColumn("t", "time"),
     *(FileColumn(name, "force", required=True) for name in WRENCH[:3]),
     *(FileColumn(name, "moment", group="moment") for name in WRENCH[3:]),
-    FileColumn("power", "power"),
 )
 
 
@@ -67,11 +68,10 @@ class ForceLog:
     place: Array  #: Length cut so far [m], or time cut so far [s]. Shape (m,).
     timed: bool  #: Whether `place` is a time.
     wrench: Array  #: On the tool at its tip, part axes; 3 columns without moments. Shape (m, 3 or 6). [N, N m]
-    power: Array | None = None  #: Of the spindle, or None. Shape (m,). [W]
 
 
 def read_force_log(path: Path) -> ForceLog:
-    """Read a log: CSV with s_mm or t_s (length or time cut so far), fx_N fy_N fz_N, moments and power_W, part axes.
+    """Read a log: CSV with s_mm or t_s (length or time cut so far), fx_N fy_N fz_N and moments, part axes.
 
     Raises:
         InputError: If it is not what it has to be.
@@ -92,7 +92,7 @@ def read_force_log(path: Path) -> ForceLog:
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise table.error(f"a force of {np.abs(wrench[row, :3]).max():.3g} N, at most {MOST_FORCE:g} N is allowed", row)
-    return ForceLog(place, timed, wrench, table.values.get("power"))
+    return ForceLog(place, timed, wrench)
 
 
 @dataclass(frozen=True)
@@ -128,24 +128,21 @@ class _Prediction:
     """What each of c numbers contributes along the path, at its unit; n waypoints."""
 
     progress: Array  #: Length cut so far. Shape (n,). [m]
-    columns: Array  #: Path axes; forces, moments, and the spindle's power last. Shape (c, n, 7).
+    columns: Array  #: Path axes; forces, then moments. Shape (c, n, 6).
     axes: Array  #: Path axes as columns, part frame. Shape (n, 3, 3).
     names: list[str]
     units: list[str]
     in_job: Array
 
-    def at(self, s: Array, channels: list[int]) -> Array:
+    def at(self, s: Array, channels: int) -> Array:
         """Return the contributions at lengths cut, part axes; none off the cut. Shape (c, m, k)."""
         near = np.clip(np.searchsorted(self.progress, s - SAME), 1, len(self.progress) - 1)
         span = self.progress[near] - self.progress[near - 1]
         share = np.clip((s - self.progress[near - 1]) / np.maximum(span, SAME), 0.0, 1.0)[:, None]
         local = (1.0 - share) * self.columns[:, near - 1] + share * self.columns[:, near]
         local *= ((s >= -SAME) & (s <= self.progress[-1] + SAME))[:, None]
-        turned = np.concatenate([
-            np.einsum("mij,cmj->cmi", self.axes[near], local[:, :, :3]),
-            np.einsum("mij,cmj->cmi", self.axes[near], local[:, :, 3:6]), local[:, :, 6:],
-        ], axis=2)  # fmt: skip
-        return np.asarray(turned[:, :, channels])
+        turned = [np.einsum("mij,cmj->cmi", self.axes[near], local[:, :, k : k + 3]) for k in range(0, channels, 3)]
+        return np.concatenate(turned, axis=2)
 
 
 def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> ForceFit:
@@ -155,10 +152,12 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
         InputError: If too few rows lie in the cut, or the prediction does not explain the log.
     """
     model = _predict(law, nominal)
-    channels, measured = _choose_channels(log, law)
-    s, measured = _pool(_lengths(log, nominal, model.progress), measured, MOST_ROWS)
+    # forces and moments of a cutter, forces alone of other models
+    channels = 3 if law.cutting is None else log.wrench.shape[1]
+    s, measured = _pool(_lengths(log, nominal, model.progress), log.wrench[:, :channels], MOST_ROWS)
     columns = model.at(s, channels)
-    predicted, known = np.einsum("c,cmk->mk", model.in_job, columns), np.abs(columns).max(axis=(1, 2)) > 0.0
+    predicted, most_of = np.einsum("c,cmk->mk", model.in_job, columns), np.abs(columns).max(axis=(1, 2))
+    known = most_of > ROUNDING * most_of.max(initial=0.0)
     cut = _find_cut(s, predicted, model.progress[-1], file)
     _check_level(measured[cut, :3], predicted[cut, :3], file)
     tare = np.column_stack([np.ones(len(s)), (s - s.mean()) / max(float(np.ptp(s)), SAME)])
@@ -181,7 +180,9 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     # a force that jumps is placed no better than within a row of the log
     sigma[-1] = np.hypot(sigma[-1], float(np.median(np.diff(s))) / np.sqrt(12.0))
     numbers = _list_numbers(model, known, value, sigma)
-    notes = _describe(numbers, int(known.sum()), left, scale, lag, most)
+    notes = [f"The {model.names[k]} is not determined: the predicted force has no such part in this log."
+             for k in np.flatnonzero(~known)]  # fmt: skip
+    notes += _describe(numbers, int(known.sum()), left, scale, lag, most)
     before = predicted[cut, :3] - measured[cut, :3]
     after = (left * scale)[cut, :3]
     return ForceFit(
@@ -208,7 +209,7 @@ def _rms(force: Array) -> float:
 
 def _predict(law: ForceLaw, nominal: Toolpath) -> _Prediction:
     """Return what each number of the force contributes along the path."""
-    axes, power = path_axes(nominal), np.zeros((1, len(nominal), 1))
+    axes = path_axes(nominal)
     if law.cutting is not None:
         process = law.cutting.process
         resistance, per_tooth = process.resistance, process.feed_per_tooth(nominal.feed)
@@ -216,24 +217,14 @@ def _predict(law: ForceLaw, nominal: Toolpath) -> _Prediction:
         columns = np.swapaxes(columns, 0, 1)
         names = [f"{part} {kind} coefficient" for kind in ("cutting", "edge") for part in NAMES]
         units, in_job = ["N/mm2"] * 3 + ["N/mm"] * 3, np.array([*resistance.cutting, *resistance.edge])
-        power = 2.0 * np.pi * (process.spindle_rpm / 60.0) * columns[:, :, 5:]
     else:
         wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
         local = np.concatenate([np.einsum("nji,nj->ni", axes, wrench[:, k : k + 3]) for k in (0, 3)], axis=1)
         columns = np.stack([local * np.tile(np.eye(3)[k], 2) for k in range(3)])
         names = [f"factor {where}" for where in ("along the travel", "to the left", "along the tool axis")]
         units, in_job = ["1"] * 3, np.ones(3)
-    power = np.broadcast_to(power, (*columns.shape[:2], 1))
     R = np.einsum("ji,njk->nik", law.T_base_part[:3, :3], axes)
-    return _Prediction(cutting_progress(nominal), np.concatenate([columns, power], axis=2), R, names, units, in_job)
-
-
-def _choose_channels(log: ForceLog, law: ForceLaw) -> tuple[list[int], Array]:
-    """Return what is fitted, forces, moments (3 to 5) and power (6), and its rows; forces alone without a cutter."""
-    if law.cutting is None:
-        return [0, 1, 2], log.wrench[:, :3]
-    channels = list(range(log.wrench.shape[1]))
-    return (channels, log.wrench) if log.power is None else ([*channels, 6], np.column_stack([log.wrench, log.power]))
+    return _Prediction(cutting_progress(nominal), columns, R, names, units, in_job)
 
 
 def _lengths(log: ForceLog, nominal: Toolpath, progress: Array) -> Array:
@@ -277,16 +268,15 @@ def _find_cut(s: Array, predicted: Array, end: float, file: Path) -> NDArray[np.
     return cut
 
 
-def _design(model: _Prediction, s: Array, channels: list[int], known: NDArray[np.bool_], tare: Array) -> Array:
+def _design(model: _Prediction, s: Array, channels: int, known: NDArray[np.bool_], tare: Array) -> Array:
     """Return the columns of the linear fit: the numbers', then offset and drift of each channel. Shape (m, k, c)."""
     own = np.moveaxis(model.at(s, channels)[known], 0, 2)
-    k = len(channels)
-    each = np.einsum("mt,kl->mklt", tare, np.eye(k)).reshape(len(s), k, 2 * k)
+    each = np.einsum("mt,kl->mklt", tare, np.eye(channels)).reshape(len(s), channels, 2 * channels)
     return np.concatenate([own, each], axis=2)
 
 
-def _slope(model: _Prediction, s: Array, channels: list[int], known: NDArray[np.bool_], value: Array) -> Array:
-    """Return how the predicted channels change with a lag. Shape (m, k, 1). [N, N m or W to a metre]"""
+def _slope(model: _Prediction, s: Array, channels: int, known: NDArray[np.bool_], value: Array) -> Array:
+    """Return how the predicted channels change with a lag. Shape (m, k, 1). [N or N m to a metre]"""
     step = max(LAG_STEP, 0.5 * float(np.median(np.diff(s))))
     behind, ahead = (model.at(s + side * step, channels)[known] for side in (-1.0, 1.0))
     return np.asarray(np.einsum("cmk,c->mk", behind - ahead, value[: known.sum()])[:, :, None] / (2.0 * step))
@@ -299,7 +289,7 @@ def _solve(matrix: Array, target: Array) -> tuple[Array, Array]:
 
 
 def _find_lag(
-    model: _Prediction, s: Array, target: Array, channels: list[int], scale: Array, tare: Array, most: float
+    model: _Prediction, s: Array, target: Array, channels: int, scale: Array, tare: Array, most: float
 ) -> float:
     """Return the lag at which least is left. [m]"""
     rows = np.arange(0, len(s), -(-len(s) // LAG_ROWS))

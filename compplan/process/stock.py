@@ -5,7 +5,7 @@ What cutters before took away is missing in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
@@ -19,7 +19,7 @@ from compplan.io.meshes import load_mesh
 from compplan.io.provenance import note_input
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable, Vector3
-from compplan.process.cut_surface import NOTHING, CutSurface, build_cut_surface, expand_boxes
+from compplan.process.cut_surface import CutSurface, build_cut_surface, expand_boxes
 from compplan.process.engagement import Cutter
 from compplan.toolpath.toolpath import Toolpath
 
@@ -35,12 +35,10 @@ HOLLOW = 0.02
 BEYOND = 2.0
 #: Columns of a mesh, to a radius of the cutter.
 MESH_COLUMNS = 8.0
-#: An axis that leans by less than this from the view stands. [rad]
+#: An axis that leans by no more than this from the view stands. [rad]
 UPRIGHT = 1e-6
-#: Cutting moves that are entered at a time, columns of a stock that was cut at an angle, and layers.
-MOVES_AT_ONCE, MOST_COLUMNS, MOST_LAYERS = 64, 40_000, 400
-#: Columns thinner than this are none. [m]
-THIN_COLUMN = 1e-6
+#: Cutting moves that are entered at a time.
+MOVES_AT_ONCE = 64
 
 Corner = Annotated[tuple[Vector3, Vector3], Field(strict=False)]
 
@@ -93,7 +91,7 @@ class HeightMap:
     """Columns of a mesh on a grid: between four neighbours heights go over linearly."""
 
     origin: Array  #: Place of the first cell's centre. Shape (2,). [m]
-    cell: float | Array  #: Distance of columns, one or along each axis. [m]
+    cell: float  #: Distance of columns. [m]
     low: Array  #: Bottom of each column, +inf where there is none. Shape (a, b). [m]
     high: Array  #: Top of each column, -inf where there is none. Shape (a, b). [m]
 
@@ -272,94 +270,28 @@ class CutStock:
         return self.before.bounds()
 
 
-def take_away(stock: StockColumns, cuts: Sequence[Cut]) -> StockColumns:
-    """Return what cutters leave of stock, one after the other.
+def take_away(stock: StockColumns, cuts: Sequence[Cut]) -> tuple[StockColumns, list[str]]:
+    """Return what cutters leave of stock, one after the other, and what is assumed of it.
 
-    Exact where their axes stand along the columns. Elsewhere columns are asked in steps where they are solid, and take
-    in what hangs over a hollow.
+    Cuts whose axis does not stand along the columns are left out.
     """
+    left_out = 0
     for cut in cuts:
-        upright = bool(np.abs(cut.axis[cut.cutting][:, :2]).max(initial=0.0) < UPRIGHT
-                       and cut.axis[cut.cutting][:, 2].min(initial=1.0) > 0.0)  # fmt: skip
-        mean = cut.axis[cut.cutting].mean(axis=0) if cut.cutting.any() else np.array([0.0, 0.0, 1.0])
-        turn = np.eye(3) if upright else view_along(mean / max(float(np.linalg.norm(mean)), 1e-12))
-        surface = _sweep(cut, _turn_box(stock.bounds(), turn), turn, upright=upright)
-        if surface is not None:
-            stock = CutStock(stock, surface) if upright else _ask_columns(stock, surface, turn)
-    return stock
-
-
-def _turn_box(bounds: Array, turn: Array) -> Array:
-    """Return the box around a box that is seen from other axes. Shape (2, 3)."""
-    corners = np.array([[x, y, z] for x in bounds[:, 0] for y in bounds[:, 1] for z in bounds[:, 2]]) @ turn
-    return np.stack([corners.min(axis=0), corners.max(axis=0)])
-
-
-def _sweep(cut: Cut, box: Array, turn: Array, *, upright: bool) -> CutSurface | None:
-    """Return what a cutter sweeps within a box; None where it does not reach it."""
-    position = cut.position @ turn
-    start = np.vstack([position[:1], position[:-1]])
-    surface = build_cut_surface(cut.cutter, start, position, box[:, :2], None if upright else cut.axis @ turn)
-    if surface is None:
-        return None
-    moves = np.flatnonzero(cut.cutting & (np.linalg.norm(position - start, axis=1) > 0.0))
-    for part in np.array_split(moves, max(len(moves) // MOVES_AT_ONCE, 1)):
-        surface.cut(part)
-    return surface
-
-
-def _ask_columns(stock: StockColumns, surface: CutSurface, turn: Array) -> HeightMap:
-    """Return stock less a sweep that is seen from other axes, as columns on a grid."""
-    last = np.iinfo(np.int32).max
-
-    def solid(place: Array, z: Array) -> NDArray[np.bool_]:
-        low, high = stock.interval(place)
-        some = (z >= low) & (z < high - NOTHING)
-        point = np.column_stack([place[some], z[some]]) @ turn
-        some[some] = surface.uncut(point, np.full(len(point), last))
-        return some
-
-    x, y, cell = _lay_grid(stock)
-    place = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    bottom, top = stock.interval(place)
-    there = top - bottom > THIN_COLUMN
-    bounds = stock.bounds()
-    layers = int(np.clip(np.ceil((bounds[1, 2] - bounds[0, 2]) / cell.min()), 2, MOST_LAYERS))
-    ends = []
-    for first, second in ((top, bottom), (bottom, top)):
-        ends.append(np.full(len(place), np.nan))
-        ends[-1][there] = _seek_end(solid, place[there], first[there], second[there], layers)
-    high = np.where(np.isnan(ends[0]), -np.inf, ends[0]).reshape(len(x), len(y))
-    low = np.where(np.isnan(ends[1]), np.inf, ends[1]).reshape(len(x), len(y))
-    return HeightMap(np.array([x[0], y[0]]), cell, low, high)
-
-
-def _seek_end(
-    solid: Callable[[Array, Array], NDArray[np.bool_]], place: Array, first: Array, second: Array, layers: int
-) -> Array:
-    """Return where columns begin to be solid on the way from one end to the other; NaN where they never are."""
-    found, left = np.full(len(place), np.nan), np.arange(len(place))
-    for layer in range(layers):
-        share = (layer + 0.5) / layers
-        hit = solid(place[left], first[left] + share * (second - first)[left])
-        rows = left[hit]
-        left = left[~hit]
-        near, far = np.full(len(rows), max((layer - 0.5) / layers, 0.0)), np.full(len(rows), share)
-        for _ in range(8):
-            middle = 0.5 * (near + far)
-            hit = solid(place[rows], first[rows] + middle * (second - first)[rows])
-            near, far = np.where(hit, near, middle), np.where(hit, middle, far)
-        found[rows] = first[rows] + np.where(near == 0.0, 0.0, 0.5 * (near + far)) * (second - first)[rows]
-    return found
-
-
-def _lay_grid(stock: StockColumns) -> tuple[Array, Array, Array]:
-    """Return a grid over stock of about MOST_COLUMNS, and its steps [m]. Shapes (a,), (b,), (2,)."""
-    low, high = stock.bounds()[:, :2]
-    size = high - low - 2.0 * NOTHING
-    count = np.maximum(np.ceil(size / np.sqrt(np.prod(size) / MOST_COLUMNS)), 1.0).astype(int)
-    x, y = (low[k] + NOTHING + size[k] * np.arange(count[k] + 1) / count[k] for k in (0, 1))
-    return x, y, size / count
+        axis = cut.axis[cut.cutting]
+        if np.abs(axis[:, :2]).max(initial=0.0) > UPRIGHT or axis[:, 2].min(initial=1.0) <= 0.0:
+            left_out += 1
+            continue
+        start = np.vstack([cut.position[:1], cut.position[:-1]])
+        surface = build_cut_surface(cut.cutter, start, cut.position, stock.bounds()[:, :2], None)
+        if surface is None:
+            continue
+        moves = np.flatnonzero(cut.cutting & (np.linalg.norm(cut.position - start, axis=1) > 0.0))
+        for part in np.array_split(moves, max(len(moves) // MOVES_AT_ONCE, 1)):
+            surface.cut(part)
+        stock = CutStock(stock, surface)
+    said = (f"The cuts of {left_out} earlier operations lie along another tool axis: they are left out of the stock"
+            " (assumed).")  # fmt: skip
+    return stock, [said] if left_out else []
 
 
 def view_along(axis: Array) -> Array:

@@ -15,7 +15,7 @@ from compplan.io.quantities import format_length, format_mm
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.campaign import PoseCampaign
-from compplan.measurement.observations import DISTANCE, READING, Observations
+from compplan.measurement.observations import READING, Observations
 from compplan.reporting.charts import draw_curves
 from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, render_page
 from compplan.reporting.plan_page import list_leading
@@ -28,7 +28,6 @@ from compplan.toolpath.toolpath import WRENCH_HEADERS
 TASKS = {
     "sockets": "let the ball sit in the socket of the row and write the joints down as they are",
     "gauge": "write the reading of the row's gauge down, which grows along dir",
-    "ball_bar": "hang the bar on the row's ball and write the distance of both balls' centres down",
 }
 
 
@@ -89,8 +88,6 @@ def _list_sights(sights: Observations | None, poses: int) -> dict[str, object]:
     if (sights.kind == READING).any():
         columns |= {f"dir_{axis}": second(sights.direction)[:, k] for k, axis in enumerate("ijk")}
         columns["reading_mm"] = empty
-    if (sights.kind == DISTANCE).any():
-        columns["distance_mm"] = empty
     return columns
 
 
@@ -129,7 +126,7 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
     """Return the content of campaign.json."""
     choice, design, equipment = campaign.choice, campaign.design, campaign.equipment
     return {
-        "schema": 1, "name": campaign.plan.name, "purpose": equipment.purpose, "robot": campaign.plan.robot.name,
+        "schema": 1, "name": campaign.plan.name, "purpose": "path", "robot": campaign.plan.robot.name,
         "poses": len(choice.rows), "rows_of_log": campaign.log,
         "error_band_mm": {
             "p95_max_now": choice.greatest[0] * 1e3, "p95_max_after": choice.greatest[-1] * 1e3,
@@ -155,18 +152,18 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
 
 def describe_campaign(campaign: PoseCampaign) -> str:
     """Say in a sentence or two what the campaign brings and when to stop."""
-    choice, place = campaign.choice, campaign.equipment.place
+    choice = campaign.choice
     useful = len(choice.rows) if choice.enough is None else choice.enough
     ends = " to ".join(format_mm(float(choice.greatest[k])) for k in (0, useful))
-    text = f"{useful} poses are enough: they narrow the 95 % band {place} from {ends}."
+    text = f"{useful} poses are enough: they narrow the 95 % band on this path from {ends}."
     if useful == 0:
-        text = f"No further pose is worth measuring: none narrows the band {place}."
+        text = "No further pose is worth measuring: none narrows the band on this path."
     return f"{text} {campaign.log} rows of the log count already." if campaign.log else text
 
 
 def _render(campaign: PoseCampaign) -> str:
     """Return the page: which poses, what they will bring, when to stop."""
-    plan, place, choice = campaign.plan, campaign.equipment.place, campaign.choice
+    plan, choice = campaign.plan, campaign.choice
     bands = [
         ["now", 1e3 * campaign.design.model_band(campaign.start)],
         [f"{len(choice.rows)} designed poses", Cell(1e3 * campaign.design.model_band(choice.covariance), "strong")],
@@ -180,7 +177,7 @@ def _render(campaign: PoseCampaign) -> str:
     )  # fmt: skip
     scene = Chart(figure, "Dots: the tip at the poses, numbered. Line: the path.", 460)
     sections = [
-        Section("What it brings", [brings], f"The 95 % band of the true tip {place}."),
+        Section("What it brings", [brings], "The 95 % band of the true tip on this path."),
         Section("Poses", [scene, _list_poses(campaign)],
                 "In the order of measuring. Approach each from the stated side, let it settle, then measure."),
         Section("What remains", [list_leading(campaign.rest)], "What would narrow the band most afterwards."),

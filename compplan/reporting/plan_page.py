@@ -287,15 +287,14 @@ def show_error_band(band: ErrorBand, stations: Stations, tolerance: float) -> Se
     blocks: list[Block] = [chart_lines(stations, series, "mm", "95 % band", caption, 360, zero=True, limit=limit)]
     total, rows = band.radius[widest] ** 2, list[list[Any]]()
     for name in (name for name in PARTS if band.parts[name].any()):
-        values, without = band.parts[name], band.without.get(name)
+        values = band.parts[name]
         share = float(values[widest] ** 2 / total) if total > 0 else 0.0
-        rows.append([WORDS[name], 1e3 * _rms(values[cut]), 1e3 * float(values[widest]), format_percent(share),
-                     None if without is None else 1e3 * without])  # fmt: skip
+        rows.append([WORDS[name], 1e3 * _rms(values[cut]), 1e3 * float(values[widest]), format_percent(share)])
     together = [Cell(1e3 * value, "strong") for value in (_rms(band.radius[cut]), float(band.radius[widest]))]
-    rows.append(["all together", *together, None, None])
-    rows += [["between waypoints, on top", None, 1e3 * band.between, None, None]] if band.between > 0 else []
-    rows.append(["the whole path at once", None, Cell(1e3 * band.whole, "strong"), None, None])
-    columns = ["95 % band by", "rms [mm]", "at its widest [mm]", "share of its square", "greatest without it [mm]"]
+    rows.append(["all together", *together, None])
+    rows += [["between waypoints, on top", None, 1e3 * band.between, None]] if band.between > 0 else []
+    rows.append(["the whole path at once", None, Cell(1e3 * band.whole, "strong"), None])
+    columns = ["95 % band by", "rms [mm]", "at its widest [mm]", "share of its square"]
     blocks.append(DataTable(columns, rows, f"The band is widest at waypoint {widest}."))
     if band.ladder:
         steps = [

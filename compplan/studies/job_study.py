@@ -14,11 +14,11 @@ from compplan.job.noise import NoiseTable
 from compplan.planning.compare import Comparison, Drawn, compare_task
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.task import PlanTask
-from compplan.studies.runner import Run, Settings, discard_chunks, run_study
+from compplan.studies.runner import LEAST_SAMPLES, Run, Settings, discard_chunks, run_study
 from compplan.studies.sensitivity import Sensitivity, measure_sensitivity
 from compplan.studies.study import MOST_WAYPOINTS, prepare_study
 from compplan.studies.summary import estimate_quantile, summarise_run
-from compplan.studies.workers import Workers
+from compplan.studies.workers import Workers, start_workers
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
 
@@ -65,25 +65,27 @@ def study_job(
         raise InputError("is a file, expected a folder to write to", file=folder)
     workforce = workforce or Workers()
     workforce.check()
-    say("posture")
-    robot, nominal, options = prepare_job(job)
-    task, force = build_task(robot, nominal, options, file=job.file), read_force_spread(job)
-    study = prepare_study(task, job.noise, strategies, most_waypoints=most_waypoints, force=force, announce=say)
+    # the processes load what they need while this one prepares the study
+    with start_workers(workforce, settings.samples // LEAST_SAMPLES) as crew:
+        say("posture")
+        robot, nominal, options = prepare_job(job)
+        task, force = build_task(robot, nominal, options, file=job.file), read_force_spread(job)
+        study = prepare_study(task, job.noise, strategies, most_waypoints=most_waypoints, force=force, announce=say)
 
-    def tell(stage: str) -> Callable[[int, int], None] | None:
-        return None if progress is None else lambda done, total: progress(stage, done, total)
+        def tell(stage: str) -> Callable[[int, int], None] | None:
+            return None if progress is None else lambda done, total: progress(stage, done, total)
 
-    say("samples")
-    store = folder / SAMPLES
-    if discard:
-        discard_chunks(store)
-    run = run_study(study, settings, folder=store, workforce=workforce, progress=tell("samples"))
-    indices = None
-    if sensitivity:
-        say("sensitivity")
-        indices = measure_sensitivity(
-            study, settings.seed, folder=store / "sensitivity", workforce=workforce, progress=tell("sensitivity")
-        )
+        say("samples")
+        store = folder / SAMPLES
+        if discard:
+            discard_chunks(store)
+        run = run_study(study, settings, folder=store, workforce=crew, progress=tell("samples"))
+        indices = None
+        if sensitivity:
+            say("sensitivity")
+            indices = measure_sensitivity(
+                study, settings.seed, folder=store / "sensitivity", workforce=crew, progress=tell("sensitivity")
+            )
     say("summary")
     summary = summarise_run(run, indices, name=job.name or job.file.stem, main=options.strategy)
     return JobStudy(job, run, indices, summary)

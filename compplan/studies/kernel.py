@@ -26,7 +26,7 @@ from compplan.statics.sweep import CompiledChain, apply_compliance, element_load
 from compplan.studies.posterior import MODES
 from compplan.studies.sampling import Cells, differentiate_placements, shift_tip
 from compplan.toolpath.toolpath import select_waypoints
-from compplan.uncertainty.touch_off import TouchedPart, locate_touching
+from compplan.uncertainty.touch_off import locate_touching
 
 #: Poses solved at once.
 BLOCK = 8192
@@ -124,8 +124,9 @@ class Touch(NamedTuple):
     fit: Array  #: Shift of the middle and rotation vector of the best-fit motion of the points. Shape (6, 3 k).
 
 
-def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None) -> Touch | None:
-    """Prepare the touched points of a strategy's posture; None where the part frame is absolute."""
+def prepare_touch(task: PlanTask, noise: NoiseTable) -> Touch | None:
+    """Prepare the touched points of a task; None where the part frame is absolute."""
+    touched = task.touched
     if touched is None:
         return None
     k, robot = len(touched.q), rest_robot(task.robot)

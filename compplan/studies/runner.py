@@ -109,13 +109,9 @@ def evaluate_chunks(
         found = store.read(number) if store else None
         if found is not None and len(found.rms) == len(rows):
             done[number] = _lighten(found, rows.start)
-    reused, total = len(done), chunks[-1].stop
-
-    def tell() -> None:
-        if progress:
-            progress(sum(len(chunks[n]) for n in done), total)
-
-    tell()
+    reused, total, count = len(done), chunks[-1].stop, sum(len(chunks[n]) for n in done)
+    tell = progress or (lambda done, total: None)
+    tell(count, total)
     missing = [number for number in range(len(chunks)) if number not in done]
     if not missing:
         return done, reused
@@ -125,7 +121,8 @@ def evaluate_chunks(
             done[number] = _lighten(evaluated, chunks[number].start)
             if store is not None:
                 store.write(number, chunks[number].start, done[number], study.strategies)
-            tell()
+            count += len(chunks[number])
+            tell(count, total)
     finally:
         results.close()
     return done, reused

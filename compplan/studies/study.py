@@ -56,7 +56,6 @@ class Worker(NamedTuple):
     offset: Array  #: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
     #: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
     placements: Array | None = None
-    touch: Touch | None = None  #: How the strategy's robot finds the part, None where its frame is absolute.
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,7 @@ class Study:
     answers: dict[str, Answer]  #: The strategies.
     workers: dict[str, Worker]  #: The same, ready for many samples.
     kernel: Kernel  #: The kernel.
+    touch: Touch | None  #: How a robot finds the part, None where its frame is absolute.
     surroundings: Surroundings  #: Noise and what it acts on.
     nominal: Array  #: Wanted tips. Shape (3, n). [m]
     cut: NDArray[np.bool_]  #: Waypoints that count. Shape (n,).
@@ -127,6 +127,7 @@ def assemble_study(
         answers=answers,
         workers={name: _make_worker(thin, c, selection, noise) for name, c in answers.items()},
         kernel=build_kernel(thin.chain),
+        touch=prepare_touch(thin, noise),
         surroundings=survey_surroundings(thin, noise, list_factors(thin.robot, noise), force),
         nominal=np.ascontiguousarray(thin.position.T),
         cut=thin.compensated,
@@ -185,7 +186,6 @@ def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseT
         theta=np.ascontiguousarray(state.loaded.theta.T),
         offset=offset,
         placements=differentiate_placements(replace(task, q_start=answer.q), noise)[0] if elsewhere else None,
-        touch=prepare_touch(task, noise, answer.touched),
     )
 
 
@@ -246,8 +246,8 @@ def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array) -> Array:
     theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
     shift = cells.shift if worker.placements is None else shift_tip(cells.causes, worker.placements)
     found = study.nominal[:, None, :]
-    if worker.touch is not None:
-        found = found + move_part(worker.touch, study.kernel, cells, scale, study.nominal)
+    if study.touch is not None:
+        found = found + move_part(study.touch, study.kernel, cells, scale, study.nominal)
     moved = shift + cells.repeat[:, :, None] + worker.offset[:, None, :] - found
 
     def attain(wrench: Array) -> Array:

@@ -12,13 +12,16 @@ import pickle
 import re
 import signal
 import warnings
-from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
 from multiprocessing import active_children, get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Thread
 from time import sleep
 from typing import Any
@@ -45,6 +48,7 @@ class Workers:
 
     workers: int | None = None  #: Processes on this machine; None: one a core, 1: in this process.
     scheduler: str | None = None  #: Address of a Dask scheduler, in place of processes on this machine.
+    pool: ProcessPoolExecutor | None = None  #: Processes that were started (`start_workers`), or None.
 
     def check(self) -> None:
         """Ask the scheduler whether it is there, before anything is computed or written.
@@ -58,6 +62,35 @@ class Workers:
             ask_scheduler(self.scheduler)
 
 
+@contextmanager
+def start_workers(workforce: Workers, chunks: int) -> Iterator[Workers]:
+    """Start the processes of this machine for so many chunks at most; they serve every study within.
+
+    They load what they need while this process goes on.
+    """
+    count = min(workforce.workers or os.cpu_count() or 1, chunks)
+    if workforce.scheduler is not None or workforce.pool is not None or count <= 1:
+        yield workforce
+        return
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    others = set(active_children())
+    pool = ProcessPoolExecutor(count, get_context("spawn"), die_with_parent, (os.getpid(),))
+    try:
+        for _ in range(count):  # a process for each
+            pool.submit(os.getpid)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+        yield replace(workforce, workers=count, pool=pool)
+    finally:
+        for worker in set(active_children()) - others:
+            worker.kill()  # finished, or working for nobody
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
 def compute_chunks(study: Study, numbers: list[int], points: Callable[[int], Array], workforce: Workers) -> Chunks:
     """Compute chunks by number; give number and figures of each as it is done. `points` makes those of a chunk.
 
@@ -66,47 +99,42 @@ def compute_chunks(study: Study, numbers: list[int], points: Callable[[int], Arr
         ConvergenceError: If a cell buckles under its load.
     """
     if workforce.scheduler is not None:
-        return compute_on_cluster(study, numbers, points, workforce.scheduler)
-    count = min(workforce.workers or os.cpu_count() or 1, len(numbers))
-    if count <= 1:
-        return ((number, evaluate_points(study, points(number))) for number in numbers)
-    return _compute_in_processes(study, numbers, points, count)
+        yield from compute_on_cluster(study, numbers, points, workforce.scheduler)
+        return
+    with start_workers(workforce, len(numbers)) as started:
+        if started.pool is None:
+            yield from ((number, evaluate_points(study, points(number))) for number in numbers)
+        else:
+            yield from _compute_in_processes(study, numbers, points, started.pool, 2 * (started.workers or 1))
 
 
-def _compute_in_processes(study: Study, numbers: list[int], points: Callable[[int], Array], count: int) -> Chunks:
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
-    others = set(active_children())
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _start_worker, (pickle.dumps(study), os.getpid()))
+def _compute_in_processes(
+    study: Study, numbers: list[int], points: Callable[[int], Array], pool: ProcessPoolExecutor, ahead: int
+) -> Chunks:
     try:
-        todo = iter(numbers)
-        running: dict[Future[ChunkResult], int] = {pool.submit(_work, points(n)): n for n in islice(todo, 2 * count)}
-        while running:
-            ready, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in ready:
-                for number in islice(todo, 1):
-                    running[pool.submit(_work, points(number))] = number
-                yield running.pop(future), future.result()
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / "study"
+            file.write_bytes(pickle.dumps(study))
+            todo = iter(numbers)
+            running = {pool.submit(_evaluate_stored, file, points(n)): n for n in islice(todo, ahead)}
+            while running:
+                ready, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in ready:
+                    for number in islice(todo, 1):
+                        running[pool.submit(_evaluate_stored, file, points(number))] = number
+                    yield running.pop(future), future.result()
     except BrokenProcessPool:
         message = "a worker process died; run again to go on with what is left, with fewer --workers if memory ran out"
         raise InputError(message) from None
-    finally:
-        for worker in set(active_children()) - others:
-            worker.kill()  # finished, or working for nobody
-        pool.shutdown(wait=True, cancel_futures=True)
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
-_HELD: list[Study] = []
+@lru_cache(maxsize=2)
+def _read_study(file: Path) -> Study:
+    return pickle.loads(file.read_bytes())
 
 
-def _start_worker(packed: bytes, parent: int) -> None:
-    die_with_parent(parent)
-    _HELD[:] = [pickle.loads(packed)]
+def _evaluate_stored(file: Path, points: Array) -> ChunkResult:
+    return evaluate_points(_read_study(file), points)
 
 
 def die_with_parent(parent: int) -> None:
@@ -128,10 +156,6 @@ def _watch_parent(parent: int) -> None:
     while os.getppid() == parent:
         sleep(1.0)
     os._exit(1)
-
-
-def _work(points: Array) -> ChunkResult:
-    return evaluate_points(_HELD[0], points)
 
 
 def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int], Array], scheduler: str) -> Chunks:

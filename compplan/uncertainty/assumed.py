@@ -25,9 +25,6 @@ RIGID = {"revolute": 1e-6, "prismatic": 1e-7}
 #: Zeros [deg], lengths [mm] and directions [deg] of an arm that was calibrated, and of one as delivered (assumed:
 #: together some .15 and .6 mm at two metres, as robot calibration reports).
 CALIBRATED, DELIVERED = (0.003, 0.03, 0.001), (0.010, 0.10, 0.003)
-#: The same of a plain calibration, which takes the robot for hardly known, and its compliances over what is usual
-#: (assumed: zeros to 2 mrad, lengths to 2 mm, the usual weak pull to the nominal robot).
-PLAIN, PLAIN_COMPLIANCE = (0.115, 2.0, 0.115), 3.0
 #: Lost motion and gear error, full width and amplitude once a turn [deg], as in [noise] (assumed).
 PLAY, GEAR = 0.002, 0.002
 #: A touched-off tool tip, per axis, as in [noise] (assumed). [m]
@@ -120,24 +117,6 @@ def assume_uncertainty(robot: Robot) -> Uncertainty:
     grade = "literature" if robot.grade == "literature" else "assumed"
     source = f"uncertainty of the robot model assumed ({robot.grade}; the robot folder has no {FILE})"
     return _assume(robot, grade, source, unknowns)
-
-
-def widen_uncertainty(robot: Robot, loaded: bool) -> Uncertainty:
-    """Return the widths that a plain calibration starts from: zeros, lengths, directions and a compliance a joint.
-
-    Joints of a rigid model bend under the links' weight where no load bends them (`loaded`: loads are changed on the
-    way).
-    """
-    springs = _springs(robot, PLAIN_COMPLIANCE)
-    if not loaded and robot.bodies and not any(spring.compliance > 0.0 for spring in robot.springs):
-        turning = [joint.name for joint in robot.actuated if joint.kind == "revolute"]
-        keys = tuple(f"compliance_rad_per_Nm#{k}" for k in range(len(turning)))
-        width = np.full(len(turning), PLAIN_COMPLIANCE * RIGID["revolute"])
-        springs = [Unknown("gravity_sag", None, None, keys, width, {"joints": turning})]
-    turn, length, _ = PLAIN
-    source = f"widths of a plain calibration: zeros and directions to {turn:g} deg, lengths to {length:g} mm (assumed)"
-    unknowns = [*springs, *assume_geometry(robot, PLAIN), _tool(length * 1e-3)]
-    return _assume(robot, "assumed", source, unknowns)
 
 
 def _assume(robot: Robot, grade: str, source: str, unknowns: list[Unknown]) -> Uncertainty:

@@ -25,7 +25,20 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
-from compplan.uncertainty.ladder import USUAL, Rung, climb_ladder, condition, pick_places, pose_variance, weigh_poses
+from compplan.uncertainty.ladder import (
+    FORCE_DIRECTION,
+    FORCE_LEVEL,
+    POINTS,
+    POSES,
+    PROBE,
+    TRACKER_SIGMA,
+    Rung,
+    climb_ladder,
+    condition,
+    pick_places,
+    pose_variance,
+    weigh_poses,
+)
 from compplan.uncertainty.motion import Motion, spread_draws
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
@@ -122,8 +135,6 @@ class ErrorBand:
     known: Uncertainty  #: What is known of the robot.
     force: ForceSpread  #: Uncertainty of the force.
     assumed: tuple[str, ...]  #: What is assumed, one sentence each.
-    #: What `greatest` would be if a part were nothing, by part. [m]
-    without: Mapping[str, float] = field(default_factory=dict)
     #: The same as `greatest` and `whole` of the uncorrected program, None where it is not stated. [m]
     before: tuple[float, float] | None = None
     ladder: tuple[Rung, ...] = ()  #: What each further measurement would make of `whole`, cheapest first.
@@ -132,7 +143,6 @@ class ErrorBand:
     #: The band where it is widest by each cause alone, in words of people. [m]
     causes: Mapping[str, float] = field(default_factory=dict)
     motion: Motion | None = None  #: What the motion of the arm adds, None where it is not counted.
-    placed: bool = False  #: Whether the place of the part is counted.
 
     @property
     def greatest(self) -> float:
@@ -228,16 +238,12 @@ def estimate_band(
     known = robot_uncertainty(robot)
     slopes = linearise_path(scene, known, force, cut, motion=motion, part=part, touched=touched)
     parts, n = split_covariance(slopes, known), len(cut)
-    spread = {name: _spread(slopes.rows, value, n) for name, value in parts.items()}
+    spread = {name: interpolate(np.arange(n), slopes.rows, value) for name, value in parts.items()}
     mean = None if motion is None else motion.mean
     if motion is not None:  # it is known at every row
         spread["motion"] = motion.covariance
     total = np.asarray(sum(spread.values()))
     left = np.zeros(n) if left is None else left
-
-    def greatest(covariance: Array, bias: Array | None) -> float:
-        return float((band_radius(covariance, mean=bias) + left)[cut].max(initial=0.0)) + between
-
     radius = band_radius(total, mean=mean)
     drawn = draw_paths(slopes, known)
     along = float(radius[cut].max(initial=0.0)) * widen_to_path(drawn)
@@ -263,9 +269,6 @@ def estimate_band(
         leading=lead_unknowns(slopes, known, parts),
         known=known,
         force=force,
-        without={
-            name: greatest(total - value, None if name == "motion" else mean) for name, value in spread.items()
-        },
         before=before,
         ladder=ladder,
         cheapest=cheapest,
@@ -273,7 +276,6 @@ def estimate_band(
                  *([f"inertia and vibration: {motion.source}"] if motion is not None else [])),
         causes=name_causes(slopes, known, parts),
         motion=motion,
-        placed=part is not None,
     )  # fmt: skip
 
 
@@ -287,12 +289,12 @@ def _climb(
     """
     if not len(slopes.rows):
         return (), ()
-    equipment, k, touched = USUAL, len(slopes.rows), slopes
+    k, touched = len(slopes.rows), slopes
     if touchable is not None:
         model = subtract_touch(slopes.model, slopes.tip, touchable, known.unknowns)
         shared = np.concatenate([slopes.shared[:, :, :4], touchable.spread_part(slopes.tip)], axis=2)
         touched = replace(slopes, model=model, shared=shared, touched=touchable)
-    poses, points = pick_places(k, equipment.poses), pick_places(k, equipment.points)
+    poses, points = pick_places(k, POSES), pick_places(k, POINTS)
     seen = ((slopes.model if slopes.alone is None else slopes.alone) * weight @ known.spread)[poses]
     near, along = left[slopes.rows], np.gradient(slopes.tip, axis=0)[points] if k > 1 else np.zeros((1, 3))
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
@@ -313,18 +315,18 @@ def _climb(
         rows, sigmas = [np.zeros((0, columns.shape[2]))], [1.0]
         if "force_log" in steps:
             first = robot.shape[2] + smooth.shape[2]
-            turn = equipment.force_direction / max(force.direction, 1e-12)
+            turn = FORCE_DIRECTION / max(force.direction, 1e-12)
             rows += [np.eye(columns.shape[2])[[first + axis]] for axis in range(4)]
-            sigmas += [equipment.force_level / max(force.common, 1e-12), turn, turn, turn]
+            sigmas += [FORCE_LEVEL / max(force.common, 1e-12), turn, turn, turn]
         if "poses" in steps:
             rows.append(np.pad(seen.reshape(3 * len(poses), -1), ((0, 0), (0, columns.shape[2] - seen.shape[2]))))
-            sigmas.append(float(np.sqrt(pose_variance(known, equipment.sigma))))
+            sigmas.append(float(np.sqrt(pose_variance(known, TRACKER_SIGMA))))
         if "first_part" in steps:
             rows.append((across @ of_part[points]).reshape(-1, columns.shape[2]))
-            sigmas.append(equipment.probe)
+            sigmas.append(PROBE)
         local = slopes.local
         if {"force_log", "first_part"} & set(steps):
-            local = local * min(1.0, equipment.force_level / max(force.path, 1e-12))
+            local = local * min(1.0, FORCE_LEVEL / max(force.path, 1e-12))
         rest = np.concatenate([scatter, local, placed], axis=2)
         covariance = condition(columns, rows, sigmas) + rest @ np.swapaxes(rest, 1, 2)
         covariance = covariance + parts["repeatability"] + parts["motion"]
@@ -407,26 +409,8 @@ def lead_unknowns(
 ) -> tuple[tuple[str, float], ...]:
     """Rank parameters by how much smaller the mean variance along the path would be if they were known exactly."""
     total = float(np.mean([np.trace(part, axis1=1, axis2=2) for part in parts.values()]) * len(parts))
-    gain = measure_gain(slopes.model, known.covariance)
-    order = np.argsort(-gain)[:most]
-    names = known.names
+    # to know parameter j takes S e_j e_j^T S / S_jj off the covariance S
+    along = slopes.model @ known.covariance
+    gain = (along**2).sum(axis=(0, 1)) / np.maximum(np.diag(known.covariance), 1e-300) / len(slopes.model)
+    order, names = np.argsort(-gain)[:most], known.names
     return tuple((names[k], float(gain[k] / max(total, 1e-300))) for k in order if gain[k] > 1e-3 * total)
-
-
-def measure_gain(model: Array, covariance: Array) -> Array:
-    """Return the variance of the tip, mean over the rows, that goes with exact knowledge of each parameter. Shape (p,).
-
-    To know parameter j takes S e_j e_j^T S / S_jj off the covariance S.
-    """
-    k = len(model)
-    flat = model.reshape(3 * k, -1)
-    along = flat @ covariance
-    variance = np.maximum(np.diag(covariance), 1e-300)
-    return np.asarray((along**2).sum(axis=0) / variance / k)
-
-
-def _spread(rows: NDArray[np.int_], values: Array, n: int) -> Array:
-    """Interpolate covariances linearly between the rows that were looked at. Shape (k, 3, 3) -> (n, 3, 3)."""
-    if len(rows) == n:
-        return values
-    return interpolate(np.arange(n), rows, values)

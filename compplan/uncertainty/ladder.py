@@ -23,55 +23,12 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.uncertainty.assumed import LINK_ELASTICITY, moves_base
 
-#: Instrument that sees positions, standing anywhere.
-TRACKER = "tracker"
-#: What poses may be for: the band on the job's path, or a calibration of an arm of which hardly anything is known, to
-#: hold wherever it can stand.
-PATH, CALIBRATION = "path", "calibration"
-
-
-@dataclass(frozen=True)
-class Equipment:
-    """What a shop has to measure with; defaults are assumed."""
-
-    weights: tuple[float, ...] = (0.0,)  #: Weights that can hang at the tool, 0 for none. [kg]
-    pull: float = 0.0  #: Force with which the tool can be pulled sideways, 0 for none. [N]
-    sigma: float = 3e-5  #: Standard deviation of the instrument per axis. [m]
-    #: Frames that are unknown, of "base" and "tool"; None: both of a tracker, none of other instruments.
-    register: tuple[str, ...] | None = None
-    seed: int = 0  #: Seed of the candidates.
-    purpose: str = PATH  #: What the poses are for: PATH or CALIBRATION.
-    instrument: str = TRACKER  #: What sees the tip, "tracker", "sockets", "gauge" or "ball_bar".
-    places: int | None = None  #: Unknown places at which it stands; None: the usual number.
-    #: Length of a ball bar, or distance of two sockets of a plate; None: the usual one. [m]
-    length: float | None = None
-    poses: int = 12  #: Poses of a campaign that a plan's ladder counts with, under the process force.
-    #: Relative standard deviation of the force after a log of a force sensor (gain 1 %, drift).
-    force_level: float = 0.02
-    force_direction: float = 0.01  #: Standard deviation of its direction then. [rad]
-    probe: float = 2e-5  #: Standard deviation of a measured point of a part per axis (default of `compplan learn`). [m]
-    points: int = 60  #: Points of a part that count as independent.
-
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Return the frames that are unknown: the poses have to tell them from the arm."""
-        if self.register is None:
-            return ("base", "tool") if self.instrument == TRACKER else ()
-        return tuple(part for part in self.register if part != "base" or self.instrument == TRACKER)
-
-    @property
-    def loaded(self) -> bool:
-        """Tell whether loads can be changed."""
-        return self.pull > 0.0 or any(self.weights)
-
-    @property
-    def place(self) -> str:
-        """Say where the poses narrow the band."""
-        return "on this path" if self.purpose == PATH else "wherever the arm can stand"
-
-
-#: What the ladder of a plan counts with.
-USUAL = Equipment(pull=400.0)
+#: What the ladder counts with (assumed): poses of a campaign, pull at the tool [N], standard deviation of the tracker
+#: per axis [m]; that of a point on a part (default of `compplan learn`), points that count as independent; what a
+#: log of a force sensor leaves of the force, its level (gain 1 %, drift) and direction [rad].
+POSES, PULL, TRACKER_SIGMA = 12, 400.0, 3e-5
+PROBE, POINTS = 2e-5, 60
+FORCE_LEVEL, FORCE_DIRECTION = 0.02, 0.01
 #: Effects that only a load shows.
 COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELASTICITY)
 
@@ -124,12 +81,12 @@ def climb_ladder(
 
 
 def weigh_poses(robot: Robot, unknowns: Sequence[Unknown], load: float) -> Array:
-    """Return what poses of `USUAL` equipment see of each parameter, of what it moves on the path. Shape (p,).
+    """Return what poses of a campaign see of each parameter, of what it moves on the path. Shape (p,).
 
     A tracker stands anywhere: it sees nothing of what moves base and arm alike. Compliances show by the pull, under the
     greatest force of the process as `load`. [N]
     """
-    share = min(1.0, USUAL.pull / max(load, 1e-9))
+    share = min(1.0, PULL / max(load, 1e-9))
     weight = [
         0.0 if moves_base(robot, unknown) else share if unknown.effect in COMPLIANCES else 1.0 for unknown in unknowns
     ]

@@ -40,7 +40,6 @@ class TouchOff:
     frame: Array  #: Pose of the part frame that the touch found, seen from the base. Shape (4, 4). [m]
     #: Touched points in the part frame; None: three corners of the box of the cut. Shape (k, 3). [m]
     points: Array | None = None
-    repeatability: float = TOUCH_REPEATABILITY  #: Standard deviation of a touched coordinate. [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +52,13 @@ class TouchedPart:
     #: D, from the found frame to where the part stands by the robot model; None where nothing bends or displaces the
     #: arm there. Shape (4, 4). [m]
     displacement: Array | None
-    repeatability: float = TOUCH_REPEATABILITY  #: Standard deviation of a touched coordinate. [m]
 
     def spread_part(self, position: Array) -> Array:
         """Return how the fitted part moves by one deviation of the touched coordinates. Shape (n, 3, 6). [m]"""
         fit = linear_displacement(self.shown)
         value, vector = np.linalg.eigh(fit @ fit.T)
         root = vector * np.sqrt(np.maximum(value, 0.0)) @ vector.T  # the symmetric one: no sign is free
-        return self._carry(self.repeatability * root, position)
+        return self._carry(TOUCH_REPEATABILITY * root, position)
 
     def follow(self, moved: Array, position: Array) -> Array:
         """Return how the fitted part moves at positions with the touched points. Shape (n, 3, p). [m]
@@ -107,7 +105,7 @@ def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: T
     row = cut[np.linalg.norm(path.position[cut] - points[:, None], axis=2).argmin(axis=1)]
     believed = believed_robot(robot)
     points, found = _reach_points(believed, points, path.position[row], rotation[row], q[row])
-    return TouchedPart(robot, found, points, _find_displacement(robot, believed, found), touch.repeatability)
+    return TouchedPart(robot, found, points, _find_displacement(robot, believed, found))
 
 
 def pick_corners(points: Array) -> Array:

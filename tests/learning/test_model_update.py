@@ -15,11 +15,12 @@ from compplan.job.job import Job, load_job
 from compplan.job.loading import load_nominal
 from compplan.job.noise import NoiseTable
 from compplan.learning.gathered_points import Gathered
-from compplan.learning.measured_path import match_points, read_measured_points
+from compplan.learning.measured_path import match_points
 from compplan.learning.model_update import learn_part
 from compplan.learning.part import LearnedPart, build_learned, learn_from_part
 from compplan.learning.representable import Residual, fit_representable
 from compplan.learning.transfer import state_own
+from compplan.measurement.part_points import read_measured_points
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.chain import build_chain, locate_frames

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.learning.alignment import fit_rigid
-from compplan.learning.measured_path import FARTHEST, MeasuredPath, match_points, reach_of, read_measured_points
-from compplan.learning.scan import read_surface
+from compplan.learning.measured_path import MeasuredPath, match_points, reach_of
+from compplan.measurement.part_points import FARTHEST, read_measured_points, read_surface
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 

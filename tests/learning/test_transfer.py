@@ -17,9 +17,8 @@ from compplan.job.job import Job, load_job
 from compplan.job.noise import NoiseTable
 from compplan.learning.gathered_points import Gathered
 from compplan.learning.model_update import learn_part
-from compplan.learning.part import build_learned
 from compplan.learning.representable import add_effect, apply_update
-from compplan.learning.transfer import check_generalisation, choose_transfer, learn_force, state_own
+from compplan.learning.transfer import choose_transfer, learn_force, state_own
 from compplan.process.force_models.constant import ConstantProcess
 from compplan.process.learned_force import (
     FILE,
@@ -219,24 +218,6 @@ def test_stretches_that_were_left_out_say_what_travels(lift: float, push: float,
     # and the band of the next part holds its own force beside what is left of the level
     next_one = 1e-4 * own.ratio * np.sqrt(1.0 + 0.15**2 / (0.15**2 + 0.07**2))
     assert model_update.band_after[0] == pytest.approx(1.96 * next_one, rel=0.05)
-
-
-def test_a_taught_robot_is_tried_on_paths_that_the_part_did_not_see(job: Job) -> None:
-    """A zero turned by d moves the tip by d times its distance from the axis, on copies of the path, too."""
-    robot = load_robot("kuka_kr270")
-    task = build_learned(job, robot, None)[1]
-    zero = Unknown("joint_offset", "joint_1", None, ("offset_rad",), np.array([1e-4]))
-    known = Uncertainty("measured", "test", (zero,), np.eye(1), unexplained=1e-6, repeatability=1e-6)
-    sure, nothing = ForceSpread(0.0, 0.0, 0.0, "known"), np.zeros(4)
-    for turn, fits in ((1.5e-4, True), (3e-4, False)):  # 95 % of it stays within 1.96e-4
-        taught, held = apply_update(robot, known, np.array([turn]), np.array([[1e-12]]))
-        assert held == pytest.approx([turn])
-        found, said = check_generalisation(task, taught, known, nothing, sure)
-        assert found == fits
-        numbers = [float(word) for word in said.replace("(", " ").split() if word.replace(".", "", 1).isdigit()]
-        assert numbers[0] == 3 and numbers[1] / numbers[2] == pytest.approx(turn / 1.96e-4, rel=0.02)
-        reach = np.linalg.norm(task.position[:, :2], axis=1)
-        assert turn * 0.8 * reach.min() < 1e-3 * numbers[1] < turn * 1.3 * reach.max()
 
 
 def test_a_folder_holds_lost_motion_and_gear_error_with_what_they_belong_to() -> None:

@@ -19,11 +19,12 @@ from compplan.diagnosis.campaign_diagnosis import refuse_open_frames
 from compplan.diagnosis.data.channels import estimate_noises
 from compplan.effects import Effect, apply_effects, build_model, command_campaign, solve_model_poses
 from compplan.errors import InputError
-from compplan.learning.measured_path import match_points, read_measured_points
+from compplan.learning.measured_path import match_points
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.frames import fit_registration
 from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import READING, KnownDistances, Observations
+from compplan.measurement.part_points import read_measured_points
 from compplan.measurement.reading import read_campaign
 from compplan.measurement.registration import campaign_gap, fitted_parts
 from compplan.robot import Array, Robot
@@ -476,26 +477,10 @@ def circle(radius: float = 0.15) -> Toolpath:
     return Toolpath(place, np.tile([0.0, 0.0, 1.0], (361, 1)), np.full(361, 0.01), np.zeros(361, bool))
 
 
-def test_lengths_of_a_ball_bar_along_a_circle_are_its_radial_deviation(tmp_path: Path) -> None:
-    """A centre that is 1.2 mm from where it was meant shows as a shift, which a best fit takes off."""
-    path, rng = circle(), np.random.default_rng(5)
-    nominal = path.position[5:355:3]
-    radial = 4e-5 * np.cos(3 * np.linspace(0.0, 2 * np.pi, 361)[5:355:3]) + 2e-5
-    centre = np.array([1.0012, -3e-4, 0.5])
-    out = (nominal - [1.0, 0.0, 0.5]) / 0.15
-    length = np.linalg.norm(nominal + radial[:, None] * out - centre, axis=1) + rng.normal(0.0, 1e-6, len(out))
-    rows = [numbers(*place * 1e3, r * 1e3) for place, r in zip(nominal, length, strict=True)]
-    table = read_measured_points(write_log(tmp_path / "bar.csv", "x_mm,y_mm,z_mm,distance_mm", rows))
-    with pytest.raises(InputError, match="needs --align best_fit"):
-        match_points(table, path, np.eye(4), in_base=True)
-    found = match_points(table, path, np.eye(4), in_base=True, align="best_fit")
-    assert len(found) == len(out)
-    np.testing.assert_allclose(np.einsum("mi,mi->m", found.seen, out), radial, atol=1e-5)
-    wrong = write_log(
-        tmp_path / "far.csv", "x_mm,y_mm,z_mm,distance_mm", [*rows[:-1], numbers(*nominal[-1] * 1e3, 400)]
-    )
-    with pytest.raises(InputError, match=r"distance_mm is .* expected the length of the ball bar"):
-        read_measured_points(wrong)
+def test_lengths_of_a_ball_bar_are_no_points_of_a_part(tmp_path: Path) -> None:
+    rows = [numbers(*place * 1e3, 150.0) for place in circle().position[5:355:3]]
+    with pytest.raises(InputError, match="compplan diagnose takes a log of it"):
+        read_measured_points(write_log(tmp_path / "bar.csv", "x_mm,y_mm,z_mm,distance_mm", rows))
 
 
 def test_an_export_of_a_cmm_program_is_read_as_measured_points(tmp_path: Path) -> None:

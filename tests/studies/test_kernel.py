@@ -196,7 +196,7 @@ def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(mon
     one = np.ones((2, 1, 3))
     worker = SimpleNamespace(
         spring_gain=np.array([1.0, 0.0]), spring_factor=np.ones(1), theta=np.zeros((1, 3)), placements=None,
-        offset=np.zeros((3, 3)), touch=None,
+        offset=np.zeros((3, 3)),
     )  # fmt: skip
     cells = SimpleNamespace(
         zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=2.0 * one, link=0.5 * one, factor=np.ones((1, 1)),
@@ -205,6 +205,6 @@ def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(mon
     )  # fmt: skip
     asked = []
     monkeypatch.setattr(judging, "settle_tips", lambda kernel, q, *rest: asked.append(q) or np.zeros((3, 3)))
-    study = SimpleNamespace(kernel=None, nominal=np.zeros((3, 3)), coupling=None)
+    study = SimpleNamespace(kernel=None, nominal=np.zeros((3, 3)), touch=None)
     judging._cut_part(study, worker, cells, np.zeros((2, 1, 3)))  # type: ignore[arg-type]
     assert asked[0][:, 0] == pytest.approx([0.1 + 5.0 - 2.0, 0.2 - 0.5])

@@ -228,7 +228,7 @@ def test_the_spread_of_a_fitted_part_is_that_of_parts_fitted_to_drawn_points() -
     robot = compplan.load_robot("kuka_kr270")
     points = np.array([[1.7, 0.0, 0.9], [1.8, 0.0, 0.9], [1.7, 0.1, 0.9]])
     place = np.array([[1.75, 0.05, 0.88], [1.9, 0.2, 0.9]])
-    touched = TouchedPart(robot, np.zeros((3, 6)), points, None, 2e-5)
+    touched = TouchedPart(robot, np.zeros((3, 6)), points, None)
     columns = touched.spread_part(place)
     random, off = np.random.default_rng(3), []
     for _ in range(1000):

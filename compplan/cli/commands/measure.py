@@ -197,40 +197,38 @@ def run_predict(
                  help="Standard deviation of the instrument, per axis."),
     click.option("--register", metavar="FRAMES",
                  help="Frames that are unknown: base, tool, base,tool (of a tracker if left out) or none."),
-    click.option("--for", "purpose", type=click.Choice(["path", "calibration"]), default="path", show_default=True,
-                 help="Narrow the band on JOB's path, or serve a calibration of an arm that is hardly known."),
     click.option("--with", "instrument", default="tracker", show_default=True,
-                 type=click.Choice(["tracker", "sockets", "gauge", "ball_bar"]),
-                 help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge,"
-                 " a ball bar."),
+                 type=click.Choice(["tracker", "sockets", "gauge"]),
+                 help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge."),
     click.option("--places", type=click.IntRange(1, 30), help="Where those stand; else 3, of dial gauges 6."),
     click.option("--instrument", "described", type=INPUT,
                  help="TOML file of the instrument of --log, as `diagnose` takes it."),
     click.option("--length-mm", type=click.FloatRange(1.0, 5000.0),
-                 help="Length of the ball bar (300 is assumed), or distance of the two sockets of a plate; left out:"
-                 " sockets one by one, which do not determine the scale."),
+                 help="Distance of the two sockets of a plate; left out: sockets one by one, which do not determine"
+                 " the scale."),
     click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates."),
 )  # fmt: skip
 def run_campaign(
     job: Job, count: int, folder: Path, log: Path | None, weights: str, pull: float, sigma: float, register: str | None,
-    purpose: str, instrument: str, places: int | None, described: Path | None, length_mm: float | None, seed: int,
+    instrument: str, places: int | None, described: Path | None, length_mm: float | None, seed: int,
 ) -> CommandResult:  # fmt: skip
-    """Design the measurements that narrow the 95 % band on JOB's path most, or calibrate the arm with fewest poses.
+    """Design the measurements that narrow the 95 % band on JOB's path most.
 
     Writes campaign.csv (an empty log to fill in), programs that move to the poses, campaign.json and report.html.
 
     Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
     """
     from compplan.diagnosis.data.plausibility import ask_unit, build_rows_model
-    from compplan.learning.campaign import Equipment, design_campaign, parse_weights
+    from compplan.learning.campaign import design_campaign, parse_weights
+    from compplan.measurement.equipment import Equipment
     from compplan.planning.plan import plan_job
     from compplan.reporting.campaign import open_campaign, write_campaign
 
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
     frames = None if register is None else () if register == "none" else parse_parts(register)
-    length = None if length_mm is None else length_mm * 1e-3
-    equipment = Equipment(parse_weights(weights), pull, sigma * 1e-3, frames, seed, purpose, instrument, places, length)
+    length = 1e-3 * (length_mm or 0.0)
+    equipment = Equipment(parse_weights(weights), pull, sigma * 1e-3, frames, seed, instrument, places, length)
     with show_progress() as announce:
         announce("plan")
         plan = plan_job(job)

@@ -209,7 +209,7 @@ def run_compare(job: Job, folder: Path) -> CommandResult:
 @make_job_command(
     out_folder,
     click.option("--log", type=INPUT, help="Measured forces: CSV with s_mm or t_s, the length or the time cut so far, "
-                 "and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too."),
+                 "and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip are used too."),
     click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, for "
                  "[process] of a later job; process.toml of a robot folder takes the level instead, which later "
                  "plans read."),

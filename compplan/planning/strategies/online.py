@@ -19,7 +19,6 @@ from compplan.planning.strategies import STRATEGIES, command_path
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.encoders import feedback_scale
-from compplan.uncertainty.touch_off import TouchedPart
 
 
 class OnlineStrategy(Protocol):
@@ -63,7 +62,7 @@ def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> 
             answers[name] = Answer(name, command_path(task, name).q)
         else:
             raise UnknownNameError("strategy", name, list(list_strategies()))
-    return {name: replace(answer, touched=task.touched) for name, answer in answers.items()}
+    return answers
 
 
 @dataclass(frozen=True)
@@ -79,8 +78,6 @@ class Answer:
     #: [rad/N, rad/(N m)]
     gain: Array | None = None
     expected: Array | None = None  #: The wrench expected. Shape (n, 6). [N, N m]
-    #: The part as it was found by touching, at the posture of the strategy, or None.
-    touched: TouchedPart | None = None
 
     @property
     def spring_gain(self) -> Array:

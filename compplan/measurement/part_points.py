@@ -1,20 +1,29 @@
-"""Scans of a cut part (STL, PLY, XYZ, tables without a head), and the nominal surface that its points should lie on."""
+"""Measured points of a cut part (tables, readings along normals, scans), and the surface that they should lie on."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
-from compplan.io.meshes import MESHES, UNITS, open_mesh, read_numbers
+from compplan.io.columns import FileColumn
+from compplan.io.in_memory import is_file_name, open_table
+from compplan.io.meshes import MESHES, UNITS, is_scan, open_mesh, read_numbers
+from compplan.io.parsing import LEAST_SIGMA, LEAST_SIGMA_MM
 from compplan.io.tables import Table, read_text
+from compplan.measurement.instrument import read_directions
+from compplan.measurement.reading import rename_title
 from compplan.robot import Array
 
+#: Points farther from the path are no measurement of it. [m]
+FARTHEST = 0.02
 #: Standard deviation of a scanned point where nothing states one (assumed: a laser line or a structured light). [m]
 SCAN_SIGMA = 5e-5
 #: Most points that are read; of more an even part is taken (assumed: a part is known long before).
@@ -28,6 +37,68 @@ SAMPLES, NEAR = 200_000, (3, 24)
 SCALE = 1e6
 #: A point whose nearest place is an edge of the mesh is off it sideways by more than this share of its distance.
 SIDEWAYS = 0.2
+
+
+def read_measured_points(source: Any) -> Table:
+    """Read measured points, of a file or in columns: x_mm y_mm z_mm, s_mm and sigma_mm where known; or a scan.
+
+    Raises:
+        InputError: If the file is not such a table.
+    """
+    if is_file_name(source) and is_scan(Path(source)):
+        return read_scan(Path(source))
+    columns = [FileColumn(axis, "length", group="position") for axis in "xyz"]
+    columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True), FileColumn("reading", "length")]
+    columns += [FileColumn(f"dir_{axis}", group="direction") for axis in "ijk"]
+    columns.append(FileColumn("q1", ("angle", "length")))
+    table = open_table(source, columns, what="measured points", rename=rename_title)
+    if "q1" in table:
+        raise table.error("has joints, expected measured points of a part; compplan diagnose takes a log of poses")
+    if "column 'distance_mm' is not read" in table.notes:
+        raise table.error("distance_mm of a ball bar shows no part; compplan diagnose takes a log of it")
+    if "x" not in table:
+        raise table.error("missing column x_mm or x_m, expected x_mm y_mm z_mm of every point")
+    if not len(table):
+        raise table.error("the table has no rows, expected one row a measured point")
+    sigma = table.values.get("sigma", np.full(len(table), np.nan))
+    wrong = (sigma < LEAST_SIGMA) | (sigma > FARTHEST)
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        message = f"sigma_mm is {sigma[row] * 1e3:g}, expected {LEAST_SIGMA_MM:g} to {FARTHEST * 1e3:g} mm"
+        raise table.error(f"{message}; leave it empty where it is unknown", row)
+    return _probe_points(table)
+
+
+def _probe_points(table: Table) -> Table:
+    """Turn readings along a direction, from nominal points, into points with normals; other tables stay as they are.
+
+    Raises:
+        InputError: If a reading has no direction, or one that is no unit vector.
+    """
+    if "reading" not in table:
+        return table
+    if "column 'contact' is not read" in table.notes:
+        raise table.error("contact beside reading_mm: an unknown zero; leave it out and use --align best_fit")
+    unit = read_directions(table, np.ones(len(table), bool))
+    point = table.stack(["x", "y", "z"]) + table.values["reading"][:, None] * unit
+    found = {**dict(zip("xyz", point.T, strict=True)), **dict(zip(("nx", "ny", "nz"), unit.T, strict=True))}
+    headers = {**table.headers, "nx": "dir_i", "ny": "dir_j", "nz": "dir_k"}
+    return replace(table, values={**table.values, **found}, headers=headers)
+
+
+def is_scanned(table: Table) -> bool:
+    """Tell whether points are those of a scan: only their reader numbers them without a unit."""
+    return table.units.get("x") == ""
+
+
+def find_pasted(table: Table) -> NDArray[np.bool_]:
+    """Tell rows that say in every number what one before says; readings of a probe may agree by rounding. Shape (m,)"""
+    if "reading" in table or "distance" in table:
+        return np.zeros(len(table), bool)
+    values = np.stack([np.nan_to_num(column, nan=np.inf) for column in table.values.values()], axis=1)
+    again = np.ones(len(table), bool)
+    again[np.unique(values, axis=0, return_index=True)[1]] = False
+    return again
 
 
 def read_scan(file: Path) -> Table:
