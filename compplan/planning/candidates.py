@@ -58,8 +58,10 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     """Better a start; the start itself where the feed sets the time, or nothing wins.
 
     A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and
-    `error_band` by the band at no more time. Without a name the run gets shorter, and no band wider. Without `shape`
-    finished postures are compared alone, and the program shapes none.
+    `error_band` by the band at no more time. `error_band` also starts from the posture of `accurate`, shaped as without
+    a name, and may take the time of the slower of both: its band is no wider than without a name. Without a name the
+    run gets shorter, and no band wider. Without `shape` finished postures are compared alone, and the program shapes
+    none.
     """
     posture_choice = start.posture_choice
     if posture_choice is None:
