@@ -21,7 +21,6 @@ DIMENSIONS = {
     "time": {"s": 1.0, "ms": 1e-3},
     "speed": {"m_s": 1.0, "mm_s": 1e-3, "m_min": 1.0 / 60.0, "mm_min": 1e-3 / 60.0},
     "temperature": {"C": 1.0},
-    "power": {"W": 1.0, "kW": 1e3},
 }
 #: Unit suffix -> (dimension, factor to SI).
 UNITS = {unit: (name, factor) for name, units in DIMENSIONS.items() for unit, factor in units.items()}

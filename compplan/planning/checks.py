@@ -24,7 +24,7 @@ from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
 from compplan.planning.timing import Timing
-from compplan.robot import Array, Robot, load_robot
+from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot, hold_load
 from compplan.simulation.exact_model import read_exact_robot
 from compplan.simulation.inertia import (
