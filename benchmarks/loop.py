@@ -157,6 +157,11 @@ def measure_robot(shop: VirtualShop, robot: str, job: Path, work: Path, instrume
     return work / "diagnosed" / "robot"
 
 
+def draw_part(seed: int) -> np.random.Generator:
+    """Return the randomness of the measured part of a shop; its first draw is the part's own force, in `SCATTER`."""
+    return np.random.default_rng([20261122, seed, 6])
+
+
 def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str = "tracker") -> ShopResult:
     """Run one shop; return what every program of it left and had promised."""
     shop = draw_shop(ROOT / "robots" / robot, seed)
@@ -168,7 +173,7 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str 
         run_product(work / f"poses_{name}", "plan", job, "--robot", folder)
     part = work / "part.csv"
     if not part.exists():
-        one = replace(shop, random=np.random.default_rng([20261122, seed, 6]))
+        one = replace(shop, random=draw_part(seed))
         probe_part(one, cut_part(one, work / "poses_A"), part)
     run_product(work / "taught_A", "learn", a, part, "--robot", folder, "--frame", "base")
     run_product(work / "taught_B", "plan", b, "--robot", work / "taught_A" / "robot")

@@ -64,8 +64,8 @@ def write_page(name: str, page: ModuleType, found: Findings, seconds: float, fol
     file.parent.mkdir(parents=True, exist_ok=True)
     if found.data:
         titles, cells = read_table(found.data)
-        with (folder / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([titles, *cells])
+        with (folder / f"{name}.csv").open("w", encoding="utf-8", newline="") as table:
+            csv.writer(table, lineterminator="\n").writerows([titles, *cells])
     if hasattr(page, "CHART"):
         place = f"charts/{name}.png"
         draw_chart(found.data or "\n\n".join(blocks), page.CHART, folder / place)

@@ -66,9 +66,8 @@ out_table = click.option("--out", required=True, type=TABLE, help="CSV file to w
 assume_ok = click.option("--assume-ok", is_flag=True, help="Go on where the data raise a question.")
 #: Whose posture is kept.
 posture_kept = click.option(
-    "--keep", "keep", metavar="WHAT",
-    help="Posture to keep: robot (with --robot that which the job's own robot chooses), nothing, or joints.csv of an "
-    "earlier plan.  [default: as the job says]",
+    "--keep", type=click.Choice(["robot", "nothing"]),
+    help="Posture to keep: with --robot that which the job's own robot chooses, or none.  [default: as the job says]",
 )  # fmt: skip
 
 

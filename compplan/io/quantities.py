@@ -70,11 +70,6 @@ def format_mm_change(before: float, after: float) -> str:
     return f"{format_mm(before).removesuffix(chr(160) + 'mm')} → {format_mm(after)}"
 
 
-def format_bound(metres: float) -> str:
-    """Format an upper bound of a length: `format_length`, at least 0.01 um."""
-    return "0.01\u00a0µm" if metres < 1e-8 else format_length(metres)
-
-
 def format_percent(share: float) -> str:
     """Format a share in percent; only exact 0 and 1 read as 0 and 100."""
     if math.isnan(share):

@@ -36,8 +36,6 @@ from compplan.toolpath.readers import list_suffixes
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.toolpath import Toolpath
 
-#: Words of [plan] keep: the posture of the job's own robot, or the best one; else a file.
-KEEP_ROBOT, KEEP_NOTHING = "robot", "nothing"
 #: Keys of earlier releases, by remedy.
 REMOVED = Path(__file__).with_name("removed.toml")
 #: Text that --set takes without quotes.
@@ -74,7 +72,7 @@ class PlanTable(StrictTable):
     max_correction_mm: float = Field(default=10.0, gt=0.0, le=1000.0)
     tolerance_mm: float = Field(default=0.1, ge=1e-6, le=100.0)
     tool_x: Vector3 = (1.0, 0.0, 0.0)
-    keep: Annotated[str, Field(min_length=1, max_length=LONGEST_PATH)] = KEEP_ROBOT
+    keep: Literal["robot", "nothing"] = "robot"  #: Whose posture is kept: that of the job's own robot, or none.
     inertia: bool = True
 
     @field_validator("tool_x")
@@ -335,7 +333,7 @@ def load_job(path: str | Path, robot: str | None = None, keep: str | None = None
     Args:
         path: The file.
         robot: Robot folder or shipped robot in place of the job's; relative to the working directory.
-        keep: Replaces [plan] keep; relative to the working directory.
+        keep: Replaces [plan] keep.
         changes: Keys in place of the file's, such as "plan.tolerance_mm=0.05" (--set).
 
     Raises:
@@ -354,7 +352,7 @@ def load_job(path: str | Path, robot: str | None = None, keep: str | None = None
     if robot is not None:
         data["robot"] = str(find_robot_folder(robot).resolve())
     if keep is not None and isinstance(data.setdefault("plan", {}), dict):
-        data["plan"]["keep"] = keep if keep in (KEEP_ROBOT, KEEP_NOTHING) else str(Path(keep).resolve())
+        data["plan"]["keep"] = keep
     try:
         job = check_job(data, path)
     except InputError as error:

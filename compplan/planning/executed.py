@@ -30,11 +30,12 @@ from scipy.interpolate import CubicHermiteSpline
 from compplan.controllers.motion.align import find_nearest
 from compplan.controllers.motion.geometry import build_moves, build_path, follow_path
 from compplan.controllers.motion.run import follow_command, schedule_path
+from compplan.controllers.writers import widest_zone
 from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.joint_convention import believed_robot, load_motion
 from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion
 from compplan.controllers.writers.program import build_program
-from compplan.controllers.writers.zones import BlendZone, find_zones, widest_zone
+from compplan.controllers.writers.zones import BlendZone, find_zones
 from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable

@@ -28,7 +28,7 @@ from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
 from compplan.planning.notes import list_notes
-from compplan.planning.posture.kept_posture import Kept, find_kept_start, read_lock
+from compplan.planning.posture.kept_posture import find_kept_start, read_lock
 from compplan.planning.posture.settings import PostureSettings, read_settings
 from compplan.planning.posture.start import check_clearance
 from compplan.planning.posture.summary import Start
@@ -66,8 +66,7 @@ class PlanOptions:
     #: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out. [m]
     chord: float | None = None
     inertia: bool = True  #: Whether the inertia of the motion counts as a load and is compensated.
-    #: Whose posture is kept: that of another model of the same machine, or of a program.
-    lock: Robot | Kept | None = None
+    lock: Robot | None = None  #: Another model of the same machine, whose posture is kept.
     force: ForceSpread | None = None  #: Uncertainty of the force (default: assumed).
     #: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
     tube: float = 0.0
@@ -104,7 +103,7 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
         message = f"toolpath spans {span:.4g} m, the robot reaches {robot.longest_reach:.3g} m; is it in another unit?"
         raise InputError(message, file=job.file, where="toolpath")
     lock = read_lock(job, robot)
-    return robot, nominal, replace(read_options(job, lock if isinstance(lock, Robot) else robot), law=law, lock=lock)
+    return robot, nominal, replace(read_options(job, lock or robot), law=law, lock=lock)
 
 
 def plan_compensation(

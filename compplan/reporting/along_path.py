@@ -131,23 +131,19 @@ def _add_lines(
 
 def chart_lines(
     stations: Stations, series: Mapping[str, Array], unit: str, title: str, caption: str, height: int = 340, *,
-    colours: Sequence[str] = CATEGORIES, log: bool = False, limit: tuple[float, str] | None = None, zero: bool = False,
+    colours: Sequence[str] = CATEGORIES, limit: tuple[float, str] | None = None, zero: bool = False,
 ) -> Chart:  # fmt: skip
     """Chart series along the path on one axis, already in the unit shown, shape (n,) each.
 
-    `log`: a logarithmic axis, the unit is then mm; `limit`: a level to mark, and what it is called; `zero`: the axis
-    starts at zero.
+    `limit`: a level to mark, and what it is called; `zero`: the axis starts at zero.
     """
-    label = title if log or not unit else f"{title}, {unit}"
+    label = f"{title}, {unit}" if unit else title
     figure = draw_panels(stations, [PathPanel(series, label, unit)], colours=colours)
-    if log:
-        use_decades(figure, "y", *_span_positive(series.values()))
     if zero:
         figure.axis("y", rangemode="tozero")
     if limit is not None:
         figure.level(limit[0], width=1.4)
-        level = float(np.log10(limit[0])) if log else limit[0]
-        figure.note(limit[1], x=1, xref="paper", xanchor="right", y=level)
+        figure.note(limit[1], x=1, xref="paper", xanchor="right", y=limit[0])
     return Chart(figure, caption, height, along=True)
 
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from compplan.io.display import Curve, Curves
 from compplan.io.notes import list_remarks
-from compplan.io.palette import AFTER, BEFORE, CATEGORIES, LIMIT, NEUTRAL, TOLERANCE
+from compplan.io.palette import AFTER, BEFORE, CATEGORIES, LIMIT, NEUTRAL
 from compplan.io.quantities import (
-    format_bound,
     format_length,
     format_number,
     format_percent,
@@ -25,7 +24,6 @@ from compplan.planning.notes import describe_causes, mark_slow
 from compplan.planning.posture.costs import ASSUMED
 from compplan.process.force_models import name_force_model
 from compplan.reporting.along_path import (
-    FLOOR,
     Stations,
     chart_lines,
     chart_wrench,
@@ -81,7 +79,7 @@ def write_plan_page(plan: Plan, file: Path) -> None:
     joints = Chart(figure, "Commanded joint positions; red is beyond the limit.", 60 + 215 * -(-task.robot.nq // 3),
                    along=True)  # fmt: skip
     sections = [
-        _show_reach(plan, rates), _show_deviation(plan, stations),
+        _show_reach(plan, rates), _show_deviation(plan),
         Section("Joints", [joints], "Each chart spans the whole range of its joint."),
         _show_corrections(plan, stations), _show_feed(plan, stations, rates),
     ]  # fmt: skip
@@ -168,9 +166,8 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     return Section("What it reaches", [Columns([[table], [cell]], (0.5, 0.5))])
 
 
-def _show_deviation(plan: Plan, stations: Stations) -> Section:
-    sides, names = (plan.before, plan.after), ("uncorrected", "planned")
-    cut = np.flatnonzero(plan.after.cut)
+def _show_deviation(plan: Plan) -> Section:
+    cut, names = np.flatnonzero(plan.after.cut), ("uncorrected", "planned")
     path, off, after = plan.task.position[cut], plan.before.deviation[cut], plan.after.distance
     scene = Chart(
         draw_deviation_paths(path, off, plan.after.deviation[cut], names=names),
@@ -179,18 +176,9 @@ def _show_deviation(plan: Plan, stations: Stations) -> Section:
         "other.",
         height=440, linked_scenes=True, along=True,
     )  # fmt: skip
-    evaluated = np.where(plan.after.cut, 1e3, np.nan)
-    series = {name: np.maximum(side.distance, FLOOR) * evaluated for name, side in zip(names, sides, strict=True)}
-    limit = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
-    caption = "Distance of the loaded tool tip from the path, logarithmic, on the robot as modelled."
-    caption += f" What is below {format_bound(0.0)} is drawn there." if after[cut].min() < FLOOR else ""
-    caption += " Grey bands are rapid moves, which are not compensated." if len(stations.shaded) else ""
-    caption += " Red bands mark waypoints that fail." if plan.command.failures else ""
-    colours = (BEFORE, AFTER, TOLERANCE)
-    line = chart_lines(stations, series, "mm", "deviation", caption, colours=colours, log=True, limit=limit)
     failed = [_list_failures(plan, after)] if plan.command.failures else []
     about = "Distance of the loaded tool tip from the toolpath."
-    return Section("Deviation", [scene, Fold("Along the path, logarithmic", [line]), *failed], about)
+    return Section("Deviation", [scene, *failed], about)
 
 
 def _list_failures(plan: Plan, after: Array) -> DataTable:
@@ -209,7 +197,7 @@ def _list_failures(plan: Plan, after: Array) -> DataTable:
 
 
 def _show_corrections(plan: Plan, stations: Stations) -> Section:
-    size, task, cut = np.linalg.norm(plan.correction, axis=1), plan.task, plan.after.cut
+    size, task = np.linalg.norm(plan.correction, axis=1), plan.task
     series = {f"d{axis}": 1e3 * plan.correction[:, k] for k, axis in enumerate("xyz")} | {"distance": 1e3 * size}
     near = size.max() > 0.5 * task.max_correction
     limit = (1e3 * task.max_correction, f"limit {format_set_length(task.max_correction)}") if near else None
@@ -220,8 +208,7 @@ def _show_corrections(plan: Plan, stations: Stations) -> Section:
     if np.abs(task.wrench).max() > 0:
         caption = "Predicted wrench of the environment on the tool at its tip, base axes."
         blocks.append(chart_wrench(stations, task.wrench, caption))
-    about = describe_force(task.nominal.arc_length, cut, mark_force(task.wrench, cut))
-    return Section("Corrections and forces", blocks, about)
+    return Section("Corrections and forces", blocks)
 
 
 def mark_force(wrench: Array, cut: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -229,22 +216,6 @@ def mark_force(wrench: Array, cut: NDArray[np.bool_]) -> NDArray[np.bool_]:
     size = np.linalg.norm(wrench[:, :3], axis=1)
     acts = size > NO_FORCE * max(float(size.max(initial=0.0)), 1e-12)
     return np.asarray(cut & (acts | np.r_[acts[:1], acts[:-1]]))
-
-
-def describe_force(length: Array, cut: NDArray[np.bool_], pushed: NDArray[np.bool_]) -> str:
-    """Say which share of the cut carries force; length up to each waypoint (n,) [m], masks (n,)."""
-    steps = np.r_[0.0, np.diff(length)]
-    whole, share = float(steps[cut].sum()), float(steps[pushed].sum())
-    if not pushed.any() or whole <= 0:
-        return "No force is predicted."
-    if share > 0.9999 * whole:
-        return "The tool carries force all along the cut."
-    count = len(find_spans(cut & ~pushed))
-    stretches = "one stretch" if count == 1 else f"{count} stretches"
-    return (
-        f"The tool carries force on {format_percent(share / whole)} of the cut's length; on {stretches} none is "
-        "predicted (above the stock, straight in or out of it, or at rest)."
-    )
 
 
 def _show_feed(plan: Plan, stations: Stations, rates: Sequence[tuple[str, Array, Array]]) -> Section:

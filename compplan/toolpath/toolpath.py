@@ -279,11 +279,6 @@ def resample_toolpath(toolpath: Toolpath, max_step: float) -> Toolpath:
     move = np.repeat(np.arange(len(pieces)), pieces)  # the move that each new waypoint ends in
     first = np.concatenate([[0], np.cumsum(pieces)[:-1]])
     share = (np.arange(pieces.sum()) - first[move] + 1.0) / pieces[move]
-
-    def between(values: Array) -> Array:
-        column = share[:, None]
-        return np.vstack([values[:1], values[move] * (1.0 - column) + values[move + 1] * column])
-
     angle = turn[move]
     flat = angle < 1e-9
     sine = np.where(flat, 1.0, np.sin(angle))
@@ -291,13 +286,7 @@ def resample_toolpath(toolpath: Toolpath, max_step: float) -> Toolpath:
     after = np.where(flat, share, np.sin(share * angle) / sine)[:, None]
     axis = np.vstack([toolpath.axis[:1], before * toolpath.axis[move] + after * toolpath.axis[move + 1]])
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    ends = np.concatenate([[0], move + 1])
-    wrench = None if toolpath.wrench is None else between(toolpath.wrench)
-    position = between(toolpath.position)
-    events = move_events(toolpath.events, np.concatenate([[0.0], move + share]))
-    return replace(
-        toolpath, position=position, axis=axis, wrench=wrench, events=events, **_take_moves(toolpath, ends),
-    )  # fmt: skip
+    return replace(divide_toolpath(toolpath, np.concatenate([[0.0], move + share])), axis=axis)
 
 
 def _bow(toolpath: Toolpath, before: NDArray[np.int_], share: Array) -> Array:

@@ -61,7 +61,7 @@ def test_the_names_are_few_and_none_of_them_is_a_tool_of_the_package() -> None:
 def test_a_plan_prints_on_a_screen_and_says_what_a_person_asks_first(plan) -> None:
     text = str(plan)
     assert text.count("\n") + 1 <= 15 and len(text) <= 2000 and max(map(len, text.splitlines())) <= 132
-    assert "solved" in text and "95 % band" in text and "tolerance" in text and "0.1\u00a0mm" in text
+    assert "solved" in text and "95 % band" in text and "keep 0.1 mm" in text
     assert len(repr(plan)) <= 200 and len(repr(plan.robot)) <= 500 and len(repr(plan.task.nominal)) <= 300
     html = plan._repr_html_()
     assert html.count("<tr>") == len(plan.summary()) - 1 and "data:image/png;base64," in html

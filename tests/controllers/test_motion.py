@@ -21,9 +21,9 @@ from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.shapes import MoveArc
-from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, write_program
+from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, widest_zone, write_program
 from compplan.controllers.writers.motion_table import MotionTable, read_motion
-from compplan.controllers.writers.zones import ZONES, find_zones, widest_zone
+from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, refine_ik

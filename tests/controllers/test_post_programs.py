@@ -10,11 +10,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
-from program_readers import read_fanuc, read_rapid, read_val3
-from program_readers import read_krl as read_krl_program
 from scipy.spatial.transform import Rotation
-from script_readers import read_urscript
 
+from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
+from compplan.controllers.readback.kuka_staubli import read_krl as read_krl_program
+from compplan.controllers.readback.kuka_staubli import read_val3
+from compplan.controllers.readback.scripts import read_urscript
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.krl import turn_bits
 from compplan.controllers.writers.program import Post

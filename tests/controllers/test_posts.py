@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from commandline import run_command
 from golden_cell import write_job
-from program_readers import read_fanuc, read_krl
-from script_readers import read_inform, read_sinumerik
 
+from compplan.controllers.readback.fanuc_abb import read_fanuc
+from compplan.controllers.readback.kuka_staubli import read_krl
+from compplan.controllers.readback.scripts import read_inform, read_sinumerik
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.post import read_post
 from compplan.controllers.writers.program import Post

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from commandline import run_command
 from golden_cell import write_job
-from program_moves import Move
 
+from compplan.controllers.readback.poses import Move
 from compplan.controllers.writers import Program, Wiring, describe_program, write_program
 from compplan.errors import InputError
 from compplan.toolpath.events import Event

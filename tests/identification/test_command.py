@@ -7,7 +7,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,9 +17,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
-from compplan.identification import campaign as identifying
 from compplan.identification.campaign import Identification, identify_campaign
-from compplan.identification.problem import IdentifyOptions, IdentifyProblem
+from compplan.identification.problem import IdentifyOptions
 from compplan.measurement.reading import read_campaign
 from compplan.robot import Robot, Spring, load_robot
 from compplan.robot.folder import write_robot_folder
@@ -149,22 +147,6 @@ def test_modes_of_double_encoders_tell_gears_and_links_apart(tmp_path: Path) -> 
     assert found[("joint_2", True)] == pytest.approx(robot.springs[1].compliance, rel=0.05)
     assert found[("joint_2", False)] == pytest.approx(3e-7, rel=0.05)
     assert len(found) == 7
-
-
-@pytest.mark.parametrize(("lost", "taken"), [(0.0, "offsets"), (0.5, "all")])
-def test_less_geometry_is_taken_where_held_out_poses_are_explained_as_well(
-    lost: float, taken: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Scores of 40 poses; without geometry they are far worse, with offsets alone they lose `lost` of each."""
-    score = 1.0 + 0.01 * np.random.default_rng(1).standard_normal(40)
-    scores = {"all": score, "offsets": score * (1.0 + lost), "none": 3.0 * score}
-    problem = IdentifyProblem(load_robot("kuka_kr270"), IdentifyOptions(), None)  # type: ignore[arg-type]
-    grown = {
-        level: SimpleNamespace(problem=replace(problem, geometry=level), kept=None) for level in scores
-    }  # fmt: skip
-    monkeypatch.setattr(identifying, "_grow", lambda problem, progress: grown[problem.geometry])
-    monkeypatch.setattr(identifying, "held_out_score", lambda problem, kept: scores[problem.geometry])
-    assert identifying._prefer_less_geometry(grown["all"], print).problem.geometry == taken
 
 
 def identify_shifted(folder: Path, shifted: list[int]) -> tuple[Robot, Identification]:

@@ -18,8 +18,7 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
 from compplan.cli import group
-from compplan.controllers.writers import WRITERS
-from compplan.controllers.writers.zones import widest_zone
+from compplan.controllers.writers import WRITERS, widest_zone
 from compplan.diagnosis.results.shares import kind_of
 from compplan.effects import robot_effects
 from compplan.effects.attained import attain_with_effects

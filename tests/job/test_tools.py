@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 from commandline import run_command
-from program_readers import read_krl, read_rapid
 
 import compplan as cp
 import compplan.reporting.writers.plan as outputs
+from compplan.controllers.readback.fanuc_abb import read_rapid
+from compplan.controllers.readback.kuka_staubli import read_krl
 from compplan.controllers.writers import build_program, write_program, write_sequence
 from compplan.errors import InputError
 from compplan.job.job import check_job, load_job

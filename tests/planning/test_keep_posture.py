@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.learning.part import build_learned
 from compplan.planning.plan import build_task, prepare_job
@@ -84,31 +83,9 @@ def test_a_measured_folder_stands_as_the_jobs_own_robot_and_learn_does_too(own: 
     assert any("The posture is kept" in note for note in task.start.notes)
 
 
-def test_an_earlier_program_is_kept_with_its_full_turns(own: Array, tmp_path: Path) -> None:
-    file = write_job(tmp_path)
-    turned = own - 2 * np.pi * np.sign(own[0, 0]) * np.eye(6)[0]
-    nominal = prepare_job(load_job(file))[1]
-    names = ["x_mm", "y_mm", "z_mm", "i", "j", "k", *(f"q{n}_deg" for n in range(1, 7))]
-    table = np.hstack([1e3 * nominal.position, nominal.axis, np.degrees(turned)])
-    rows = [",".join(names), *(",".join(f"{value:.9f}" for value in row) for row in table)]
-    (tmp_path / "joints.csv").write_text("\n".join(rows) + "\n")
-    for keep in (tmp_path, tmp_path / "joints.csv"):
-        assert np.abs(starts_at(file, keep=str(keep)) - turned).max() < 1e-6
-    file.write_text(file.read_text().replace("radius_mm = 80.0", "radius_mm = 70.0"))
-    with pytest.raises(InputError, match="follows a path of"):
-        starts_at(file, keep=str(tmp_path))
-
-
 def test_another_robot_is_no_machine_to_keep_the_posture_of(tmp_path: Path) -> None:
     robot, measured = load_robot("ur5e"), write_measured(tmp_path / "measured")
     assert is_same_machine(robot, measured)
     assert not is_same_machine(robot, load_robot("ur10e"))
     assert not is_same_machine(robot, load_robot("kuka_kr270"))
     assert not is_same_machine(robot, write_measured(tmp_path / "longer", reach=1.2))
-
-
-@pytest.mark.parametrize("keep", ["missing.csv", "job.toml"])
-def test_a_program_that_is_none_is_refused(tmp_path: Path, keep: str) -> None:
-    file = write_job(tmp_path)
-    with pytest.raises(InputError):
-        starts_at(file, keep=str(tmp_path / keep))

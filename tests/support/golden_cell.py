@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from program_moves import Pose, shift, turn
+
+from compplan.controllers.readback.poses import Pose, shift, turn
 
 #: Tool seen from the flange as controllers see it (z out of the flange): off the axis, and turned by 30 deg about z,
 #: then 20 deg about the new y, then 10 deg about the newest x.

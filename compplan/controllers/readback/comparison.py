@@ -61,7 +61,6 @@ class Commanded:
     time: Array  #: [s]
     feed: Array  #: Feed that is driven in the move to each row, 0 in rapid moves. [mm/s]
     stands: NDArray[np.bool_]  #: Whether the tool has to stand still, beside the ends of rapid moves.
-    may_stop: NDArray[np.bool_]  #: Where programs may stop exactly instead of leaving the path in a zone.
     free: NDArray[np.bool_]  #: Whether the speed of the move to each row is of no account.
     asked: Array  #: Feed that the CAM file asks for in the move to each row. [mm/s]
     beside: Array  #: How far zones may lead beside a corner. [m]
@@ -91,7 +90,8 @@ class StiffArm:
 
 def compare_written(
     folder: Path, languages: Sequence[str], robot: Path, arm: StiffArm, wanted: Commanded,
-    ends_of: Callable[[str], NDArray[np.int_]], *, main: str | None = None, excused: bool = False,
+    find_ends: Callable[[str], tuple[NDArray[np.int_], NDArray[np.bool_]]], *, main: str | None = None,
+    excused: bool = False,
 ) -> tuple[list[str], list[str]]:  # fmt: skip
     """Read back the programs that were written; return what is wrong with them, and notes of what was not checked.
 
@@ -101,7 +101,8 @@ def compare_written(
         robot: The robot folder.
         arm: The arm by the evaluation's robot model.
         wanted: What was planned.
-        ends_of: Returns the rows at which a language's moves of the tool end; what is left out is followed here.
+        find_ends: Returns the rows at which a language's moves of the tool end, what is left out is followed here; and
+            where they may stop exactly at a corner whose zone would lead too far, in a language without smaller ones.
         main: Name that the job gives the main program.
         excused: Whether a program that cannot be read is no fault, as it uses signals of the cell.
     """
@@ -125,7 +126,7 @@ def compare_written(
                                        for move in found if move.kind != "act"])  # fmt: skip
             linear = wanted.fit > 0.0 and any(move.kind != "joint" and move.pose is not None for move in moves)
             every = np.arange(len(rows.shown))
-            own_rows, ends = (squared, ends_of(language)) if linear else (rows, every)
+            own_rows, (ends, may_stop) = (squared, find_ends(language)) if linear else (rows, (every, every < 0))
             numbers = kept if linear else every
             held = np.searchsorted(numbers, ends)
             if rows.arm.carries_part and not all(move.carried or move.kind == "joint" for move in moves):
@@ -135,7 +136,9 @@ def compare_written(
             elif len(missed := np.setdiff1d(np.flatnonzero(own_rows.laid.kept), held)):
                 said = [f"no move ends at row {missed[0]}, {len(numbers)} are planned"]
             else:
-                moves = own_rows.excuse_stops(moves, held)
+                excused_stops = may_stop & ~own_rows.wanted.stands[held]
+                moves = [move._replace(stops=False) if may else move
+                         for move, may in zip(moves, excused_stops.tolist(), strict=True)]  # fmt: skip
                 said = own_rows.compare(moves, held) or reported.take(ends).compare(language, moves)
                 corner, beside = 1e3 * wanted.corner, 1e3 * wanted.beside
                 said += check_corners(rows.position, corner, beside)[:1] if linear else []
@@ -232,11 +235,6 @@ class _Rows:
                 pose=np.linalg.inv(self.part) @ _pose(rotation, 1e3 * position), base=self.part
             )
         return placed
-
-    def excuse_stops(self, moves: list[Move], held: NDArray[np.int_]) -> list[Move]:
-        """Take exact stops at corners whose zone would lead too far, in a language without smaller ones, as zones."""
-        excused = (self.wanted.may_stop & ~self.wanted.stands)[held].tolist()
-        return [move._replace(stops=False) if may else move for move, may in zip(moves, excused, strict=True)]
 
     @cached_property
     def laid(self) -> PlannedRows:

@@ -10,13 +10,14 @@ from tempfile import TemporaryDirectory
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from compplan.controllers.writers.fit import Fitted, fit_moves
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.machine import Wiring, describe_events
 from compplan.controllers.writers.post import describe_cell
 from compplan.controllers.writers.program import Program, build_program
 from compplan.controllers.writers.text import legal_name
+from compplan.controllers.writers.zones import OTHER, ZONES, BlendZone, mark_narrow
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.notes import Stop
 from compplan.io.registry import Registry
@@ -51,7 +52,7 @@ KINDS = re.compile(r"_[JjLl]$")
 
 __all__ = [
     "WHOLE", "WRITERS", "Program", "Wiring", "build_program", "check_brand", "check_languages", "describe_program",
-    "fit_program", "write_program", "write_sequence",
+    "find_ends", "widest_zone", "write_program", "write_sequence",
 ]  # fmt: skip
 
 
@@ -81,10 +82,23 @@ def write_program(
     return WRITERS[language].write(program, Path(folder), most)
 
 
-def fit_program(program: Program, language: str) -> Fitted:
-    """Return a program at the ends of the moves of the tool that a language writes."""
-    form = getattr(WRITERS[language], "FORM", None)
-    return fit_moves(program) if form is None else form.fit(program)
+def find_ends(program: Program, language: str) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
+    """Return the rows at which a language's moves of the tool end, and where it stops as it has no smaller zone.
+
+    Shapes (k,).
+    """
+    form = WRITERS[language].FORM  # type: ignore[attr-defined]
+    fitted = form.fit(program)
+    return fitted.rows, np.zeros(len(fitted.rows), bool) if form.narrows else mark_narrow(fitted.program, language)
+
+
+def widest_zone(languages: tuple[str, ...]) -> BlendZone:
+    """Return the zone of the language among some that leaves the path the most at a corner.
+
+    That of a language which is not listed stands in its own file (`ZONE`); where it does not, it is assumed.
+    """
+    zones = (ZONES.get(name) or getattr(WRITERS.get(name), "ZONE", OTHER) for name in languages)
+    return max(zones, key=lambda zone: (zone.size, zone.overlap))
 
 
 def check_brand(controller: str, language: str) -> None:

@@ -21,7 +21,6 @@ from compplan.controllers.writers.machine import Phrases
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines
 from compplan.controllers.writers.text import clean_text, list_numbers, wrap_text
-from compplan.controllers.writers.zones import stop_at_corners
 
 name = "inform"
 BRAND = "Yaskawa"
@@ -47,7 +46,7 @@ PHRASES = Phrases(
 #: A job's name has 32 letters (older controllers 8).
 FORM = ProgramForm(
     "inform", "INFORM", PHRASES, lambda poses: place_table(poses, "xyz"), longest=24, most=2000, letters=str.upper,
-    single=True, numbered=False, arcs=False, percents=(20.0, 0.01),
+    single=True, numbered=False, arcs=False, narrows=False, percents=(20.0, 0.01),
 )  # fmt: skip
 
 
@@ -62,10 +61,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if not program.moves_part or program.prismatic.any() or len(program.joint_names) - program.outer.sum() != 6:
         need_six_axes(program, "INFORM", sliding=0)
     can = program.moves_part or {"shoulder", "elbow", "wrist"} <= set(program.words)
-    return FORM.write(
-        program, folder, most, _format_part, _format_calls, can=can,
-        adjust=lambda fitted: stop_at_corners(fitted, "inform"),
-    )  # fmt: skip
+    return FORM.write(program, folder, most, _format_part, _format_calls, can=can)
 
 
 def describe(program: Program) -> list[str]:

@@ -15,7 +15,7 @@ from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import name_main
 from compplan.controllers.writers.program import Program, joint_percent
 from compplan.controllers.writers.text import legal_name
-from compplan.controllers.writers.zones import OTHER, ZONES, find_zones
+from compplan.controllers.writers.zones import OTHER, ZONES, find_zones, stop_at_corners
 from compplan.errors import InputError
 from compplan.io.tables import Array, write_text
 
@@ -93,6 +93,7 @@ class ProgramForm:
     numbered: bool = True  #: Whether a name leaves room for the number of a part.
     arcs: bool = True  #: Whether it has arcs.
     carried_arcs: bool = True  #: Whether it has arcs in programs that move the part.
+    narrows: bool = True  #: Whether it has smaller zones; else it stops where its own would leave the path too far.
     by_main: bool = True  #: Whether the name that a job gives its main program is that of the files.
     newline: str = "\r\n"  #: What ends its lines.
     percents: tuple[float, float] = (100.0, 1.0)  #: Share of the joint rates in rapid moves, and least one. [%]
@@ -100,12 +101,11 @@ class ProgramForm:
     def write(
         self, program: Program, folder: Path, most: int | None, format_part: Callable[[ProgramPart], dict[str, str]],
         format_main: Callable[[ProgramPart], dict[str, str]] | None, *, can: bool,
-        adjust: Callable[[Program], Program] = lambda program: program,
     ) -> list[Path]:  # fmt: skip
         """Write the joint program and, where the language `can`, the linear one; return the files.
 
         `format_part` makes the text of a part by the name of its file, `format_main` that of what calls the parts,
-        from a part without rows; `adjust` changes the fitted program.
+        from a part without rows.
         """
         points = most or self.most
         name = self.name_program(program, points)
@@ -113,7 +113,8 @@ class ProgramForm:
         if program.form != "linear" or not can:
             texts |= self.format_kind(program, name, points, format_part, format_main, linear=False)
         if can and program.form != "joint":
-            fitted = adjust(self.fit(program).program)
+            fitted = self.fit(program).program
+            fitted = fitted if self.narrows else stop_at_corners(fitted, self.language)
             texts |= self.format_kind(fitted, name, points, format_part, format_main, linear=True)
         return write_texts(folder, texts, self.newline)
 

@@ -11,14 +11,12 @@ is made smaller. At a corner that the plan rounds the zone has the size that pas
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.shapes import find_arc
-from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.program import Program
 from compplan.io.tables import Array
 
@@ -52,21 +50,8 @@ ZONES = {
     "inform": BlendZone(5e-4, "assumed of PL=1"),
     "sinumerik": BlendZone(1e-4, "assumed of G642"),
 }
-#: Languages that stop exactly where their own zone leads too far.
-STOPPING = frozenset({"inform"})
 #: Zone of a language that is not listed, such as a post of one's own.
 OTHER = BlendZone(1e-4, "assumed")
-
-
-def widest_zone(languages: tuple[str, ...]) -> BlendZone:
-    """Return the zone of the language among some that leaves the path the most at a corner.
-
-    That of a language which is not listed stands in its own file (`ZONE`); where it does not, it is assumed.
-    """
-    from compplan.controllers.writers import WRITERS  # its files read this one
-
-    zones = (ZONES.get(name) or getattr(WRITERS.get(name), "ZONE", OTHER) for name in languages)
-    return max(zones, key=lambda zone: (zone.size, zone.overlap))
 
 
 def mark_moves(program: Program) -> NDArray[np.bool_]:
@@ -111,20 +96,13 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
     return np.where(corners & ~stops, stated, np.minimum(size, stated))[row], stated[row], size[row]
 
 
+def mark_narrow(program: Program, language: str) -> NDArray[np.bool_]:
+    """Tell the moves of a fitted program at whose end a language's own zone would leave the path too far. (m,)"""
+    _, stated, own = find_zones(program, ZONES[language])
+    return stated < own
+
+
 def stop_at_corners(program: Program, language: str) -> Program:
     """Return a fitted program that stops where a language without smaller zones would leave the path too far."""
-    _, stated, own = find_zones(program, ZONES[language])
-    narrow = stated < own
-    if not narrow.any():
-        return program
+    narrow = mark_narrow(program, language)
     return replace(program, exact=narrow if program.exact is None else program.exact | narrow)
-
-
-def mark_corner_stops(program: Program, languages: Sequence[str]) -> NDArray[np.bool_]:
-    """Tell at which rows of a program, not yet fitted, `stop_at_corners` stops in any of some languages. Shape (n,)."""
-    may = np.zeros(len(program), bool)
-    for language in STOPPING & {*languages} if program.form != "joint" else ():
-        fitted = fit_moves(program, arcs=False)
-        _, stated, own = find_zones(fitted.program, ZONES[language])
-        may[fitted.rows[stated < own]] = True
-    return may

@@ -72,6 +72,11 @@ def choose_partial(problem: PostureProblem) -> PostureSummary | None:
     """
     alone = replace(problem, settings=replace(problem.settings, scene=None))
     try:
+        if problem.settings.scene is not None:
+            return choose_posture_path(alone)
+    except InfeasibleError:
+        pass
+    try:
         found, _ = _choose_at(alone, _pick_stations(alone), partial=True)
     except InfeasibleError:
         return None
@@ -120,15 +125,14 @@ def _choose_at(
     rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step)
     coarse = fill_lattice(problem, stations, build_options(problem, stations))
     weights = choose_weights(settings.preset, least_level(coarse, rungs))
-    filled = coarse
     keeps = settings.start is None and not partial  # the asked distance from joint limits, unless no way keeps it
     try:
-        coarse, line = _search_clear(problem, filled, rungs, weights, away=keeps, partial=partial)
+        coarse, line = _search_clear(problem, coarse, rungs, weights, away=keeps, partial=partial)
     except InfeasibleError:
         if not keeps:
             raise
         keeps = False
-        coarse, line = _search_clear(problem, filled, rungs, weights, away=False)
+        coarse, line = _search_clear(problem, coarse, rungs, weights, away=False)
     fine, chosen = coarse, line
     if (options := _refine_options(problem, coarse.options, line)) is not None:
         slots = np.arange(coarse.reason.shape[2])
@@ -142,15 +146,14 @@ def _choose_at(
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
     bad = trace.missed.copy()
-    missed = bad.copy()
     if problem.margin is not None:
         rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)
         bad[rows] |= problem.margin(trace.q[rows], rows) < 0
-    picture = slice_map(coarse, line, chosen, fine.options, problem.nominal)
     posture_choice = PostureSummary(
-        **{**vars(trace), "missed": missed},
-        configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),
-        weights=weights, settings=settings, costs=summarise_costs(problem, trace.q), map=picture, keeps_margin=keeps,
+        **vars(trace), configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())],
+        changes=_list_changes(chosen, stations), weights=weights, settings=settings,
+        costs=summarise_costs(problem, trace.q),
+        map=slice_map(coarse, line, chosen, fine.options, problem.nominal), keeps_margin=keeps,
     )  # fmt: skip
     return posture_choice, np.flatnonzero(bad)
 
@@ -171,12 +174,9 @@ def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> Po
     if still is None:
         return posture_choice
     chosen, costs = posture_choice.costs, still.costs
-    for name, asked in (
-        ("limit_distance_deg", np.degrees(settings.limit_margin)),
-        ("dexterity_min", SINGULARITY_MARGIN),
-    ):
-        if costs[name] < min(asked, chosen[name]):
-            return posture_choice
+    asked = {"limit_distance_deg": np.degrees(settings.limit_margin), "dexterity_min": SINGULARITY_MARGIN}
+    if any(costs[name] < min(least, chosen[name]) for name, least in asked.items()):
+        return posture_choice
     figure = FIGURES.get(settings.preset, "sensitivity_rms_mm")
     ours, theirs = chosen[figure], costs[figure]
     gained = ours < GAINS[settings.preset] * theirs
@@ -290,27 +290,22 @@ def trace_line(
     The rotation about the tool axis gives way, where it is free, if the line passes a singularity; `smooth` takes out
     the steps that the grid leaves in rotation and leans.
     """
-    arm, nominal, q, most_step = problem.arm, problem.nominal, line.q, problem.settings.most_step
-    rows = np.arange(len(nominal))
+    arm, nominal, most_step = problem.arm, problem.nominal, problem.settings.most_step
     steps = np.maximum(nominal.steps, 1e-3 * max(float(nominal.steps.mean()), 1e-9))
     place = np.r_[0.0, np.cumsum(steps)]  # by length, and a little by number where there is none
-    spin_at, lead_at, lean_at = (_take(v, line.option) for v in (options.spin, options.lead, options.lean))
-    along = np.unwrap(spin_at)
+    along, lead, lean = (_take(v, line.option) for v in (options.spin, options.lead, options.lean))
+    turns = np.column_stack([np.unwrap(along), lead, lean])
     if smooth and len(stations) > 3:
-        along, lead_at, lean_at = (gaussian_filter1d(v, SMOOTH, mode="nearest") for v in (along, lead_at, lean_at))
-    spin, lead, lean = (_interpolate(place, stations, v) for v in (along, lead_at, lean_at))
-    between = np.stack([_interpolate(place, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
-    rotation = orient_tool(nominal, problem.tool_x, rows, spin, lead, lean)
-    upright = rotation
+        turns = gaussian_filter1d(turns, SMOOTH, axis=0, mode="nearest")
+    spin, lead, lean = PchipInterpolator(place[stations], turns)(place).T  # without overshoot and without kinks
+    between = PchipInterpolator(place[stations], line.q)(place)
+    rotation = upright = orient_tool(nominal, problem.tool_x, np.arange(len(nominal)), spin, lead, lean)
     branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
     away = branches - between[:, None]
-    turn = np.where(arm.robot.prismatic, np.inf, 2 * np.pi)
-    with np.errstate(invalid="ignore"):
-        branches = branches - np.where(np.isfinite(turn), turn * np.round(away / (2 * np.pi)), 0.0)
-    distance = np.nan_to_num(np.abs(branches - between[:, None]).max(axis=2), nan=np.inf)
-    nearest = distance.argmin(axis=1)
-    followed = branches[rows, nearest]
-    lost = distance[rows, nearest] > NEAR
+    away -= np.where(arm.robot.prismatic, 0.0, 2 * np.pi * np.round(away / (2 * np.pi)))
+    distance = np.nan_to_num(np.abs(away).max(axis=2), nan=np.inf)
+    rows, nearest = np.arange(len(nominal)), distance.argmin(axis=1)
+    followed, lost = between + away[rows, nearest], distance[rows, nearest] > NEAR
     if lost.any():
         followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
@@ -336,13 +331,6 @@ def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> N
     span, on = np.searchsorted(stations, rows, side="right"), np.isin(rows, stations)
     spans = np.union1d(span[marked], span[marked & on] - 1)
     return np.flatnonzero(marked | (np.isin(span, spans) & ~on))
-
-
-def _interpolate(place: Array, stations: NDArray[np.int_], values: Array) -> Array:
-    """Interpolate between stations without overshoot and without kinks."""
-    if len(stations) < 3:
-        return np.interp(place, place[stations], values)
-    return np.asarray(PchipInterpolator(place[stations], values)(place))
 
 
 def _take(values: Array, choice: NDArray[np.int_]) -> Array:

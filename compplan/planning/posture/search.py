@@ -210,11 +210,20 @@ def _step(
     targets = np.flatnonzero(np.isfinite(here[..., 0]).any(axis=0))
     free = not np.isfinite(rungs.most_motion[i - 1])
     at, block = np.moveaxis(here, 2, 0), max(1, BLOCK // around.size)
+    wrist = np.flatnonzero(~robot.prismatic)[:-4:-2]
     for s in slots:
         start = np.concatenate([before[:, s], np.full((1, before.shape[2]), np.nan)])
         source, value = np.ascontiguousarray(start.T)[:, around], last[around, s]
         for some in np.split(targets, np.arange(block, len(targets), block)):
-            rows, t = np.nonzero(np.isfinite(at[0][:, some]))
+            near = np.isfinite(at[0][:, some])[:, :, None] & np.isfinite(value)[:, None]
+            for j in () if free else wrist:  # most edges are out by what these joints would turn
+                step = at[j][:, some, None] - source[j][:, None]
+                if turns[j]:
+                    _take_turns_out(step)
+                near &= np.abs(step, out=step) <= rungs.most_motion[i - 1]
+            rows, t = np.nonzero(near.any(axis=2))
+            if not len(rows):
+                continue
             t = some[t]
             change = np.where(free | (s % 8 == t % 8), 0.0, weights.singularity)[:, None]
             edge = _cost_edges(source[:, rows], at[:, rows, t], change, i - 1, rungs, weights, robot, turns)

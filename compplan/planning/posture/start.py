@@ -20,9 +20,9 @@ from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.summary import PostureSummary, Start
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CONFIGURATIONS, build_arm, middle_of_limits, name_configuration
+from compplan.statics.ik import CONFIGURATIONS, build_arm, middle_of_limits, name_configuration, solve_branches
 from compplan.toolpath.contact import tool_axes
-from compplan.toolpath.toolpath import Toolpath
+from compplan.toolpath.toolpath import Toolpath, pick_even
 
 #: What a robot of four joints cannot do.
 FOUR_JOINTS = (
@@ -31,6 +31,8 @@ FOUR_JOINTS = (
 )
 
 
+#: Waypoints that are looked at where none is reached within the limits.
+LOOKED_AT = 20
 #: By what finished postures are compared, in words.
 COMPARED = {"driven_s": "time", "band_mm": "95 % band", "joint_travel_deg": "joint motion"}
 
@@ -55,13 +57,8 @@ def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: Posture
     except InfeasibleError as error:
         sentence = str(error)
     reason = f"{sentence[0].upper()}{sentence[1:]}."
-    if settings.scene is not None:
-        blind = find_start(robot, nominal, tool_x, replace(settings, scene=None))
-        if blind.posture_choice is not None:
-            said = f"{reason} The posture is that without anything in the way."
-            return replace(blind, settings=settings, notes=(said, *blind.notes))
     followed = _follow_start(problem) if settings.search else None
-    return followed or find_partial(problem)
+    return followed or find_partial(problem, reason)
 
 
 def _follow_few_joints(problem: PostureProblem) -> Start:
@@ -90,7 +87,7 @@ def _follow_start(problem: PostureProblem) -> Start | None:
         return None
     told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
     return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, name_along(robot, q), missed, settings,
-                 notes=(told,), of_program=True)  # fmt: skip
+                 notes=(told,))  # fmt: skip
 
 
 def check_start(robot: Robot, start: Array | None) -> None:
@@ -163,27 +160,45 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
     return None if plain is None else build_start(replace(plain, instead_of=None), nominal, start.settings)
 
 
-def find_partial(problem: PostureProblem) -> Start:
-    """Start with the stretches of a path that an arm can follow, whatever is in the way.
+def find_partial(problem: PostureProblem, reason: str) -> Start:
+    """Start with the stretches of a path that an arm can follow, whatever is in the way; `reason` says why not all.
 
     Raises:
         InputError: If no waypoint is reached.
     """
-    found = choose_partial(problem)
+    nominal, found = problem.nominal, choose_partial(problem)
     if found is None:
+        return _stand_near(problem)
+    if not found.missed.any():
+        start = build_start(found, nominal, problem.settings)
+        return replace(start, notes=(f"{reason} The posture is that without anything in the way.", *start.notes))
+    return _say_missed(problem, Start(nominal, found.q, found.rotation, found.configuration, found.missed,
+                                      problem.settings))  # fmt: skip
+
+
+def _stand_near(problem: PostureProblem) -> Start:
+    """Start as near as the arm comes to a path that it reaches beyond the limits of its joints alone.
+
+    Raises:
+        InputError: If it does not reach it without them either, or not in the wanted configuration.
+    """
+    nominal, arm = problem.nominal, problem.arm
+    rotation, some = tool_axes(nominal, problem.tool_x), pick_even(np.arange(len(nominal)), LOOKED_AT)
+    beyond = solve_branches(arm, nominal.position[some], rotation[some])
+    if problem.settings.configuration or not np.isfinite(beyond).any():
         raise InputError(_explain_reach(problem))
-    nominal, missed = problem.nominal, found.missed
-    stops, first = _say(problem, found), int(np.flatnonzero(missed)[0])
-    sentence = (f"{missed.sum()} of {len(missed)} waypoints of the toolpath are out of reach, the first is {first} "
-                f"(s = {1e3 * nominal.arc_length[first]:.0f} mm): {stops}")  # fmt: skip
-    return Start(nominal, found.q, found.rotation, found.configuration, missed, problem.settings,
-                 notes=(f"{sentence}.",), of_program=True, mend=stops)  # fmt: skip
+    q = np.tile(middle_of_limits(problem.robot), (len(nominal), 1))
+    q, _ = reach_tip_and_axis(arm, q, nominal.position, rotation, spin_free=problem.settings.free_spin,
+                              every_joint=True)  # fmt: skip
+    missed = np.ones(len(nominal), bool)
+    return _say_missed(problem, Start(nominal, q, rotation, name_along(problem.robot, q), missed, problem.settings))
 
 
-def _say(problem: PostureProblem, found: PostureSummary) -> str:
-    """Name what stops the first waypoint that is missed: limits of joints, or the reach of the arm."""
-    robot, first = problem.robot, np.flatnonzero(found.missed)[:1]
-    best, _ = reach_tip_and_axis(problem.arm, found.q[first], problem.nominal.position[first], found.rotation[first],
+def _say_missed(problem: PostureProblem, start: Start) -> Start:
+    """Add to a start what stops the first waypoint that is missed: limits of joints, or the reach of the arm."""
+    robot, missed, nominal = problem.robot, start.missed, start.nominal
+    first = np.flatnonzero(missed)[:1]
+    best, _ = reach_tip_and_axis(problem.arm, start.q[first], nominal.position[first], start.rotation[first],
                                  spin_free=problem.settings.free_spin, every_joint=True)  # fmt: skip
     lower, upper = robot.arm_limits
     room = np.minimum(best[0] - lower, upper - best[0])
@@ -191,7 +206,10 @@ def _say(problem: PostureProblem, found: PostureSummary) -> str:
     named = [f"{'lower' if best[0, j] - lower[j] < upper[j] - best[0, j] else 'upper'} position limit of "
              f"{robot.joint_names[j]}" for j in at[:2]]  # fmt: skip
     text = f"{' and '.join(named) or 'the reach of the arm'} {'stop' if len(named) > 1 else 'stops'} it"
-    return f"{text}; `compplan place` looks for a place of the part from which all is reached"
+    stops = f"{text}; `compplan place` looks for a place of the part from which all is reached"
+    sentence = (f"{missed.sum()} of {len(missed)} waypoints of the toolpath are out of reach, the first is {first[0]} "
+                f"(s = {1e3 * nominal.arc_length[first[0]]:.0f} mm): {stops}.")  # fmt: skip
+    return replace(start, notes=(*start.notes, sentence), mend=stops)
 
 
 def _explain_reach(problem: PostureProblem) -> str:

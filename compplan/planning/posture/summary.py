@@ -182,8 +182,6 @@ class Start:
     #: What the graph chose, or None where it found nothing (or was not asked).
     posture_choice: PostureSummary | None = None
     notes: tuple[str, ...] = ()  #: What a user should know, one sentence each.
-    #: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
-    of_program: bool = False
     mend: str = ""  #: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
     #: What the program of posture and speed made of the graph's posture, as plan.json holds it; None where that is
     #: kept.

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers import Program
 from compplan.controllers.writers.program import Post
-from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.frames import ToolTable
@@ -85,7 +84,7 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     """
     from compplan.controllers.readback.comparison import Commanded, StiffArm, compare_written
     from compplan.controllers.readback.joint_table import check_joint_table
-    from compplan.controllers.writers import fit_program
+    from compplan.controllers.writers import find_ends
     from compplan.simulation.exact_model import read_exact_robot
     from compplan.simulation.inertia import solve_rigid
 
@@ -105,17 +104,14 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     sent = np.vstack([way.q, plan.sent, back.q])
     program = program or make_program(plan)
-    stops = STOPPING.intersection(job.output.programs)
-    may_stop = mark_corner_stops(program, job.output.programs) if stops else np.zeros(len(rows), bool)
     none = np.zeros((len(rows), 3))
     corner_distance = none[:, 0] if program.corner is None else program.corner
     programmed = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        sent[rows], time[rows], 1e3 * feed[rows], standstill, may_stop, free, programmed, corner_distance, corner,
+        sent[rows], time[rows], 1e3 * feed[rows], standstill, free, programmed, corner_distance, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
-
     tool = job.tool or ToolTable()
     table_of_tool = None if job.tool is None else job.tool.model_dump(exclude_unset=True)
     held, flange = (
@@ -130,15 +126,9 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     said = check_joint_table(folder / "joints.csv", plan.robot, time, q, tip, choose_rows(plan))
     output = job.output
     breaches, notes = compare_written(
-        folder,
-        output.programs,
-        Path(robot),
-        arm,
-        wanted,
-        lambda language: fit_program(program, language).rows,
-        main=output.main,
+        folder, output.programs, Path(robot), arm, wanted, partial(find_ends, program), main=output.main,
         excused=bool(output.io.model_fields_set),
-    )
+    )  # fmt: skip
     return plan.add_checks((*state_breaches((*said, *breaches), "read back"), *state_notes(notes)))
 
 

@@ -11,7 +11,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot
 from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
-from compplan.toolpath.readers.lines import count_lines
+from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start, refuse_unit
 
@@ -337,7 +337,10 @@ class _AptReader:
 
     def _note_arc(self, words: str) -> None:
         """Keep an arc record until the GOTO that ends it."""
-        if "(" in words or re.match(r"\s*[XYZIJKR]\s*,", words):
+        if re.match(r"\s*[XYZIJKR]\s*,", words):
+            self._cut_lettered(words)
+            return
+        if "(" in words:
             raise InputError(f"arc record {words[:40]!r} is not read, expected x, y, z, i, j, k, r")
         angle = re.search(r"ANGLE\s*,\s*([-+.\d]+)", words)
         times = re.search(r"TIMES\s*,\s*([\d.]+)", words)
@@ -354,6 +357,20 @@ class _AptReader:
         radius = numbers[6] * self.scale if len(numbers) > 6 else None
         centre, normal = self._scaled(numbers), _axis(numbers[3:6])
         self.arc = _Pending(centre, normal, clockwise == self.flipped, turns, radius)
+
+    def _cut_lettered(self, words: str) -> None:
+        """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end and centre from the start; clockwise."""
+        pairs = re.findall(rf"([XYZIJK])\s*,\s*({DECIMAL})", words)
+        values = {letter: float(number) * self.scale for letter, number in pairs}
+        if values.keys().isdisjoint("IJK"):
+            raise InputError(f"arc record {words[:40]!r} has no centre, expected I, i, J, j, K, k")
+        self._begin_cut(self.log.axis)
+        start = self.log.position
+        x, y, z = (values.get(letter, old) for letter, old in zip("XYZ", start, strict=True))
+        i, j, k = (values.get(letter, 0.0) for letter in "IJK")
+        anticlockwise = not ANTICLOCKWISE.isdisjoint(re.findall(r"[A-Z]+", words))
+        pending = _Pending(combine(1.0, start, 1.0, (i, j, k)), self.log.axis, anticlockwise)
+        self._cut_arc(pending, start, (x, y, z), self.log.axis)
 
     def _follow_circle(self, words: str) -> None:
         """Read TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,x,y,z): the line ends where the arc ends (CATIA)."""

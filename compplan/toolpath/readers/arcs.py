@@ -90,8 +90,10 @@ def combine(a: float, one: Point, b: float, other: Point) -> Point:
 
 
 def normalise(vector: Point) -> Point:
-    """Return a vector of length 1."""
+    """Return a vector of length 1; ValueError of one that has no direction."""
     size = math.hypot(*vector)
+    if size < 1e-12:
+        raise ValueError("two points that coincide, or a vector of no length, have no direction")
     return vector[0] / size, vector[1] / size, vector[2] / size
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from compplan.toolpath.readers.arcs import Point, combine, cross, dot
+from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise
 
 Rows = tuple[Point, Point, Point]
 UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -107,15 +107,8 @@ def stretch(x: float, y: float, z: float) -> Frame:
 
 def stand_on(first: Point, normal: Point) -> Frame:
     """Return the frame whose z points along a normal, and x as far as it can along a direction; else ValueError."""
-    length = math.hypot(*normal)
-    if length < 1e-9:
-        raise ValueError("the normal of the plane has no direction")
-    z = normal[0] / length, normal[1] / length, normal[2] / length
-    y = cross(z, first)
-    size = math.hypot(*y)
-    if size < 1e-9 * max(1.0, math.hypot(*first)):
-        raise ValueError("normal and base vector of the plane are parallel")
-    y = y[0] / size, y[1] / size, y[2] / size
+    z = normalise(normal)
+    y = normalise(cross(z, normalise(first)))
     x = cross(y, z)
     return Frame(tuple(zip(x, y, z, strict=True)))  # type: ignore[arg-type]
 

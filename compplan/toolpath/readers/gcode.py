@@ -8,7 +8,7 @@ modal state, or `Code(operation)` with a function operation(dialect, block, code
 from __future__ import annotations
 
 import re
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
 from compplan.errors import InputError
@@ -88,7 +88,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         state = State(scale, feed_scale=scale, centres=reading, changes_by_t=changes_by_t, printer=printer)
         reader = Rs274(file, options, state)
         try:
-            reader.it.run(partial(reader.macros.find_programs, lines, file), reader.origins.check_used)
+            reader.run(lines)
         except OffCircleError as fault:
             first_fault = first_fault or fault
             if state.centres_stated:
@@ -120,6 +120,10 @@ class Rs274:
         self.macros = MacroFlow(self.it.flow)
         self.plain = PRINTED if state.printer else PLAIN
         self.lexer = Lexer(self.it, self.macros)
+
+    def run(self, lines: Sequence[str]) -> None:
+        """Read every line of the first program of a file."""
+        self.it.run(lambda: self.macros.find_programs(lines, self.it.file), self.origins.check_used)
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""
@@ -233,8 +237,7 @@ class Rs274:
         for group in CONTRARY if len(codes) > 1 else ():
             if len(said := sorted(group & set(codes))) > 1:
                 names = " and ".join(f"G{code:g}" for code in said)
-                one = ", expected one motion" if said[0] in MOTIONS else ""
-                raise InputError(f"{names} are in one block{one or ' and contradict each other'}")
+                raise InputError(f"{names} stand in one block, expected one of them")
         return self.it.run_words(block, codes, find_code)
 
     def move(self, block: CncBlock) -> None:
@@ -340,6 +343,12 @@ class Rs274:
         if code in (43.0, 44.0):
             self.it.note(LENGTH_NOTE)
 
+    def compensate_wear(self, block: CncBlock, code: float) -> None:
+        """G41.1, G42.1: the radius of the cutter, stated as D."""
+        if block.values.get("D", 0.0) != 0.0:
+            raise InputError(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
+        COMMON[41.0].run(self, block, code)
+
     def probe_from_home(self, block: CncBlock, code: float) -> None:
         """G29: bed levelling of printers."""
         self.it.note("G29 (probing) is left out; where it ended is not known")
@@ -380,7 +389,7 @@ G_CODES: dict[float | str, Code] = {
     10.0: Code(lambda dialect, block, code: dialect.origins.set_offset(block), 2, "once"),
     28.0: HOME, 30.0: HOME, 52.0: Code(lambda dialect, block, code: dialect.origins.shift(block), 2, "once"),
     92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
-    92.1: DROP, 92.2: DROP, 92.3: refuse("an origin from before it was dropped"),
+    92.1: DROP, 92.2: DROP, 92.3: DROP,
     50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),
     51.0: Code(lambda dialect, block, code: dialect.layers.scale(block), 2, "once"),
     50.1: MIRROR, 51.1: MIRROR, 53.1: TO_PLANE, 53.6: TO_PLANE, 254.0: DYNAMIC, 255.0: DYNAMIC,
@@ -388,7 +397,7 @@ G_CODES: dict[float | str, Code] = {
     68.2: Code(lambda dialect, block, code: dialect.layers.tilt(block), 2, "once"),
     69.0: Code(lambda dialect, block, code: dialect.it.put(rotation=None, plane=None), 2, "once"),
     # compensation and probing
-    41.1: refuse("a stated cutter diameter"), 42.1: refuse("a stated cutter diameter"),
+    41.1: Code(Rs274.compensate_wear), 42.1: Code(Rs274.compensate_wear),
     **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), Code(Rs274.compensate_length)),
     43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),
     29.0: Code(Rs274.probe_from_home), **dict.fromkeys((31.0, 38.2, 38.3, 38.4, 38.5), PROBE),

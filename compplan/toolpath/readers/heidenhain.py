@@ -15,6 +15,7 @@ from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc import heidenhain_words as lexer
 from compplan.toolpath.readers.cnc.contour import Corner
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
+from compplan.toolpath.readers.cnc.heidenhain_approach import run_approach, run_departure
 from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
@@ -42,6 +43,7 @@ SILENT = frozenset(map(float, (
     6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 103,
     *range(107, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
 )))  # fmt: skip
+POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
 CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({lexer.VALUE})\s*(?:F\s*({lexer.VALUE}))?\s*")
 WORD = re.compile(r"[A-Z]+")
 #: FUNCTION .. that says nothing of the path.
@@ -66,7 +68,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         message = "a DIN/ISO program of a Heidenhain control is not read; write it in Klartext"
         raise InputError(message, file=file, where=text.count("\n", 0, found.start()) + 1)
     reader = Klartext(file, options)
-    reader.it.run(lambda: reader.load(text), reader.check_unit)
+    reader.run(text)
     unit = "not stated" if not reader.begun else "inch" if reader.inch else "mm"
     return reader.it.log.finish(file, name, unit, count_lines(text))
 
@@ -92,11 +94,16 @@ class Klartext:
         #: Whether every move from here on calls the cycle (M89).
         self.calls = False
         self.cycles = HeidenhainCycles(self.it, self.datums, self.words)
+        self.points: list[Point] = []
         self.inch = options.unit == "inch"
         self._set_unit()
 
-    def load(self, text: str) -> CncProgram:
-        """Return the program of a text, its labels found."""
+    def run(self, text: str) -> None:
+        """Read every block up to the end of the program."""
+        self.it.run(lambda: self._load(text), self._check_unit)
+
+    def _load(self, text: str) -> CncProgram:
+        """Return the program, its labels found."""
         blocks, flow = list(lexer.split_blocks(text)), self.it.flow
         for index, block in enumerate(blocks):
             if block.text.startswith("LBL"):
@@ -108,8 +115,7 @@ class Klartext:
                     self.labels[word] = index
         return CncProgram(blocks, 0, len(blocks), self.it.file)
 
-    def check_unit(self) -> None:
-        """Refuse a program that states no unit."""
+    def _check_unit(self) -> None:
         if not self.begun and self.it.options.unit is None:
             self.it.flow.line = 1
             raise refuse_unit("BEGIN PGM .. MM or INCH")
@@ -199,8 +205,6 @@ class Klartext:
                 self.cycles.defining = True
         elif word in STATEMENTS or text == "END-SUB":
             STATEMENTS.get(word, pass_over)(self, text[len(word) :].strip())
-        elif word in REFUSED:
-            raise InputError(f"{word} ({REFUSED[word]}) is not read; post-process without it")
         elif word == "ERROR" or set(text) <= set("%-_=#* "):
             self.it.note(f"line {text[:20]!r} is not read")
         else:
@@ -314,7 +318,7 @@ class Klartext:
         it, state = self.it, self.it.state
         words, functions = self.words.split(re.sub(r"\([^()]*\)$", "", rest))
         with self.words.functions(functions):
-            self.words.check_side(words)
+            self.words.take_side(words)
             rapid = self.words.take_feed(words)
             if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
                 it.note("axes U V W are not read")
@@ -387,18 +391,40 @@ class Klartext:
             pass
 
     def call_cycle(self, rest: str) -> None:
-        """CYCL CALL, CYCL CALL POS, CYCL DEF: cycles."""
+        """CYCL CALL, CYCL CALL POS, CYCL CALL PAT, CYCL DEF: cycles."""
         if not rest.startswith("CALL"):
             self.cycles.define(f"CYCL {rest}")
             return
         words = rest.removeprefix("CALL").strip()
-        if words.startswith("PAT"):
-            raise InputError("CYCL CALL PAT (patterns) is not read; write the holes out")
-        found, functions = self.words.split(words.removeprefix("POS"))
+        pattern = words.startswith("PAT")
+        if pattern and not self.points:
+            raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
+        found, functions = self.words.split(words.removeprefix("PAT").removeprefix("POS"))
         with self.words.functions(functions):
             self.words.take_feed(found)
-            self.cycles.call(self.it.motion.target(self.words.read(found))[0] if words.startswith("POS") else None)
-            self.calls = (self.calls or 89 in functions) and 99 not in functions
+            if pattern or words.startswith("POS"):
+                for place in self.points if pattern else [self.it.motion.target(self.words.read(found))[0]]:
+                    self.cycles.call_at(place)
+            else:
+                self.cycles.call()
+            if not pattern:
+                self.calls = (self.calls or 89 in functions) and 99 not in functions
+
+    def define_pattern(self, text: str) -> None:
+        """PATTERN DEF: single positions."""
+        if POSITION.sub("", text.removeprefix("DEF")).strip():
+            raise InputError(f"PATTERN {text[:32]!r} is not read, only PATTERN DEF with POS is")
+        places = POSITION.findall(text)
+        self.points = [self.it.motion.target(self.words.read(self.words.split(words)[0]))[0] for words in places]
+
+
+def refuse(what: str, word: str) -> Callable[[Klartext, str], None]:
+    """Return a statement that is refused."""
+
+    def run(dialect: Klartext, rest: str) -> None:
+        raise InputError(f"{word} ({what}) is not read; post-process without it")
+
+    return run
 
 
 def pass_over(dialect: Klartext, rest: str) -> None:
@@ -414,12 +440,14 @@ STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "PLANE": lambda dialect, rest: dialect.datums.run_plane(rest), "TRANS": Klartext.shift_datum,
     # contours and cycles
     "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner,
-    "CYCL": Klartext.call_cycle,
+    "APPR": lambda dialect, rest: run_approach(dialect.it, dialect.words, rest),
+    "DEP": lambda dialect, rest: run_departure(dialect.it, dialect.words, rest),
+    "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
     # nothing of the path
     **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),
-}  # fmt: skip
-REFUSED = {
-    "APPR": "approaches", "DEP": "departures", "PATTERN": "patterns of holes", "SPL": "splines",
-    "CONTOUR": "contour cycles", "TURNDATA": "turning", "POLARKIN": "polar kinematics", "AFC": "adaptive feed",
-    **dict.fromkeys(("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT"), "free contours"),
+    # refused
+    "SPL": refuse("splines", "SPL"), "CONTOUR": refuse("contour cycles", "CONTOUR"),
+    **{word: refuse("free contours", word) for word in ("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT")},
+    "TURNDATA": refuse("turning", "TURNDATA"), "POLARKIN": refuse("polar kinematics", "POLARKIN"),
+    "AFC": refuse("adaptive feed", "AFC"),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""KUKA KRL programs (.src, with positions in the .dat beside them): LIN, CIRC and PTP in a base frame.
+"""KUKA KRL programs (.src, with positions in the .dat beside them): LIN, CIRC, SPLINE and PTP in a base frame.
 
 Statements run in their order, loops whose bounds are numbers pass by pass, programs that are called where they stand.
 """
@@ -108,6 +108,7 @@ class _KrlReader:
         self.counters: dict[str, int] = {}
         self.called = ""
         self.last: dict[str, float] = {}
+        self.spline: list[Array] | None = None
 
     def run(self, text: str) -> None:
         """Carry out the first program of the file."""
@@ -365,13 +366,20 @@ class _KrlReader:
     def _move(self, statement: str) -> None:
         statement, _, extra = statement.partition(" WITH ")
         kind, rest = re.match(r"(\w+)\s*(.*)$", statement).groups()  # type: ignore[union-attr]
+        if extra and kind == "SPL":
+            raise InputError("SPL with data of its own (WITH) is not read; give them to the SPLINE")
+        if self.spline is None:
+            self._read_with(extra)
+        poses, joints = self.spline, kind in ("PTP", "SPTP")
         if kind.endswith("_REL"):
             raise InputError(f"{kind} (relative moves) is not read; write absolute positions")
-        if kind.startswith("SPL") or kind == "ENDSPLINE":
-            raise InputError("SPLINE is not read: the controller's curve between its points is not published; write "
-                             "straight and circular moves")  # fmt: skip
-        self._read_with(extra)
-        joints = kind in ("PTP", "SPTP")
+        if kind in ("SPLINE", "ENDSPLINE"):
+            self.spline = [] if kind == "SPLINE" else None
+            if poses and kind == "ENDSPLINE":
+                self.robot.spline(poses, self._speed())
+            return
+        if (poses is None) == (kind == "SPL"):
+            raise InputError(f"{kind} {'outside of' if poses is None else 'within'} SPLINE is not read")
         parts = split_fields(rest, "{", "}")
         named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
         if joints and named and named.group(0) not in self.positions:
@@ -385,6 +393,8 @@ class _KrlReader:
             self.robot.rapid(self._pose(numbers))
         elif kind in ("LIN", "SLIN"):
             self.robot.straight(self._pose(numbers), self._speed())
+        elif poses is not None:
+            poses.append(self._pose(numbers))
         else:
             self._circle(numbers, parts[1:])
 

@@ -1,16 +1,18 @@
-"""Robot programs as toolpaths: what KRL and RAPID share. Straight and circular moves between poses.
+"""Robot programs as toolpaths: what KRL and RAPID share. Straight, circular and spline moves between poses.
 
 Millimetres; poses are 4x4, those of the tool as seen from the frame in force.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from compplan.errors import InputError
@@ -29,6 +31,8 @@ DEEPEST = 20
 TURN_STEP = 1.0
 #: Turns of the tool axis below this are none. [rad]
 STEADY = 1e-6
+#: Points on each span of a spline.
+SPLINE_POINTS = 16
 
 
 class RobotProgram:
@@ -150,6 +154,23 @@ class RobotProgram:
             self.log.length = length + arc.length
             self.log.arc_length += arc.length
         self.pose = goal
+
+    def spline(self, poses: list[Array], feed: float) -> None:
+        """Move on a spline through poses."""
+        ends = [self.frame @ pose for pose in poses]
+        points = np.array([self._begin(ends[0]), *ends])
+        self.note(
+            "splines are read as cubic ones through their points (assumed: the controller's own is not published)"
+        )
+        length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points[:, :3, 3], axis=0), axis=1))]
+        if np.any(np.diff(length) <= 1e-9):
+            raise InputError("two points of a spline coincide")
+        curve = CubicSpline(length, points[:, :3, 3])
+        turn = Slerp(length, Rotation.from_matrix(points[:, :3, :3]))
+        places = np.concatenate([np.linspace(a, b, SPLINE_POINTS + 1)[1:] for a, b in itertools.pairwise(length)])
+        for point, rotation in zip(curve(places), turn(places).as_matrix(), strict=True):
+            self.log.line(_tuple(point), feed, self._axis(rotation))
+        self.pose = points[-1]
 
     def _begin(self, end: Array) -> Array:
         """Return the pose at which a straight or circular move to a pose begins."""

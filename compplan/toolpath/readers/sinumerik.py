@@ -17,7 +17,8 @@ from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
-from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow
+from compplan.toolpath.readers.cnc.rs274_lexer import HARMLESS
+from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
 from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame
 from compplan.toolpath.readers.gcode import BEGINNING
@@ -28,19 +29,7 @@ from compplan.toolpath.readers.options import CamTable, refuse_unit
 name = "sinumerik"
 suffixes = (".mpf", ".spf", ".arc")
 
-#: Words that say nothing about the programmed path.
-HARMLESS = frozenset((
-    "TRAORI", "TRAFOOF", "STOPRE", "SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "FFWON", "FFWOF", "COMPON", "COMPOF",
-    "COMPCURV", "COMPCAD", "COMPSURF", "UPATH", "SPATH", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "ORIPLANE",
-    "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORIC", "ORID", "ORISON", "ORISOF", "OSC", "OSD", "OST",
-    "OSOF", "OSS", "OSSE", "CUT2D", "CUT2DF", "CUT3DC", "CUT3DF", "KONT", "KONTC", "KONTT", "NORM", "CFC", "CFIN",
-    "CFTCP", "FNORM", "FLIN", "FCUB", "DIAMOF", "DIAM90", "WALIMON", "WALIMOF", "CDON", "CDOF", "CDOF2", "CPRECON",
-    "CPRECOF", "RTLION", "RTLIOF", "SBLOF", "SBLON", "DISPLOF", "DISPLON", "SAVE", "FIFOCTRL", "STARTFIFO",
-    "STOPFIFO", "FENDNORM", "FENDOFF", "EXTENDED", "GFRAME0", "CYCLE832", "CYCLE_HSC", "DYNNORM", "DYNPOS",
-    "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "PRIO", "SPCON", "SPCOF", "TCARR", "TCOABS", "TCOFR", "STAY", "FMAX",
-    "TCPM",
-))  # fmt: skip
-#: ... of words with a value.
+#: Words with a value that say nothing about the programmed path.
 VALUES = {"SPOS", "SPOSA", "LIMS", "ADIS", "ADISPOS", "OVR", "OVRA", "ACC", "CTOL", "OTOL", "DISC", "FL"}
 #: Words that change the path or its frame, or call a cycle at every place.
 CHANGING = (
@@ -68,9 +57,9 @@ FOREIGN = re.compile(
 )
 #: Lengths of a motion block; addresses that say nothing of the path.
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
-SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "FA", "DISCL", "FGREF", "TOFFL",
+SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "RNDM", "FA", "DISCL", "FGREF", "TOFFL",
                     "TOFFR", "OMA", "STOLF", "TCARR", *VALUES, *CORNERS))  # fmt: skip
-OF_ARCS = frozenset(("CR", "TURN", *MIDDLES))
+OF_ARCS = frozenset(("CR", "AR", "TURN", *MIDDLES))
 #: Moves in machine coordinates, which are left out: their places need not be known.
 HOME = re.compile(r"\bSUPA\b|\bG0*1?53\b|\bG7[45]\b")
 TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
@@ -95,7 +84,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     The path stands in the work offset that is in force at the first move.
     """
     reader = Sinumerik(file, options)
-    reader.it.run(lambda: reader.flow.find_programs(split_lines(text), file), reader.origins.check_used)
+    reader.run(text)
     return reader.it.log.finish(file, name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
 
 
@@ -116,6 +105,10 @@ class Sinumerik:
         self.evaluate = self.values.evaluate
         self.flow = SinumerikFlow(self.it, self.values)
         self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
+
+    def run(self, text: str) -> None:
+        """Read the first main program of a file."""
+        self.it.run(lambda: self.flow.find_programs(split_lines(text), self.it.file), self.origins.check_used)
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""
@@ -209,9 +202,7 @@ class Sinumerik:
                 swivel(it, [0.0 if not text or text[0] == '"' else self.evaluate(text) for text in arguments])
                 it.course.aim(self.point_square(it.state.plane))
             elif not self.cycles.run(called, arguments, modal=modal):
-                if arguments:
-                    raise InputError(f"subprogram call {called[:40]}(..) with values is not read; write its moves out")
-                it.call(called, values.get("P", 1.0))
+                self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
 
     def _move(self, block: CncBlock, takes: str) -> bool:
@@ -222,6 +213,8 @@ class Sinumerik:
                 if re.fullmatch(r"[ABC][2-7]", address):
                     raise InputError(f"orientation {address}= is not read, expected A3= B3= C3= or rotary axes A B C")
                 raise InputError(f"word {address} is not read and may move the tool; post-process without it")
+        if "RNDM" in values:
+            state.rounding = values["RNDM"] * state.scale
         if "F" in values and 4.0 not in block.codes:
             state.set_feed(values["F"])
         if takes == "once" or not block.has(MOVING):
@@ -237,7 +230,7 @@ class Sinumerik:
             it.note("coordinates before any G0 or G1 are read as G1")
         if state.motion in (0.0, 1.0):
             if block.has(OF_ARCS):
-                raise InputError("words of an arc (CR, TURN) in a straight block")
+                raise InputError("words of an arc (CR, AR, TURN) in a straight block")
             if block.has(CENTRES):
                 it.note("I J K in straight moves are not read")
         elif values.get("TURN") and not block.has(POLAR):
@@ -259,6 +252,28 @@ class Sinumerik:
             self.values.numbers.pop((variable, indices), None)
         else:
             self.values.numbers[variable, indices] = value
+
+    def _call(self, called: str, arguments: list[str], times: float) -> None:
+        """Carry out a subprogram with values for its parameters."""
+        values = [self.evaluate(text) if text else 0.0 for text in arguments]
+        for _ in range(int(times) if values else 1):
+            if values and self.it.flow.find_beside(called):
+                self._take_arguments(self.it.flow.programs[called], called, values)
+            self.it.call(called, 1.0 if values else times)
+
+    def _take_arguments(self, program: CncProgram, called: str, values: list[float]) -> None:
+        """Give the parameters of PROC NAME(REAL A, INT B) their values."""
+        for line in program.lines[program.first : min(program.first + 20, program.last)]:
+            text = strip(line)
+            if found := re.match(r"PROC\s+\w+\s*\(", text):
+                names = [part.partition("=")[0].split()[-1] for part in lexer.read_brackets(text, found.end() - 1)[0]]
+                if len(values) > len(names):
+                    break
+                for variable, value in zip(names, values, strict=False):
+                    self.values.names.add(variable)
+                    self.values.numbers[variable, ()] = value
+                return
+        raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
 
     def set_motion(self, block: CncBlock, code: float | str) -> None:
         """G0 to G3, CIP, CT: the motion of this block and those after it."""

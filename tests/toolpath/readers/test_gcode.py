@@ -178,6 +178,8 @@ def test_an_offset_keeps_what_was_cut_and_shifts_what_follows(read) -> None:
     assert (before.facts.cutting_length_mm, ends(before)) == (10, [[7, 0, 0], [17, 0, 0]])
     here = read("G21 G92 X7 Y0 Z0\nG1 X10 F9\n")
     assert (here.facts.cutting_length_mm, ends(here)) == (3, [[7, 0, 0], [10, 0, 0]])
+    back = read("G21 G0 X7 Y0 Z0\nG92 X0\nG92.2\nG92.3\nG1 X10 F9\n")
+    assert ends(back) == [[7, 0, 0], [17, 0, 0]]
     probed = read("G21 G0 X0 Y0 Z5\nG1 X1 F9\nG31 Z-9\nG92 Z0\nG1 X2 Z-1\n")
     assert ends(probed) == [[0, 0, 5], [1, 0, 5], [1, 0, 0], [2, 0, -1]]
 
@@ -188,7 +190,7 @@ def test_an_origin_whose_place_is_not_known_is_asked_for(read) -> None:
     assert ends(left) == [[0, 0, 0], [10, 0, 0]] and "left out" in left.facts.notes[-1]
     with pytest.raises(InputError, match="drops the origin that G92 set"):
         read(f"{head}G1 X20\n")
-    with pytest.raises(InputError, match=r"G92\.3 \(an origin"):
+    with pytest.raises(InputError, match=r"G92\.3 brings back"):
         read("G21 G92.3\nG0 X0 Y0 Z0\nG1 X20 F9\n")
 
 

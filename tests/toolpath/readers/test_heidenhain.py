@@ -110,6 +110,63 @@ def test_corners_between_straight_moves_are_rounded_and_cut(read, corner: str) -
     assert cam.facts.cutting_length_mm == pytest.approx(length)
 
 
+def test_a_rounding_between_a_line_and_an_arc_touches_both(read) -> None:
+    # the line y = 0 meets the circle about (20, 10) of radius 10 sqrt 2 at (10, 0); a rounding of radius 2 has its
+    # centre at y = 2, and 2 inside of the circle, whose inside is left of the way
+    cam = read(close("L Z+0 FMAX\nL X+10 F600\nRND R2\nCC X+20 Y+10\nC X+30 Y+0 DR-"))
+    reach = 10 * math.sqrt(2) + 2
+    centre = np.array([20 - math.sqrt(reach**2 - 64), 2.0])
+    touch = np.array([20.0, 10.0]) + (centre - [20, 10]) * (10 * math.sqrt(2) / reach)
+    places = np.array(cuts(cam))[:, :2]
+    assert np.abs(places - [centre[0], 0]).sum(axis=1).min() < 1e-6
+    assert np.abs(places - touch).sum(axis=1).min() < 2e-6
+    assert cam.facts.arcs == 2
+
+
+APPROACHES = {
+    # contour from (20, 20) along +x; RL: the tool is left of it (+y)
+    "APPR LT X+20 Y+20 LEN10 RL F500": ([10, 20], [20, 20], 10.0),
+    "APPR LN X+20 Y+20 LEN10 RL F500": ([20, 30], [20, 20], 10.0),
+    "APPR LN X+20 Y+20 LEN10 RR F500": ([20, 10], [20, 20], 10.0),
+    "APPR CT X+20 Y+20 CCA90 R+10 RL F500": ([10, 30], [20, 20], 5 * math.pi),
+    "APPR CT X+20 Y+20 CCA180 R+10 RR F500": ([20, 0], [20, 20], 10 * math.pi),
+    "APPR LCT X+20 Y+20 R10 RL F500": (None, [20, 20], None),
+    "APPR PLT PR+20 PA+90 LEN10 RL F500": ([10, 20], [20, 20], 10.0),
+}
+
+
+@pytest.mark.parametrize("block", APPROACHES)
+def test_a_contour_is_approached_as_the_manual_says(read, block: str) -> None:
+    begin, first, length = APPROACHES[block]
+    text = close(f"L X+0 Y+40 Z+0 FMAX\nCC X+20 Y+0\n{block}\nL X+40\nDEP LT LEN15 F900")
+    cam = read(text, compensation="centre_line")
+    places = [point[:2] for point in ends(cam)]
+    assert first in places and places[-2] == [55, 20]
+    if begin is not None:
+        assert begin in places and cam.facts.cutting_length_mm == pytest.approx(length + 20 + 15)
+    else:
+        # from (0, 40) straight to the circle of radius 10 about (20, 30), then on it counter-clockwise
+        straight = math.sqrt(20**2 + 10**2 - 10**2)
+        angle = math.atan2(10, -20) + math.acos(10 / math.hypot(20, 10))
+        turn = (math.radians(270) - angle) % (2 * math.pi)
+        assert cam.facts.cutting_length_mm == pytest.approx(straight + 10 * turn + 35)
+    assert any(" compensates wear alone" in note for note in cam.facts.notes)
+
+
+@pytest.mark.parametrize(
+    ("block", "end"),
+    [
+        ("DEP LN LEN10 F500", [40, 30]),
+        ("DEP CT CCA90 R+10 F500", [50, 30]),
+        ("DEP LCT X+60 Y+40 R10 F500", [60, 40]),
+        ("DEP LT LEN+5", [45, 20]),
+    ],
+)
+def test_a_contour_is_left_as_the_manual_says(read, block: str, end: list[float]) -> None:
+    cam = read(close(f"L X+20 Y+20 Z+0 FMAX\nL X+40 RL F500\n{block}"), compensation="centre_line")
+    assert ends(cam)[-2][:2] == pytest.approx(end)
+
+
 def test_subprograms_repeats_jumps_and_parameters_carry_the_program_on(read) -> None:
     body = """Q1 = 0
 LBL 1
@@ -174,12 +231,19 @@ def test_holes_are_drilled_from_the_clearance_to_the_depth_and_left_rapidly(read
     assert (cam.toolpath.feed * 1e3)[~cam.toolpath.rapid].tolist() == pytest.approx([2, 2])
 
 
-def test_modal_calls_and_positions_drill_every_hole(read) -> None:
+def test_modal_calls_patterns_and_positions_drill_every_hole(read) -> None:
     def holes(body: str) -> list[list[float]]:
         return [point[:2] for point in cuts(read(close(f"{DRILL}\n{body}")))]
 
     assert holes("L X+10 Y+5 R0 FMAX M89\nL X+20 FMAX\nL X+30 FMAX M99\nL X+40 FMAX") == [[10, 5], [20, 5], [30, 5]]
     assert holes("CYCL CALL POS X+7 Y+8 Z+0 FMAX") == [[7, 8]]
+    assert holes("PATTERN DEF POS1 (X+1 Y+2 Z+0) POS2 (X+3 Y+4 Z+0)\nCYCL CALL PAT FMAX M3") == [[1, 2], [3, 4]]
+    circle = "CYCL DEF 220 POLAR PATTERN ~\nQ216=+50 ~\nQ217=+50 ~\nQ244=80 ~\nQ245=+0 ~\nQ246=+360 ~\nQ247=+0 ~\n"
+    circle += "Q241=4 ~\nQ200=2 ~\nQ203=+0 ~\nQ204=30 ~\nQ301=1"
+    assert holes(circle) == [[90, 50], [50, 90], [10, 50], [50, 10]]
+    rows = "CYCL DEF 221 ~\nQ225=+5 ~\nQ226=+5 ~\nQ237=10 ~\nQ238=20 ~\nQ242=2 ~\nQ243=2 ~\nQ224=+0 ~\n"
+    rows += "Q200=2 ~\nQ203=0 ~\nQ204=9"
+    assert holes(rows) == [[5, 5], [15, 5], [15, 25], [5, 25]]
 
 
 def test_tapping_leaves_with_the_pitch_and_old_pecking_starts_where_the_tool_is(read) -> None:
@@ -192,6 +256,16 @@ def test_tapping_leaves_with_the_pitch_and_old_pecking_starts_where_the_tool_is(
     old += "CYCL DEF 1.4 DWELL 0\nCYCL DEF 1.5 F90"
     cam = read(close(f"{old}\nL Z+2 FMAX\nL X+10 FMAX M99"))
     assert cuts(cam) == [[10, 0, -20]] and cam.toolpath.feed.max() * 1e3 == pytest.approx(1.5)
+
+
+def test_bores_are_milled_where_the_program_states_the_radius_of_the_tool(read) -> None:
+    bore = "CYCL DEF 208 BORE ~\nQ200=2 ~\nQ201=-8 ~\nQ206=600 ~\nQ334=5 ~\nQ203=0 ~\nQ204=9 ~\nQ335=30 ~\nQ342=0"
+    with pytest.raises(InputError, match="cycle 208 needs the radius of the tool"):
+        read(close(f"{bore}\nCYCL CALL"))
+    head = "BEGIN PGM P MM\nTOOL DEF 1 L+0 R+5\n" + START.split("\n", 1)[1]
+    cam = read(f"{head}{bore}\nCYCL CALL\nEND PGM P MM\n")
+    helix = math.hypot(2 * 2 * math.pi * 10, 10)
+    assert cam.toolpath.cutting_length * 1e3 == pytest.approx(10 + helix + 2 * math.pi * 10 + 10, rel=1e-4)
 
 
 FRAMES = {
@@ -224,6 +298,8 @@ PLANES = {
     "PLANE SPATIAL SPA+90 SPB+0 SPC+0 STAY": ([1, -3, 2], [0, -1, 0]),
     "PLANE SPATIAL SPA+45 SPB+0 SPC+90 MOVE DIST50 F2000": (None, [math.sqrt(0.5), 0, math.sqrt(0.5)]),
     "PLANE VECTOR BX+1 BY+0 BZ+0 NX+0 NY-1 NZ+0 STAY": ([1, -3, 2], [0, -1, 0]),
+    "PLANE EULER EULPR+0 EULNU90 EULROT0 STAY": ([1, -3, 2], [0, -1, 0]),
+    "PLANE POINTS P1X+0 P1Y+0 P1Z+0 P2X+1 P2Y+0 P2Z+0 P3X+0 P3Y+0 P3Z+1 STAY": ([1, -3, 2], [0, -1, 0]),
 }
 
 
@@ -273,10 +349,6 @@ def test_tools_are_events_by_number_or_name_and_a_speed_alone_is_no_tool(read) -
 
 
 REFUSED = [
-    ("APPR LT X+20 Y+20 LEN10 R0 F500", "APPR (approaches) is not read"), ("DEP LT LEN10", "DEP (departures)"),
-    ("CYCL DEF 208 BORE ~\n Q200=2", "CYCL DEF 208"), ("CYCL DEF 220 ~\n Q216=+50", "CYCL DEF 220"),
-    ("PATTERN DEF POS1 (X+1 Y+2 Z+0)", "PATTERN (patterns of holes)"),
-    ("L X+10 F9\nRND R2\nCR X+30 Y+0 R-15 DR-", "corner beside an arc is not read"),
     ("FL X+10", "FL (free contours) is not read"), ("SPL X+1 K3X0", "SPL (splines) is not read"),
     ("CYCL DEF 251 RECTANGULAR POCKET ~\n Q215=0", "CYCL DEF 251 is not read"), ("CYCL DEF 4.0 POCKET", "CYCL DEF 4"),
     ("L X+1O F9", "cannot read"), ("L X+Q77 F9", "parameter Q77 has no value"), ("L X+1 X+2 F9", "word X stands twice"),
@@ -285,7 +357,7 @@ REFUSED = [
     ("CT X+9 Y+9", "smoothly"),
     ("L X+5 M130", "M130"), ("RND R5", "does not stand between"),
     ("L X+9 F9\nRND R5\nL Y+9 FMAX", "no cutting move after"),
-    ("L X+9 F9\nRND R50\nL Y+9", "takes"), ("PLANE AXIAL B+30 STAY", "PLANE 'AXIAL B+30 STAY' is not read"),
+    ("L X+9 F9\nRND R50\nL Y+9", "takes"), ("PLANE AXIAL B+30 STAY", "PLANE AXIAL is not read"),
     ("LBL 1\nLBL 1", "label 1 occurs twice"), ("CALL LBL 9", "label 9 is not in"),
     ("M99", "none that is read is defined"),
     ("HELLO X+5", "is not read and may move"), ("L X+1 B+30 F9", "rotary"),

@@ -81,6 +81,14 @@ def test_krl_turning_arcs_are_one_move_that_turns_evenly(krl) -> None:
     assert cam.toolpath.axis[-1] == pytest.approx([-np.sqrt(0.75), 0, 0.5])
 
 
+def test_krl_splines_pass_through_their_points(krl) -> None:
+    points = "".join(f"SPL {{X {x},Y {y}}}\n" for x, y in ((10, 5), (20, 0), (30, -5)))
+    cam = krl(f"$VEL.CP=0.05\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\nSPLINE\n{points}ENDSPLINE\n")
+    near = [np.hypot(cam.toolpath.position[:, 0] * 1e3 - x, cam.toolpath.position[:, 1] * 1e3 - y).min() for x, y in
+            ((10, 5), (20, 0), (30, -5))]  # fmt: skip
+    assert max(near) < 1e-9 and "(assumed: the controller's own is not published)" in cam.facts.notes[0]
+
+
 def test_krl_positions_and_bases_come_from_the_data_beside_and_subprograms_are_followed(krl, tmp_path: Path) -> None:
     (tmp_path / "part.dat").write_text(
         f"DEFDAT part\nDECL E6POS XP1={{X 1.0,Y 2.0,Z 3.0,{DOWN},S 2,T 10,E1 0.0}}\nENDDAT\n"
@@ -126,8 +134,7 @@ def test_krl_bases_that_change_are_followed_where_they_are_known(krl) -> None:
         ("LIN PT[I]", r"position 'PT\[I\]' is not known"), ("LIN {X 5+A}", "position 'X 5"),
         ("LIN {X 1O}", "position 'X 1O'"),
         ("LIN {X 1,X 2}", "each once"), ("GOTO M1", "GOTO is not read"), ("$IPO_MODE=#TCP", "in the robot's hand"),
-        ("SPLINE\nSPL {X 5}\nENDSPLINE", "SPLINE is not read: the controller's curve"),
-        ("LIN {X 1E30}", "coordinate X 1E30"),
+        ("SPLINE\nSLIN {X 5}\nENDSPLINE", "SLIN within SPLINE"), ("LIN {X 1E30}", "coordinate X 1E30"),
         ("CIRC {X 0,Y 10}", "circle has no end"), ("PTP {A1 0,A2 0}\nCIRC {X 0,Y 10},{X -10}", "not known"),
     ],
 )  # fmt: skip

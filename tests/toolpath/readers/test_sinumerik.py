@@ -58,6 +58,8 @@ ARCS = {
     "G2 X20 Y10 I0 J10": ([20, 10, 10], 15 * math.pi),
     "G3 X=IC(10) Y=IC(10) CR=10": ([20, 10, 10], 5 * math.pi),
     "G2 X20 Y10 CR=-10": ([20, 10, 10], 15 * math.pi),
+    "G3 X20 Y10 AR=90": ([20, 10, 10], 5 * math.pi),
+    "G3 I0 J10 AR=90": ([20, 10, 10], 5 * math.pi),
     "G3 X10 Y0 I0 J10": ([10, 0, 10], 20 * math.pi),
     "CIP X20 Y10 I1=17.0710678 J1=2.9289322": ([20, 10, 10], 5 * math.pi),
     "CT X20 Y10": ([20, 10, 10], 5 * math.pi),
@@ -87,8 +89,10 @@ def test_corners_are_rounded_and_cut(read) -> None:
     assert length("RND=5") == pytest.approx(20 + 2.5 * math.pi)
     assert length("CHR=4") == pytest.approx(22 + math.hypot(4, 4))
     assert length("CHF=4") == pytest.approx(30 - 8 * math.sqrt(0.5) + 4)
+    modal = read(f"{HEAD}G0 Z0\nG1 X20 F600 RNDM=5\nY20\nX0 RNDM=0\nY0\n")
     slower = read(f"{HEAD}G0 Z0\nG1 X20 F600 CHR=4 FRC=90\nY10\n").toolpath  # mm/min on the chamfer alone
     assert (1e3 * slower.feed[~slower.rapid]).tolist() == pytest.approx([10.0, 1.5, 10.0])
+    assert modal.facts.cutting_length_mm == pytest.approx(80 - 20 + 5 * math.pi)
 
 
 FRAMES = {
@@ -161,6 +165,15 @@ def test_modal_calls_drill_every_place_until_they_end(read) -> None:
     cam = read(f"{HEAD}MCALL CYCLE81(20,0,2,-5)\nX10 Y10 F120\nX20\nMCALL\nX30\nM30\n")
     assert [point[:2] for point in cuts(cam) if point[2] == -5] == [[10, 10], [20, 10]]
 
+    def holes(pattern: str) -> list[list[float]]:
+        cam = read(f"{HEAD}F120\nMCALL CYCLE82(20,0,2,-5)\n{pattern}\nMCALL\nG0 X99\nM30\n")
+        return [point[:2] for point in cuts(cam)]
+
+    assert holes("HOLES1(10,20,90,5,10,3)") == [[10, 25], [10, 35], [10, 45]]
+    assert holes("HOLES2(0,0,10,0,90,4)") == [[10, 0], [0, 10], [-10, 0], [0, -10]]
+    assert holes("HOLES2(0,0,10,45,0,2)") == [[7.071068, 7.071068], [-7.071068, -7.071068]]
+    assert holes("CYCLE801(1,2,0,10,20,2,2)") == [[1, 2], [11, 2], [11, 22], [1, 22]]
+
 
 FLOWS = {
     "R1=0\nWHILE R1<3\nR1=R1+1\nG1 X=R1*10 F60\nENDWHILE": [10, 20, 30],
@@ -173,11 +186,11 @@ FLOWS = {
     "R1=0\nREPEAT\nR1=R1+10\nG1 X=R1 F60\nUNTIL R1>=30": [10, 20, 30],
     "R1=0\nLOOP\nR1=R1+10\nG1 X=R1 F60\nIF R1==30 GOTOF OUT\nENDLOOP\nOUT:": [10, 20, 30],
     "G91\nBEGIN:\nG1 X10 F60\nREPEAT BEGIN P=2\nG90": [10, 20, 30],
-    "R1=2\nCASE R1 OF 1 GOTOF A 2 GOTOF BB DEFAULT GOTOF OUT\nA: G1 X10 F60\nBB: G1 X20 F60\nOUT: G1 X30": [20, 30],
     "DEF REAL A=5, B\nB=A*SIN(30)+SQRT(9)*2-POT(2)\nG1 X=B F60\nX=A*(B-2)": [4.5, 12.5],
     "R1=10 R2=2\nG1 X=R1/R2 F60\nX=R1 DIV 3\nX=R1 MOD 4\nX=-R1+ABS(-3)": [5, 3, 2, -7],
     "DEF REAL P[3]\nP[1]=7\nG1 X=P[1] F=R9+60\nX=P[2]": None,
     "L10 P2\nM30\n%_N_L10_SPF\nG91\nG1 X10 F60\nG90\nM17": [10, 20],
+    "SLOT(5,2)\nM30\n%_N_SLOT_SPF\nPROC SLOT(REAL LEN, INT N)\nG1 X=LEN*N F60\nRET": [10],
 }
 
 
@@ -209,16 +222,15 @@ REFUSED = [
     ("TRANSMIT", "TRANSMIT"), ("G33 Z-5 K1", "G33 (threading)"), ("G58 X5", "G58 (a shift"),
     ("SCALE X2", "different factors"),
     ("ROUTINE7(5)", "subprogram call ROUTINE7"), ("L100", "subprogram call L100"),
-    ("UNKNOWN", "word UNKNOWN is not read"), ("G3 X20 Y10 AR=90 F9", "word AR"), ("G1 X9 RNDM=2 F9", "word RNDM"),
+    ("UNKNOWN", "word UNKNOWN is not read"),
     ("G1 X=R5 F9", "R[5] has no value"), ("G1 X1 X2 F9", "word X stands twice"),
     ("G3 X5 Y5 F9", "arc has neither a centre"),
     ("G1 X1O F9", "is not read"), ("GOTOF NOWHERE", "does not stand after"), ("IF R1==1\nG1 X1", "is never closed"),
     ("G1 X5 A2=0 B2=1 C2=0 F9", "expected A3= B3= C3="), ("$P_UIFR[1]=CTRANS(X,5)", "sets a frame"),
-    ("EXTCALL \"A\"", "EXTCALL"),
+    ("EXTCALL \"A\"", "EXTCALL"), ("CASE R1 OF 1 GOTOF A", "CASE"),
     ("G1 X9 F9 RND=5\nG0 Y9", "no cutting move after"), ("G147 X5 DISR=2", "soft approach"),
     ("CYCLE81(20,0,2)", "no depth"),
-    ("HOLES2(0,0,9,0,0,4)", "HOLES2 is not read"),
-    ("MCALL L5", "L5"), ("CYCLE81(20,0,2,5)", "above its reference"),
+    ("HOLES2(0,0,9,0,0,4)", "no drilling cycle"), ("MCALL L5", "L5"), ("CYCLE81(20,0,2,5)", "above its reference"),
     ("G1 X5 B30 F9", "otary"), ("WHEN TRUE DO M8", "WHEN"),
     ("G1 X5 SUPA\nG1 X6 F9", "not known"),
 ]  # fmt: skip

@@ -11,7 +11,6 @@ import pytest
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.toolpath.readers import CamFile, CamTable, read_cam
-from compplan.toolpath.readers.cnc.rs274_lexer import check_words
 from compplan.toolpath.reading import read_toolpath
 
 HEAD = "G21 G0 X0 Y0 Z0\n"
@@ -235,11 +234,3 @@ def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
         "part.nc, line 3: G41 compensates wear alone: the path is that of the tool's centre, as compensation = "
         "centre_line says.",
     ]
-
-
-@pytest.mark.parametrize(("words", "said"), [
-    ([("G", 0.0), ("G", 1.0), ("X", 5.0)], "G0 and G1 stand in one block, expected one motion"),
-    ([("G", 90.0), ("G", 1.0), ("X", 5.0)], ""), ([("X", 1.0), ("X", 2.0)], "word X stands twice in this block"),
-])  # fmt: skip
-def test_a_block_says_one_motion_and_each_coordinate_once(words: list[tuple[str, float]], said: str) -> None:
-    assert check_words(words).startswith(said) and bool(check_words(words)) == bool(said)

@@ -7,11 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, centre_from_radius, combine, cross, dot, normalise
+from compplan.toolpath.readers.arcs import Point, arc_about, centre_from_radius, combine, cross, dot, normalise
 from compplan.toolpath.readers.cnc.course import Course
 
 #: Angles below this count as none. [rad]
 STRAIGHT = 1e-6
+#: Greatest part of a line that may leave the plane of a corner.
+LEANING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -33,40 +35,66 @@ class Element:
     right_hand: bool = True
     turns: int = 1
     axis: Point | None = None
+    rapid: bool = False
     run: Callable[[], None] | None = None
 
     def tangent(self, place: Point) -> Point:
         """Return the direction of travel at a point of the element."""
         if self.centre is None:
-            return _unit(combine(1.0, self.end, -1.0, self.start))
+            return normalise(combine(1.0, self.end, -1.0, self.start))
         along = cross(self.normal, combine(1.0, place, -1.0, self.centre))
-        return _unit(along if self.right_hand else (-along[0], -along[1], -along[2]))
+        return normalise(along if self.right_hand else (-along[0], -along[1], -along[2]))
 
 
 @dataclass(frozen=True)
 class Corner:
-    """Hold a corner: ROUND (radius), LEG (from the corner to either end of the chamfer) or CHAMFER (its length)."""
+    """Hold a corner: ROUND (radius), LEG (from the corner to either end of the chamfer) or CHAMFER (its length).
+
+    A modal one is left out where no cut follows.
+    """
 
     kind: str
     size: float
     feed: float | None
     line: int
+    modal: bool = False
+
+
+Approach = Callable[[Element], list[Element]]
 
 
 class Contour:
-    """Hold the element that a corner ends, until the next one comes."""
+    """Hold what waits for the next element: an approach, or an element that a corner ends."""
 
     def __init__(self, course: Course, unit: str = " mm") -> None:
         self.course, self.unit = course, unit
         self.held: tuple[Element, Corner] | None = None
+        self.approach: Approach | None = None
+        self.target: Point = (0.0, 0.0, 0.0)
+        self.first = 0
 
     @property
     def position(self) -> Point:
         """Where the next element begins, in the coordinates of the program."""
+        if self.approach is not None:
+            return self.target
         return self.held[0].end if self.held else self.course.position
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing waits for the next element."""
+        return self.held is None and self.approach is None
+
+    def wait(self, approach: Approach, target: Point, line: int) -> None:
+        """Let an approach to a point wait for the first element of the contour."""
+        self.approach, self.target, self.first = approach, target, line
 
     def add(self, element: Element, corner: Corner | None = None) -> None:
         """Take an element, and the corner at its end."""
+        if self.approach is not None:
+            approach, self.approach = self.approach, None
+            for piece in approach(element):
+                self._put(piece)
         if self.held is not None:
             before, asked = self.held
             self.held = None
@@ -83,13 +111,20 @@ class Contour:
             self._put(element)
 
     def refuse_open(self) -> None:
-        """Refuse a corner that no cut follows."""
+        """Refuse a corner or an approach that no cut follows; put down what waits for a modal one."""
+        if self.held is not None and self.held[1].modal:
+            element, self.held = self.held[0], None
+            self._put(element)
         if self.held is not None:
             raise InputError(f"the rounded or cut corner of line {self.held[1].line} has no cutting move after it")
+        if self.approach is not None:
+            raise InputError(f"the approach of line {self.first} has no contour after it")
 
     def _put(self, element: Element) -> None:
         course = self.course
-        if element.run is not None:
+        if element.rapid:
+            course.rapid(element.end, element.named, element.axis)
+        elif element.run is not None:
             element.run()
         elif element.centre is None:
             course.line(element.end, element.named, element.feed, element.axis)
@@ -101,37 +136,126 @@ class Contour:
 def join_corner(
     before: Element, corner: Corner, after: Element, unit: str = ""
 ) -> tuple[Element, Element | None, Element]:
-    """Return two lines cut back to a corner between them, and what joins them; ValueError if no such corner fits.
+    """Return two elements cut back to a corner between them, and what joins them; ValueError if no such corner fits.
 
-    Lines turning by t lose r tan(t / 2) each to a rounding of radius r, and c / (2 cos(t / 2)) to a chamfer of length
-    c. `unit` is that of messages, "" where it depends on the program.
+    Two lines turning by t lose r tan(t / 2) each to a rounding of radius r, and c / (2 cos(t / 2)) to a chamfer of
+    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet. `unit` is that of
+    messages, "" where it depends on the program.
     """
-    point, one, other = before.end, before.tangent(before.end), after.tangent(before.end)
+    point, normal = before.end, after.normal if after.centre is not None else before.normal
+    one, other = before.tangent(point), after.tangent(point)
+    lines = before.centre is None and after.centre is None
     across = cross(one, other)
     turn = math.atan2(math.hypot(*across), dot(one, other))
     if before.axis is not None or after.axis is not None:
         raise ValueError("the tool turns beside a rounded or cut corner, which is not read")
     if turn < STRAIGHT or corner.size == 0.0:
         return before, None, after
-    if before.centre is not None or after.centre is not None:
-        raise ValueError("a rounded or cut corner beside an arc is not read; post-process it as an arc of its own")
     if turn > math.radians(179.9):
         raise ValueError("the path turns back at this corner")
     if corner.size < 0.0:
         raise ValueError(f"a corner of {corner.size:g}{unit}, expected a size above 0")
-    reach = {
-        "ROUND": corner.size * math.tan(0.5 * turn), "LEG": corner.size,
-        "CHAMFER": 0.5 * corner.size / math.cos(0.5 * turn),
-    }[corner.kind]  # fmt: skip
-    shortest = min(math.dist(before.start, point), math.dist(point, after.end))
-    if reach > shortest + 1e-6:
-        raise ValueError(f"a corner of {corner.size:g}{unit} takes {reach:g}{unit} of moves of {shortest:g}{unit}")
-    normal = normalise(across)
-    first, last = combine(1.0, point, -reach, one), combine(1.0, point, reach, other)
-    middle = combine(1.0, first, corner.size, cross(normal, one)) if corner.kind == "ROUND" else None
     feed = before.feed if corner.feed is None else corner.feed
-    joint = Element(first, last, before.named, feed, corner.line, middle, normal)
+    if lines:
+        normal = normalise(across)
+        reach = {
+            "ROUND": corner.size * math.tan(0.5 * turn), "LEG": corner.size,
+            "CHAMFER": 0.5 * corner.size / math.cos(0.5 * turn),
+        }[corner.kind]  # fmt: skip
+        shortest = min(math.dist(before.start, point), math.dist(point, after.end))
+        if reach > shortest + 1e-6:
+            raise ValueError(f"a corner of {corner.size:g}{unit} takes {reach:g}{unit} of moves of {shortest:g}{unit}")
+        first, last = combine(1.0, point, -reach, one), combine(1.0, point, reach, other)
+        middle = combine(1.0, first, corner.size, cross(normal, one)) if corner.kind == "ROUND" else None
+        right_hand = True
+    else:
+        if corner.kind != "ROUND" or max(abs(dot(one, normal)), abs(dot(other, normal))) > LEANING:
+            raise ValueError("a chamfer beside an arc, or a corner out of the plane of its arc, is not read")
+        right_hand = dot(across, normal) > 0.0
+        middle, first, last = _find_rounding(before, after, corner.size, normal, right_hand=right_hand)
+    joint = Element(first, last, before.named, feed, corner.line, middle, normal, right_hand)
     return replace(before, end=first), joint, replace(after, start=last)
+
+
+def _find_rounding(
+    before: Element, after: Element, radius: float, normal: Point, *, right_hand: bool
+) -> tuple[Point, Point, Point]:
+    """Return centre, begin and end of the arc of a radius that touches two elements from inside their corner."""
+    point = before.end
+    u = before.tangent(point)
+    v = cross(normal, u)
+    found: list[tuple[float, Point, Point, Point]] = []
+    left = radius if right_hand else -radius
+    for place in _meet(*(_move_inwards(element, point, left, u, v) for element in (before, after))):
+        centre = combine(1.0, combine(1.0, point, place.real, u), place.imag, v)
+        first, last = (_touch(element, centre, normal) for element in (before, after))
+        if _lies_on(before, first) and _lies_on(after, last):
+            found.append((math.dist(centre, point), centre, first, last))
+    if not found:
+        raise ValueError(f"a rounding of radius {radius:g} does not fit between its elements")
+    return min(found)[1:]
+
+
+#: A line, its point and direction, or a circle, its centre and radius; places of a plane are complex numbers.
+Flat = tuple[complex, complex | float]
+
+
+def _move_inwards(element: Element, point: Point, left: float, u: Point, v: Point) -> Flat:
+    """Return an element moved to its left, in the plane."""
+    if element.centre is None:
+        t = element.tangent(point)
+        along = complex(dot(t, u), dot(t, v))
+        return 1j * left * along, along
+    arm = combine(1.0, element.centre, -1.0, point)
+    size = math.dist(element.centre, point) + (-left if element.right_hand else left)
+    return complex(dot(arm, u), dot(arm, v)), abs(size)
+
+
+def _meet(one: Flat, other: Flat) -> list[complex]:
+    """Return where a line and a circle, or two circles, meet."""
+    (start, way), (centre, radius) = (one, other) if isinstance(one[1], complex) else (other, one)
+    if isinstance(radius, complex):
+        return []
+    to = start - centre
+    if isinstance(way, complex):
+        along = (to * way.conjugate()).real
+        inside = along * along - (abs(to) ** 2 - radius**2)
+        root = math.sqrt(max(inside, 0.0))
+        return [start + t * way for t in (-along + root, -along - root)] if inside >= -1e-9 else []
+    if abs(to) < 1e-12:
+        return []
+    along = (abs(to) ** 2 + radius**2 - way**2) / (2.0 * abs(to))
+    across = math.sqrt(max(radius**2 - along**2, 0.0))
+    return (
+        [centre + to / abs(to) * complex(along, s * across) for s in (1.0, -1.0)] if abs(along) <= radius + 1e-9 else []
+    )
+
+
+def _touch(element: Element, centre: Point, normal: Point) -> Point:
+    """Return where a rounding about a centre touches an element."""
+    if element.centre is None:
+        t = element.tangent(element.start)
+        return combine(1.0, element.start, dot(combine(1.0, centre, -1.0, element.start), t), t)
+    arm = combine(1.0, centre, -1.0, element.centre)
+    arm = combine(1.0, arm, -dot(arm, normal), normal)
+    size, radius = math.hypot(*arm), math.dist(element.centre, element.start)
+    return combine(1.0, element.centre, radius / max(size, 1e-12), arm)
+
+
+def _lies_on(element: Element, place: Point) -> bool:
+    """Return whether a point of an element's line or circle lies within its ends."""
+    if element.centre is None:
+        t = element.tangent(element.start)
+        along = dot(combine(1.0, place, -1.0, element.start), t)
+        return -1e-6 <= along <= math.dist(element.start, element.end) + 1e-6
+    if element.turns > 1:
+        return True
+    whole, part = (
+        abs(arc_about(element.start, end, element.centre, element.normal, right_hand=element.right_hand).sweep)
+        for end in (element.end, place)
+    )
+    near = math.dist(place, element.start) < 1e-6
+    return part <= whole + 1e-6 or near
 
 
 def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) -> tuple[Point, bool] | None:
@@ -158,10 +282,3 @@ def find_centre(start: Point, end: Point, normal: Point, radius: float, unit: st
         raise ValueError(f"arc of radius R {radius:g}{unit} cannot join ends that are {far:g}{unit} apart, expected "
                          f"0 < distance <= {2 * abs(radius):g}{unit}")  # fmt: skip
     return centre
-
-
-def _unit(vector: Point) -> Point:
-    size = math.hypot(*vector)
-    if size < 1e-12:
-        raise ValueError("an element of the contour has no length")
-    return vector[0] / size, vector[1] / size, vector[2] / size

@@ -1,7 +1,8 @@
-"""Drilling cycles: holes of all dialects; G73 to G89 of G-code, CYCLE8x of Sinumerik."""
+"""Drilling cycles: holes and patterns of all dialects; G73 to G89 of G-code, CYCLE8x and HOLESx of Sinumerik."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,9 +12,9 @@ from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, CncBlock
-from compplan.toolpath.readers.frames import DEEP_AXIS
+from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotate
 
-#: Greatest number of holes of one block, and of pecks of one hole.
+#: Greatest number of holes of one block or pattern, and of pecks of one hole.
 MOST_HOLES = 10_000
 MOST_PECKS = 10_000
 #: How far a deep-hole cycle stays above the depth before when it comes back (G83) or goes back (G73). [mm]
@@ -34,6 +35,7 @@ NOT_CUT = {87.0: "back boring", 88.0: "boring with a retract by hand"}
 #: Drilling cycles of Sinumerik, and whether the tool leaves the hole with a feed.
 DRILLING = {"CYCLE81": False, "CYCLE82": False, "CYCLE83": False, "CYCLE84": True, "CYCLE840": True, "CYCLE85": True,
             "CYCLE86": False, "CYCLE87": False, "CYCLE88": False, "CYCLE89": True}  # fmt: skip
+PATTERNS = {"HOLES1", "HOLES2", "CYCLE801"}
 REFUSED = re.compile(r"CYCLE\d+|POCKET\d|SLOT\d|LONGHOLE|HOLES\d|CONTPRON|CONTDCON")
 #: Calls that say nothing of the path.
 SILENT_CALLS = frozenset((
@@ -123,6 +125,29 @@ def list_pecks(clear: float, bottom: float, first: float, less: float, least: fl
         depths.append(depths[-1] - peck)
         peck = max(peck - less, least)
     return depths[1:]
+
+
+def list_circle(centre: tuple[float, float], radius: float, start: float, step: float, count: int) -> list[Point]:
+    """List holes on a circle; angles in degrees."""
+    angles = [math.radians(start + step * i) for i in range(_check(count))]
+    return [(centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle), 0.0) for angle in angles]
+
+
+def list_grid(corner: tuple[float, float], turn: float, steps: tuple[float, float], counts: tuple[int, int],
+              first: float = 0.0) -> list[Point]:  # fmt: skip
+    """List holes in rows, to and fro; the rows turn about the corner by an angle in degrees."""
+    turned = Frame(rotate(2, turn).rows, (*corner, 0.0))
+    columns = range(_check(counts[0] * counts[1]) // counts[1])
+    return [
+        turned.apply((first + column * steps[0], row * steps[1], 0.0))
+        for row in range(counts[1]) for column in (columns if row % 2 == 0 else reversed(columns))
+    ]  # fmt: skip
+
+
+def _check(count: int) -> int:
+    if not 0 < count <= MOST_HOLES:
+        raise InputError(f"pattern of {count} holes, 1 to {MOST_HOLES} are read")
+    return count
 
 
 def begin_cycle(it: Interpreter, code: float) -> None:
@@ -223,7 +248,7 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
 
 
 class SinumerikCycles:
-    """Carry out cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL."""
+    """Carry out cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801."""
 
     def __init__(self, it: Interpreter, evaluate: Callable[[str], float], ask_for_unit: Callable[..., None]) -> None:
         self.it, self.evaluate, self.ask_for_unit = it, evaluate, ask_for_unit
@@ -234,13 +259,15 @@ class SinumerikCycles:
         """Carry out a cycle, or keep it for the holes that follow; return whether the call is one that is read."""
         if called in SILENT_CALLS:
             return True
-        if called not in DRILLING:
+        if called not in DRILLING and called not in PATTERNS:
             if REFUSED.fullmatch(called):
                 raise InputError(f"{called} is not read; write its moves out in the CAM system")
             return False
         numbers: Numbers = [None if not text or text[0] == '"' else self.evaluate(text) for text in arguments]
         numbers += [None] * (20 - len(numbers))
-        if modal:
+        if called in PATTERNS:
+            self._drill_pattern(called, [number or 0.0 for number in numbers])
+        elif modal:
             self.modal = called, numbers
         else:
             self._drill(called, numbers)
@@ -286,3 +313,21 @@ class SinumerikCycles:
             return numbers[6] * state.feed_scale / 60.0, (numbers[7] or numbers[6]) * state.feed_scale / 60.0
         feed = self.it.motion.feed(0.0)
         return feed, feed
+
+    def _drill_pattern(self, called: str, n: list[float]) -> None:
+        """Carry out HOLES1 (a row), HOLES2 (a circle) and CYCLE801 (a grid) with the modal cycle."""
+        if self.modal is None:
+            raise InputError(f"{called}, and no drilling cycle is called before it (MCALL)")
+        corner, count = (n[0], n[1]), int(n[5])
+        if called == "HOLES1":  # SPCA, SPCO, STA1, FDIS, DBH, NUM
+            places = list_grid(corner, n[2], (n[4], 0.0), (count, 1), n[3])
+        elif called == "HOLES2":  # CPA, CPO, RAD, STA1, INDA, NUM
+            places = list_circle(corner, n[2], n[3], n[4] or 360.0 / max(count, 1), count)
+        else:  # SPCA, SPCO, STA, DIS1, DIS2, NUM1, NUM2
+            places = list_grid(corner, n[2], (n[3], n[4]), (count, int(n[6])))
+        first, second = PLANE_AXES[self.it.state.plane]
+        self.it.contour.refuse_open()
+        for u, v, _ in places:
+            place = set_level(self.it.course.position, first, u * self.it.state.scale)
+            self.it.course.rapid(set_level(place, second, v * self.it.state.scale), (first, second))
+            self.drill_here()

@@ -1,22 +1,25 @@
-"""Drilling cycles of Heidenhain programs: 1, 2, 17, 200 to 207, 209 and 240."""
+"""Drilling cycles of Heidenhain programs: 1, 2, 17, 200 to 209 and 240, patterns 220 and 221."""
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
-from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level
+from compplan.toolpath.readers.cnc.contour import Element
+from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.frames import PLANE_AXES
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS
 from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool leaves the hole with the feed; old ones, and the part that states their feed.
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
-            207: True, 209: True, 240: False}  # fmt: skip
+            207: True, 208: False, 209: True, 240: False}  # fmt: skip
 OLD = {1: 5, 2: 4, 17: 3}
 #: Cycles that say nothing of the path.
 SILENT = {13, 32, 239, 332, 392}
@@ -64,11 +67,14 @@ class HeidenhainCycles:
                 self.cycle = Cycle(number)
             if last:
                 self.cycle.values[str(at)] = self.words.value(last.group(1))
-        elif number in DRILLING:
+        elif number in DRILLING or number in (220, 221):
             values = {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)}
             self.words.values.update(values)
             self.defining = True
-            self.cycle = Cycle(number, values)
+            if number in (220, 221):
+                self._drill_pattern(Cycle(number, values))
+            else:
+                self.cycle = Cycle(number, values)
         else:
             raise InputError(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
@@ -87,15 +93,28 @@ class HeidenhainCycles:
             raise InputError("values from GLOBAL DEF (PREDEF) are not read; write them out")
         return self.words.value(text)
 
-    def call(self, place: Point | None = None) -> None:
-        """Drill where the tool is, or at a place, whose height counts on top of the cycle's surface."""
-        course, cycle, axis = self.it.course, self.cycle, self.words.tool_axis
+    def call(self) -> None:
+        """Drill where the tool is."""
         self.it.contour.refuse_open()
-        if cycle is None or (place is not None and cycle.number in OLD):
+        if self.cycle is None:
             raise InputError("a cycle is called, and none that is read is defined")
-        if place is not None:
-            cycle = Cycle(cycle.number, {**cycle.values, "Q203": cycle.values.get("Q203", 0.0) + place[axis]})
-            course.rapid(set_level(place, axis, course.position[axis]), PLANE_AXES[self.it.state.plane])
+        self._drill(self.cycle)
+
+    def call_at(self, place: Point) -> None:
+        """Drill at a place; its height counts on top of the cycle's surface."""
+        cycle = self._need_new("CYCL CALL at positions needs a cycle from 200")
+        surface = cycle.values.get("Q203", 0.0) + place[self.words.tool_axis]
+        self._drill_over(place, Cycle(cycle.number, {**cycle.values, "Q203": surface}))
+
+    def _need_new(self, message: str) -> Cycle:
+        if self.cycle is None or self.cycle.number in OLD:
+            raise InputError(message)
+        return self.cycle
+
+    def _drill_over(self, place: Point, cycle: Cycle) -> None:
+        """Move rapidly over a place at the height of the tool, and drill there."""
+        height = self.it.course.position[self.words.tool_axis]
+        self.it.course.rapid(set_level(place, self.words.tool_axis, height), PLANE_AXES[self.it.state.plane])
         self._drill(cycle)
 
     def _drill(self, cycle: Cycle) -> None:
@@ -127,7 +146,11 @@ class HeidenhainCycles:
             elif not expand:
                 self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
                 return
-            if depth != 0.0:
+            if cycle.number == 208 and expand and depth != 0.0:
+                self._mill_bore(values, clear, bottom, feed)
+                go_to_level(course, axis, clear)
+                go_to_level(course, axis, top)
+            elif depth != 0.0:
                 hole = Hole(axis, clear, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
                 drill(course, hole, str(cycle.number))
             elif not old:
@@ -144,3 +167,47 @@ class HeidenhainCycles:
         feed = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
         back = cycle.values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
         return feed, None if back >= FASTEST else self.to_mm_s(back) if back > 0.0 else feed
+
+    def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
+        """Mill a bore on a helix (cycle 208): from its middle out, down, round the bottom, back to the middle."""
+        radius, course, axis = self.words.radii.get(self.words.tool), self.it.course, self.words.tool_axis
+        if radius is None:
+            raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
+        reach, pitch = 0.5 * values.get("Q335", 0.0) - radius, abs(values.get("Q334", 0.0))
+        if reach <= 0.0 or pitch <= 0.0:
+            raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
+        middle, one = course.position, PLANE_AXES[self.it.state.plane][0]
+        course.line(set_level(middle, one, middle[one] + reach), (), feed)
+        turns = max(1, math.ceil((first - bottom) / pitch - 1e-9))
+        for rounds in (turns, 1):
+            start, end = course.position, set_level(course.position, axis, bottom)
+            centre = set_level(start, one, start[one] - reach)
+            normal = PLANE_NORMALS[self.it.state.plane]
+            self.it.contour.add(Element(start, end, (), feed, self.it.flow.line, centre, normal, True, rounds))
+        course.line(set_level(middle, axis, bottom), (), feed)
+
+    def _drill_pattern(self, pattern: Cycle) -> None:
+        """Carry out cycles 220 (holes on a circle) and 221 (holes in rows) with the cycle defined before."""
+        get, n, course, axis = pattern.get, pattern.values, self.it.course, self.words.tool_axis
+        cycle = self._need_new(f"cycle {pattern.number}, and no cycle from 200 is defined before it")
+        if n.get("Q365", 0.0) != 0.0:
+            raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read")
+        kept: dict[str, float] = {name: n[name] for name in ("Q200", "Q203", "Q204") if name in n}
+        if n.get("Q301", 1.0) == 0.0:
+            kept["Q204"] = 0.0
+        if pattern.number == 220:
+            count, start, step = int(get("Q241")), get("Q245"), n.get("Q247", 0.0)
+            span = n.get("Q246", 360.0) - start
+            step = step or span / max(1, count if abs(abs(span) - 360.0) < 1e-9 else count - 1)
+            places = list_circle((get("Q216"), get("Q217")), 0.5 * get("Q244"), start, step, count)
+        else:
+            counts = int(get("Q242")), int(get("Q243"))
+            steps = get("Q237"), get("Q238")
+            places = list_grid((get("Q225"), get("Q226")), n.get("Q224", 0.0), steps, counts)
+        first, second = PLANE_AXES[self.it.state.plane]
+        for u, v, _ in places:
+            place = set_level(set_level((0.0, 0.0, 0.0), first, u), second, v)
+            self._drill_over(place, Cycle(cycle.number, {**cycle.values, **kept}))
+        top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
+        if top > course.position[axis]:
+            go_to_level(course, axis, top)

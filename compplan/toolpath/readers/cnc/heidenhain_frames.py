@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import cross
 from compplan.toolpath.readers.cnc.heidenhain_words import TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES
@@ -12,7 +13,7 @@ from compplan.toolpath.readers.frames import NOWHERE, PLANE_NORMALS, Frame, rota
 from compplan.toolpath.readers.lines import match_form
 
 AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
-NAMED = re.compile(rf"([A-Z]+)\s*({VALUE})")
+NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
 #: Words of PLANE that say how the rotary axes go there, not where.
 HOW = re.compile(
     r"\b(MOVE|TURN|STAY|SEQ\s*[-+]|SYM\s*[-+]|TABLE\s+ROT|COORD\s+ROT|F\s*MAX|F\s*AUTO|F\s*[\d.,]+|FQ\d+|"
@@ -41,7 +42,7 @@ class KlartextDatums:
         return self.it.frames.get("plane", Frame())
 
     def define(self, number: int, part: int | None, rest: str) -> bool:
-        """Carry out CYCL DEF 7, 8, 10, 11, 19 and 247; return whether the cycle is one of them."""
+        """Carry out CYCL DEF 7, 8, 10, 11, 19, 26 and 247; return whether the cycle is one of them."""
         if number == 247:
             found = re.search(rf"Q339\s*=\s*({VALUE})", rest)
             preset = self.value(found.group(1)) if found else 0.0
@@ -49,7 +50,7 @@ class KlartextDatums:
                 self.it.note("datums (cycle 247) are not known: all coordinates are taken in one frame")
             self.preset = preset
             return True
-        if number not in (7, 8, 10, 11, 19):
+        if number not in (7, 8, 10, 11, 19, 26):
             return False
         if part is None:
             raise InputError(f"CYCL DEF {number} in one block is not read, expected {number}.0 and {number}.1 ..")
@@ -57,7 +58,8 @@ class KlartextDatums:
             if part == 0 and number == 8:
                 self.it.put(mirror=None)
             return True
-        carry_out = {7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt_19}
+        carry_out = {7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt_19,
+                     26: self._scale_axes}  # fmt: skip
         carry_out[number](rest)
         return True
 
@@ -100,6 +102,11 @@ class KlartextDatums:
         if not 1e-6 <= scale <= 100.0:
             raise InputError(f"scale {rest[:20]!r} is not read, expected SCL and a factor")
         self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
+
+    def _scale_axes(self, rest: str) -> None:
+        factors = [self.value(text) for _, _, text in AXIS_VALUE.findall(re.sub(r"CC[XYZ]\s*[-+\d.,]+", "", rest))]
+        if any(factor != 1.0 for factor in factors):
+            raise InputError("scales of single axes (cycle 26) are not read")
 
     def _tilt_19(self, rest: str) -> None:
         """Carry out cycle 19: spatial angles, or angles of rotary axes: the machine says which."""
@@ -146,10 +153,30 @@ class KlartextDatums:
         numbers = {name: self.value(text) for name, text in NAMED.findall(words)}
         if NAMED.sub("", words).strip():
             raise InputError(f"PLANE {rest[:40]!r} is not read, {NAMED.sub('', words).strip()[:20]!r} is not known")
-        vector = ("BX", "BY", "BZ", "NX", "NY", "NZ")
-        named = {"RESET": (), "SPATIAL": ("SPA", "SPB", "SPC"), "VECTOR": vector}.get(kind)
-        if named is None or not numbers.keys() >= set(named):
-            raise InputError(f"PLANE {rest[:40]!r} is not read, expected SPATIAL SPA SPB SPC, VECTOR BX .. NZ or RESET")
-        n = [numbers[name] for name in named]
-        spatial = find_spatial(n[0], n[1], n[2]) if len(n) == 3 else Frame()
-        self._stand(stand_on((n[0], n[1], n[2]), (n[3], n[4], n[5])) if len(n) == 6 else spatial)
+        try:
+            self._stand(self._find_plane(kind, numbers))
+        except KeyError as missing:
+            raise InputError(f"PLANE {kind} has no {missing.args[0]}") from None
+
+    def _find_plane(self, kind: str, n: dict[str, float]) -> Frame:
+        if kind == "RESET":
+            return Frame()
+        if kind == "SPATIAL":
+            return find_spatial(n["SPA"], n["SPB"], n["SPC"])
+        if kind == "EULER":
+            return rotate(2, n["EULPR"]).then(rotate(0, n["EULNU"])).then(rotate(2, n["EULROT"]))
+        if kind == "VECTOR":
+            return stand_on((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
+        if kind == "POINTS":
+            one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
+            x = two[0] - one[0], two[1] - one[1], two[2] - one[2]
+            y = three[0] - one[0], three[1] - one[1], three[2] - one[2]
+            if any(one):
+                raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
+            return stand_on(x, cross(x, y))
+        if kind == "RELATIV":
+            (name, angle), *more = n.items()
+            if more or name not in ("SPA", "SPB", "SPC"):
+                raise ValueError("PLANE RELATIV takes one angle: SPA, SPB or SPC")
+            return self.tilt.then(rotate("ABC".index(name[-1]), angle))
+        raise ValueError(f"PLANE {kind} is not read; use PLANE SPATIAL")

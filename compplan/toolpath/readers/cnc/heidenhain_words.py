@@ -24,7 +24,7 @@ VALUE = rf"[-+]?\s*(?:{NUMBER}|Q[LRS]?\d+)"
 PLAIN = re.compile(rf"L(?: ?X({DECIMAL}))?(?: ?Y({DECIMAL}))?(?: ?Z({DECIMAL}))?(?: ?F({DECIMAL}))?(?: M90)?")
 #: Words of a motion block. Bare signs belong to DR and to R of paraxial blocks.
 WORD = re.compile(
-    rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|DR|"
+    rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|DR|"
     rf"R[0LR](?![\d.,])|R|F\s*(?:MAX|AUTO)|F[UZT]?|S(?=\s*[\d.,Q])|M\s*(?=\d|Q))"
     rf"\s*({VALUE}|[-+](?!\s*[\d.,Q]))?"
 )
@@ -50,7 +50,7 @@ PLANES = {0: 19, 1: 18, 2: 17}
 #: What words of a block are called in all dialects; with I before them they count from where the tool is.
 ADDRESSES = {**{letter: letter for letter in (*AXES, *LETTERS)}, "PR": "RP", "PA": "AP"}
 TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
-TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:[RF]\s*{VALUE}\s*)*$")
+TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$")
 TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
 #: Parameters that PLANE and cycle 19 set to the angles of the rotary axes.
 TILT_ANGLES = {"Q120", "Q121", "Q122"}
@@ -122,8 +122,11 @@ class KlartextWords:
         self.per_turn = False
         #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
         self.old = self.fast = False
-        #: Tool in the spindle, as the program calls it, and its feed [mm/s].
+        #: Side of the contour on which the tool runs: L, R, or none.
+        self.side = ""
+        #: Tool in the spindle, as the program calls it, its feed [mm/s], and radii that the program states.
         self.tool = ""
+        self.radii: dict[str, float] = {}
         self.tool_feed: float | None = None
         #: Lets the frames follow another tool axis.
         self.turn_axis: Callable[[], None] = lambda: None
@@ -232,10 +235,8 @@ class KlartextWords:
     def _set_speed(self, speed: float) -> None:
         """Take a speed of the spindle; one that turns changes its speed."""
         self.it.state.spindle = speed
-        if self.per_turn:
-            self.set_feed_scale()
-        if self.it.state.turning:
-            self.it.log.happen(self.it.state.turning, self.it.flow.line, value=speed)
+        self.set_feed_scale()
+        self.it.machine.switch_on((), self.it.flow.line, changed=True)
 
     def change_tool(self, text: str) -> None:
         """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
@@ -243,6 +244,8 @@ class KlartextWords:
         if re.match(r"DEF(?![A-Z])", text):
             found = match_form(TOOL_DEF, text, "tool TOOL")
             self.old = self.old or found.group(2) is not None
+            if found.group(3) is not None:
+                self.radii[found.group(1) or ""] = self.value(found.group(3))
             return
         called, axis, rest = match_form(TOOL, text, "tool call TOOL").groups()
         it.contour.refuse_open()
@@ -251,9 +254,6 @@ class KlartextWords:
             raise InputError(f"cannot read {rest[:30]!r} in the tool call")
         if any(self.value(words[key]) for key in ("DL", "DR") if key in words):
             it.note("oversizes DL, DR of TOOL CALL are not applied: the path is that of the tool tip")
-        if "S" in words:
-            it.state.spindle = self.value(words["S"])
-            self.set_feed_scale()
         if "F" in words:
             self.tool_feed = self.to_mm_s(self.value(words["F"]))
             it.state.feed = self.tool_feed * 60.0
@@ -267,16 +267,18 @@ class KlartextWords:
         if axis in ("X", "Y", "Z") and AXES.index(axis) != self.tool_axis:
             it.state.plane = PLANES[AXES.index(axis)]
             self.turn_axis()
-        if "S" in words and it.state.turning:
-            it.log.happen(it.state.turning, it.flow.line, value=it.state.spindle)
+        if "S" in words:
+            self._set_speed(self.value(words["S"]))
         with self.functions({int(number) for number in re.findall(r"M\s*(\d+)", bare)}):
             pass
 
-    def check_side(self, words: Mapping[str, str]) -> None:
-        """Note compensation of the tool's radius, or refuse it."""
-        for word in ("RL", "RR", "R"):
+    def take_side(self, words: Mapping[str, str]) -> None:
+        """Keep whether the tool runs left or right of the contour; note compensation of its radius, or refuse it."""
+        for word in ("R0", "RL", "RR", "R"):
             if word in words and (word != "R" or words[word] in ("+", "-")):
-                self.it.compensate_radius(f"{word}{words[word] if word == 'R' else ''}")
+                self.side = word[1:].replace("0", "")
+                if word != "R0":
+                    self.it.compensate_radius(f"{word}{words[word] if word == 'R' else ''}")
 
     def take_feed(self, words: Mapping[str, str]) -> bool:
         """Take the feed of a block; return whether it is rapid."""

@@ -22,7 +22,7 @@ from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.options import CamTable
 
 #: Addresses that make a move.
-MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AP", "RP", "TURN"))
+MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
 MOTIONS = frozenset({0.0, 1.0, 2.0, 3.0})
 UNKNOWN_MACHINE = "moves while rotary axes stand turned whose machine is not stated"
 

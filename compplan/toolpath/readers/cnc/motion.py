@@ -13,7 +13,7 @@ from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, State
-from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS
+from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, PLANE_NORMALS, rotate, turn_about
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.options import CHORD_MM
 
@@ -61,8 +61,8 @@ class MotionReader:
         state, course = self.state, self.course
         return bool(
             state.motion == 1.0 and state.feed and state.feed_mode == 94 and course.begun and course.knows
-            and not (state.incremental or state.polar or state.cycle_code or course.muted)
-            and self.contour.held is None
+            and not (state.incremental or state.polar or state.rounding or state.cycle_code or course.muted)
+            and self.contour.idle
         )  # fmt: skip
 
     def cut_plain(self, found: re.Match[str]) -> bool:
@@ -137,7 +137,7 @@ class MotionReader:
         if state.motion is None:
             raise InputError("coordinates before any motion code (G0 or G1): whether they cut is not known; state it")
         rapid = state.motion == 0.0
-        if not rapid and contour.held is None:
+        if not rapid and contour.idle:
             course.begin_cut()
         target, named = self.target(block)
         if arc:
@@ -153,7 +153,7 @@ class MotionReader:
             contour.refuse_open()
             course.rapid(target, named, axis)
             return
-        if contour.held is None and course.leave_out(target, named):
+        if contour.idle and course.leave_out(target, named):
             return
         start = contour.position
         feed = self.feed(math.dist(target, start), block)
@@ -170,7 +170,7 @@ class MotionReader:
         for address, kind in CORNERS.items():
             if values.get(address):
                 return Corner(kind, values[address] * state.scale, feed, self.line)
-        return None
+        return Corner("ROUND", state.rounding, None, self.line, modal=True) if state.rounding else None
 
     def _turn(self, block: CncBlock, *, rapid: bool) -> tuple[Point | None, bool]:
         """Return the tool axis that A3 B3 C3 or A B C ask for (None: nothing), and whether rotary axes turn to it."""
@@ -242,12 +242,12 @@ class MotionReader:
             step = min(step, math.degrees(2.0 * math.acos(max(1.0 - CHORD_MM / max(radius, CHORD_MM), 0.0))))
         return max(1, math.ceil(turn / step - 1e-9))
 
-    def find_direction(self) -> Point:
+    def find_direction(self, word: str = "") -> Point:
         """Return the direction in which the contour arrives, in the coordinates of the program."""
         if self.contour.held is not None:
             return self.contour.held[0].tangent(self.contour.held[0].end)
-        if self.course.direction is None:
-            raise InputError("nothing is cut right before this block that it could go on from smoothly (CT)")
+        if self.course.direction is None or self.contour.approach is not None:
+            raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
         return normalise(self.course.frame.invert().turn(self.course.direction))
 
     def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...], corner: Corner | None) -> None:
@@ -261,7 +261,7 @@ class MotionReader:
         elif state.motion == "CT":
             if abs(dot(combine(1.0, target, -1.0, start), normal)) > 1e-9:
                 raise InputError("CT that leaves its plane is not read")
-            found = find_tangent_arc(start, self.find_direction(), target, normal)
+            found = find_tangent_arc(start, self.find_direction(" (CT)"), target, normal)
             if found is None:
                 feed = self.feed(math.dist(start, target), block)
                 self.contour.add(Element(start, target, named, feed, self.line, normal=normal), corner)
@@ -270,6 +270,8 @@ class MotionReader:
         elif "CR" in values:
             radius = values["CR"] * state.scale
             centre = find_centre(start, target, normal, radius, self.contour.unit, right_hand=right_hand)
+        elif "AR" in values:
+            centre, target = self._find_opening(block, start, target, right_hand=right_hand)
         elif any("IJK"[axis] in values for axis in PLANE_AXES[plane]):
             centre = state.centre(start, block, plane)
             if state.centres != "incremental":
@@ -308,3 +310,17 @@ class MotionReader:
             raise InputError("CIP has no point on its way, expected I1= J1= K1=")
         arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
         return arc.centre, arc.normal, arc.sweep > 0.0
+
+    def _find_opening(self, block: CncBlock, start: Point, target: Point, *, right_hand: bool) -> tuple[Point, Point]:
+        """Return centre and end of an arc by its opening angle AR, with its end or its centre."""
+        opening, deep = block.values["AR"], DEEP_AXIS[self.state.plane]
+        if not 0.0 < opening < 360.0:
+            raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
+        if block.has(CENTRES):
+            centre = self.state.centre(start, block, self.state.plane)
+            end = turn_about(centre, rotate(deep, opening if right_hand else -opening)).apply(start)
+            return centre, set_level(end, deep, target[deep])
+        chord = math.dist(start, set_level(target, deep, start[deep]))
+        radius = math.copysign(0.5 * chord / math.sin(math.radians(0.5 * opening)), 180.0 - opening)
+        normal = PLANE_NORMALS[self.state.plane]
+        return find_centre(start, target, normal, radius, self.contour.unit, right_hand=right_hand), target

@@ -50,8 +50,9 @@ class Origins:
         #: Origins that G10 L2 set, seen from the machine, by axis; where those stood that were left.
         self.origins: dict[float, dict[int, float]] = {}
         self.bases: dict[float, Point] = {}
-        #: What G92 and G52 shift the origin by, and where that of the work offset stands.
+        #: What G92 and G52 shift the origin by, and where that of the work offset stands; what G92.3 brings back.
         self.origin = self.shifted = self.base = ZERO
+        self.kept: Point | None = None
         #: Axes whose place is known by G92 alone.
         self.declared: set[int] = set()
         if self.part_offset != 54.0:
@@ -183,17 +184,27 @@ class Origins:
             self.it.log.shift(course.frame.turn((step[0], step[1], step[2])))
         if found:
             course.rapid(course.position)
-        self.origin = origin[0], origin[1], origin[2]
+        self.origin = self.kept = (origin[0], origin[1], origin[2])
         self.it.put(origin=shift(*self.zero))
 
     def drop(self, code: float) -> None:
-        """Carry out G92.1 and G92.2, which drop what G92 set."""
-        self.origin = ZERO
-        if self.declared:
-            self.it.note(DECLARED)
-            self.course.mute(DECLARED, f"a cut after G{code:g}, which drops the origin that G92 set where the tool "
-                             "stood: how it lies to the work offset is not known; end the cuts before it, or let a "
-                             "move to X Y Z come before G92")  # fmt: skip
+        """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped."""
+        if code == 92.3:
+            if self.kept is None:
+                raise InputError("G92.3 brings back an offset from before this program, which is not known; "
+                                 "set it with G92 in the file")  # fmt: skip
+            self.origin = self.kept
+            self.course.unmute(DECLARED)
+        else:
+            self.origin = ZERO
+            self.kept = self.kept if code == 92.2 else ZERO
+            if self.declared:
+                self.it.note(DECLARED)
+                refusal = (
+                    f"a cut after G{code:g}, which drops the origin that G92 set where the tool stood: how it lies to "
+                    "the work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
+                )
+                self.course.mute(DECLARED, refusal)
         self.it.put(origin=shift(*self.zero))
 
     def move_in_machine(self, block: CncBlock) -> None:

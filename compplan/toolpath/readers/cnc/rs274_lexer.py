@@ -19,10 +19,24 @@ WORD = re.compile(rf"(?<![A-Z,])([A-Z])\s*=?\s*({NUMBER})", re.ASCII)
 #: What makes a corner round or cuts it off: ,R2 and ,C2 (Fanuc), RND=2, CHR=2 and CHF=2 (Siemens). Words that files for
 #: Fanuc controls may hold beside: a tool direction (A3=0 B3=0 C3=1), a numbered spindle (M1=3), frames, machine moves.
 CORNER = re.compile(rf"(?:,\s*([RC])|\b(RND|CHR|CHF)\s*=)\s*({NUMBER})")
+#: Words that a block may hold once.
+ONCE = frozenset((*"XYZABCIJKR", "RND", "CHR", "CHF"))
 CORNER_WORDS = {"R": "RND", "C": "CHR", "RND": "RND", "CHR": "CHR", "CHF": "CHF"}
 DIRECTION = re.compile(rf"(?<![A-Z0-9])([ABC]3)\s*=\s*({NUMBER})")
 SPINDLE_NUMBER = re.compile(r"(?<![A-Z0-9])([MS])\d{1,2}\s*=\s*(?=\d)")
 SPINDLE_ANGLE = re.compile(rf"\bSPOS\s*=\s*{NUMBER}")
+#: Words of Siemens controls that say nothing about the programmed path, and those that a block may hold beside others.
+HARMLESS = frozenset((
+    "TRAORI", "TRAFOOF", "STOPRE", "SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "FFWON", "FFWOF", "COMPON", "COMPOF",
+    "COMPCURV", "COMPCAD", "COMPSURF", "UPATH", "SPATH", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "ORIPLANE",
+    "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORIC", "ORID", "ORISON", "ORISOF", "OSC", "OSD", "OST",
+    "OSOF", "OSS", "OSSE", "CUT2D", "CUT2DF", "CUT3DC", "CUT3DF", "KONT", "KONTC", "KONTT", "NORM", "CFC", "CFIN",
+    "CFTCP", "FNORM", "FLIN", "FCUB", "DIAMOF", "DIAM90", "WALIMON", "WALIMOF", "CDON", "CDOF", "CDOF2", "CPRECON",
+    "CPRECOF", "RTLION", "RTLIOF", "SBLOF", "SBLON", "DISPLOF", "DISPLON", "SAVE", "FIFOCTRL", "STARTFIFO",
+    "STOPFIFO", "FENDNORM", "FENDOFF", "EXTENDED", "GFRAME0", "CYCLE832", "CYCLE_HSC", "DYNNORM", "DYNPOS",
+    "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "PRIO", "SPCON", "SPCOF", "TCARR", "TCOABS", "TCOFR", "STAY", "FMAX",
+    "TCPM",
+))  # fmt: skip
 SIEMENS = {"SUPA": "G53", "TRAORI": " ", "TRAFOOF": " "}
 SWIVEL = re.compile(r'CYCLE800\(([-+\d.,\s"]*)\)')
 #: What makes brackets a list of arguments, not a comment: a word right before them.
@@ -112,20 +126,6 @@ def split_words(line: str) -> tuple[Words, str]:
     return [(letter, float(number)) for letter, number in found] + others, WORD.sub("", line).strip()
 
 
-def check_words(words: list[tuple[str, float]]) -> str:
-    """Return what is wrong with the words of a block: coordinates given twice, two motions; else nothing."""
-    if len({letter for letter, _ in words}) == len(words):
-        return ""
-    letters = [letter for letter, _ in words if letter in "XYZABCIJKR" or letter in CORNER_WORDS.values()]
-    twice = next((letter for letter in letters if letters.count(letter) > 1), None)
-    if twice:
-        return f"word {twice} stands twice in this block, expected once"
-    motions = sorted({number for letter, number in words if letter == "G" and number in (0.0, 1.0, 2.0, 3.0)})
-    if len(motions) > 1:
-        return f"G{motions[0]:g} and G{motions[1]:g} stand in one block, expected one motion"
-    return ""
-
-
 #: Codes of printers (Marlin, RepRap) that own the words of their block: they set the machine, and move nothing.
 OWNERS = frozenset(float(code) for code in (
     16, 20, 22, 23, 24, 25, 26, 27, 28, 31, 32, 36, 42, 43, 73, 74, 84, 85, 92, *range(104, 126), 140, 141, 143, 144,
@@ -194,8 +194,6 @@ class Lexer:
             raise InputError(f"number {line[:40]!r} may be read in two ways, write it without an exponent")
         if next((letter for letter, _ in words if letter != "N"), "") == "L":
             raise InputError(f"subprogram call {line[:20]!r} is not read; call a program of the file (M98)")
-        if fault := check_words(words):
-            raise InputError(fault)
         if '"' in raw and (named := TOOL_NAME.search(raw)):
             self.it.state.tool_name = named.group(1)
         self._check_points(words, line)
@@ -208,6 +206,8 @@ class Lexer:
                 block.machine.append(value)
             elif letter in FRAME_WORDS:
                 block.names.append(letter)
+            elif letter in block.values and letter in ONCE:
+                raise InputError(f"word {letter} stands twice in this block, expected once")
             else:
                 block.values[letter] = value
         return block
@@ -267,7 +267,8 @@ class Lexer:
 
     def _translate(self, name: str, line: str) -> Words:
         """Return the words of a line with a word of Siemens controls, in files for several controls."""
-        words, rest = split_words(line.replace(name, SIEMENS.get(name, " "), 1))
+        bare = " ".join(word for word in line.split() if word not in HARMLESS or word == name)
+        words, rest = split_words(bare.replace(name, SIEMENS.get(name, " "), 1))
         if rest:
             raise InputError(f"word {name} beside {rest[:20]!r} is not read; post-process without it")
         if name in ("TRAORI", "TRAFOOF"):

@@ -1,4 +1,4 @@
-"""Flow of Sinumerik programs: labels, jumps, IF, CASE, loops, repeats, declarations."""
+"""Flow of Sinumerik programs: labels, jumps, IF, loops, repeats, declarations."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DECLARE = re.compile(r"DEF\s+(?:CHAN\s+|NCK\s+)?(REAL|INT|BOOL|CHAR|STRING(?:\[\
 #: Statements of control that are not read.
 REFUSED = {
     "CALL", "PCALL", "EXTCALL", "ISOCALL", "GOTOS", "ID", "IDS", "WHEN", "WHENEVER", "EVERY", "DO", "REDEF",
-    "DEFINE",
+    "DEFINE", "CASE",
 }  # fmt: skip
 
 
@@ -122,8 +122,6 @@ class SinumerikFlow:
             return self._run_for(rest, program, index)
         if word.startswith("GOTO"):
             return self._find_goto(word, rest, program, index)
-        if word == "CASE":
-            return self._run_case(rest, program, index)
         if word in ("REPEAT", "REPEATB") and rest:
             return self._repeat(word, rest, program, index)
         return index + 1
@@ -142,14 +140,6 @@ class SinumerikFlow:
         value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(first)
         self.values.numbers[key] = counting[index] = value
         return program.partners[index] + 1 if value > self.evaluate(last) else index + 1
-
-    def _run_case(self, rest: str, program: CncProgram, index: int) -> int:
-        expression, cases = match_form(r"(.+?)\s+OF\s+(.*)", rest, "CASE: CASE .. OF .. GOTOF label").groups()
-        value = self.evaluate(expression)
-        for constant, how, label in re.findall(r"(\S+)\s+(GOTO[FBC]?)\s+([A-Z_]\w*|N?\d+)", cases):
-            if constant == "DEFAULT" or self.evaluate(constant) == value:
-                return self._find_goto(how, label, program, index)
-        return index + 1
 
     def _find_goto(self, how: str, label: str, program: CncProgram, index: int) -> int:
         """Return the line of a label or block number, forwards (GOTOF), backwards (GOTOB), or both."""

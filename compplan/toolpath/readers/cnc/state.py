@@ -84,6 +84,8 @@ class State:
     pole: Point | None = None
     pole_plane: int | None = None
     polar_words: dict[str, float] = field(default_factory=dict)
+    #: Radius of every corner from here on (RNDM).
+    rounding: float = 0.0
     #: Whether the block at hand cancels the tool's length.
     cancels_length: bool = False
     retract_to_start: bool = True

@@ -17,7 +17,7 @@ CODES = [
     ("TRANS X5", (15.0, 0.0)),
     ("ROT Z90", (0.0, 10.0)),
     ('CYCLE800(1,"",0,57,5,0,0,0,0,0)', (15.0, 0.0)),
-    ("TRAORI SOFT", "is not read"),
+    ("TRAORI SOFT", (10.0, 0.0)),
     ("G2 X2 Y2 CR=2 F60", (10.0, 0.0)),
 ]
 #: ... and of Sinumerik.
