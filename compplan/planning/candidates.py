@@ -58,14 +58,17 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     """Better a start; the start itself where the feed sets the time, or nothing wins.
 
     A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and
-    `error_band` by the band at no more time. Without a name the run gets shorter, and no band wider. Without `shape`
-    finished postures are compared alone, and the program shapes none.
+    `error_band` by the band at no more time. `error_band` also starts from the posture of `accurate`, shaped as without
+    a name, and may take the time of the slower of both: its band is no wider than without a name. Without a name the
+    run gets shorter, and no band wider. Without `shape` finished postures are compared alone, and the program shapes
+    none.
     """
     posture_choice = start.posture_choice
     if posture_choice is None:
         return start
+    default = None
     if posture_choice.settings.compares:
-        start = _compare_presets(start, request)
+        start, default = _compare_presets(start, request)
         posture_choice = start.posture_choice or posture_choice
     settings = posture_choice.settings
     preset = settings.preset if settings.compares else ""
@@ -80,35 +83,47 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     if not runs:
         return start
     first = runs[0]
-    base = ease_run(preset, first, first, request)  # what a candidate is compared with
+    groups = [(runs, ease_run(preset, first, first, request))]  # candidates, and the run they are compared with
+    if preset == "error_band" and default is not None and (usual := measure_runs(default, request)):
+        own = (usual, ease_run("", usual[0], usual[0], request))  # as without a preset: no band gets wider than that
+        groups = [own] if np.allclose(default.q, start.q, atol=ALIKE) else [*groups, own]
     plain = find_plain(request.robot, request.nominal, request.tool_x, start) if len(task) <= LONGEST else None
     if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=ALIKE):
-        runs += [run._replace(origin="programmed") for run in measure_runs(plain, request)]
+        groups[-1][0].extend(run._replace(origin="programmed") for run in measure_runs(plain, request))
 
-    for origin in tuple(runs):
-        own = request.state(origin.start)
-        shaped = shape_start(own, origin.start, request, PRICES[preset], measure_beside(base, origin, own))
-        if shaped is not None:
-            runs += [run._replace(origin=origin.origin, shaped=shaped[1]) for run in measure_runs(shaped[0], request)]
-    bands = [band_beside(run, base) for run in runs]  # of those alike the one nearest to the search's posture
-    alike = (run for run, band in zip(runs, bands, strict=True) if band <= (1.0 + LEAST_GAIN) * min(bands))
-    best = runs if preset == "fast" else [next(alike)]
-    eased = [ease_run(preset, run, base, request) for run in best if run is not first]
-    taken = choose_run(preset, [base, *eased], base)
-    if compute_gain(preset, taken, first) >= 1.0 - SAME:
+    candidates = [base for _, base in groups]
+    for runs, base in groups:
+        for origin in tuple(runs):
+            of_origin = request.state(origin.start)
+            shaped = shape_start(of_origin, origin.start, request, PRICES[preset],
+                                 measure_beside(base, origin, of_origin))  # fmt: skip
+            if shaped is not None:
+                found = measure_runs(shaped[0], request)
+                runs += [run._replace(origin=origin.origin, shaped=shaped[1]) for run in found]
+        bands = [band_beside(run, base) for run in runs]  # of those alike the one nearest to the search's posture
+        alike = (run for run, band in zip(runs, bands, strict=True) if band <= (1.0 + LEAST_GAIN) * min(bands))
+        best = runs if preset == "fast" else [next(alike)]
+        candidates += [ease_run(preset, run, base, request) for run in best if run is not first]
+    latest = max(base.time for _, base in groups)
+    base = min((base for _, base in groups), key=lambda run: run.band)
+    taken = choose_run(preset, candidates, base._replace(time=latest))
+    if compute_gain(preset, taken, first._replace(time=max(first.time, latest))) >= 1.0 - SAME:
         return start
     taken = taken._replace(time=request.time(request.state(taken.start)))
     return _take(start, first, taken, least_time(task))
 
 
-def _compare_presets(start: Start, request: PathRequest) -> Start:
-    """Take the best of the finished postures of several presets, by the measure of the preset that was asked for."""
+def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start | None]:
+    """Take the best of the finished postures of several presets, by the measure of the preset that was asked for.
+
+    Also returns the start of the preset `accurate` beside another, None where there is none.
+    """
     posture_choice, settings = start.posture_choice, start.settings
     assert posture_choice is not None
     found: dict[str, PostureSummary] = {settings.preset: posture_choice}
     for other in BESIDE[settings.preset]:
         try:
-            other_settings = replace(settings, preset=other)
+            other_settings = replace(settings, preset=other, errors=None)
             found[other] = choose_posture_path(
                 PostureProblem(request.robot, request.nominal, request.tool_x, other_settings)
             )
@@ -126,9 +141,14 @@ def _compare_presets(start: Start, request: PathRequest) -> Start:
 
     compared = {name: measure(one) for name, one in found.items()}
     name = min(compared, key=lambda each: compared[each])
-    best = found[name]
-    return build_start(replace(best, settings=settings, costs={**best.costs, cost: compared[name]}, compared=compared,
-                         compared_by=cost), request.nominal, settings)  # fmt: skip
+
+    def build(name: str) -> Start:
+        one = found[name]
+        said = replace(one, settings=settings, costs={**one.costs, cost: compared[name]}, compared=compared,
+                       compared_by=cost)  # fmt: skip
+        return build_start(said, request.nominal, settings)
+
+    return build(name), build("accurate") if "accurate" in found and settings.preset != "accurate" else None
 
 
 def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:

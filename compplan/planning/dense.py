@@ -179,6 +179,8 @@ def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
     Out of reach joint positions between stations are interpolated.
     """
     rows, missing, lost = solution.problem.waypoint, np.abs(solution.slack).max(axis=1) > CAN_KEEP, task.missed
+    if not solution.success:  # stations that have been reached stay so
+        missing &= size_of(miss_pose(task, near, rows)) > KEPT
     held = np.union1d(rows[missing], np.flatnonzero(lost))
     q = np.array(near)
     q[lost] = interpolate(np.flatnonzero(lost), rows, solution.q)

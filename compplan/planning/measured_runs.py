@@ -52,7 +52,7 @@ ROUNDS, WORK = 14, 40_000
 #: Share of the time beside which a run has to leave for slower ones.
 SPARE = 1e-3
 #: Target of the band from one pair of rounds to the next until it takes too long, and its least share for vibration.
-LOWER, LEAST_ROOM = 0.86, 0.2
+LOWER, LEAST_SHARE = 0.86, 0.2
 #: Targets whose ratio is less are one.
 NEAR = 1.02
 #: Exponent g, and the least and greatest change of a factor in one round.
@@ -93,7 +93,7 @@ def measure_runs(
         whole = resolve_starts(request.state(start), request.feed_request) if known is None else known.task
         task, spare = replace(whole, smoothing=window * whole.smoothing), (1.0 - SHORT) * smoothing_time(whole)
         slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
-        kept, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
+        in_time, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
         dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
         still = spread_tip(task, request.force, rows) if known is None else known.quiet
         calm = band_radius(still, mean=aside)
@@ -102,24 +102,24 @@ def measure_runs(
                 start, pace=Easing(window, task.origin, slower))  # fmt: skip
             run = replace(task, start=eased)
             time = time_run(run, run.q_start, request.feed_request)[1].time
-            rings, bend = _spread_vibration(run, time, rows, dynamics)
-            band = band_radius(still + rings, mean=aside)
+            vibration, bend = _spread_vibration(run, time, rows, dynamics)
+            band = band_radius(still + vibration, mean=aside)
             widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
             found.append(TimedStart(eased, float(time[-1]), widest, least, bend, spare, still, whole, time))
-            if beside is None or not rings.any():
+            if beside is None or not vibration.any():
                 break
             if count % 2 == 0:  # two rounds bring the run near to a target, then the time says which way it goes on
                 late = time[-1] > beside.time
                 if count == 0 and time[-1] > (1.0 - SPARE) * beside.time:
                     break
                 low, high = (target, high) if late else (low, min(target, widest))
-                kept = kept if late else (slower, band, time)
-                slower, band, time = kept
+                in_time = in_time if late else (slower, band, time)
+                slower, band, time = in_time
                 if high < NEAR * low:
                     break
                 target = 0.5 * (low + high) if low > 0.0 else LOWER * high
-            room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
-            use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / room
+            allowed = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_SHARE * target) ** 2))
+            use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / allowed
             wide = _widen(np.interp(np.arange(len(task)), rows, use), time, task.smoothing)
             slower = np.maximum(slower * np.clip(wide**GAIN, EASIER, SLOWER), 1.0)
     except ConvergenceError:
@@ -193,8 +193,8 @@ def band_beside(run: TimedStart, base: TimedStart) -> float:
 
     What vibration adds falls with the square of the time.
     """
-    ring = (run.band**2 - run.still**2) * (run.time / base.time) ** 4
-    return float(np.sqrt(run.still**2 + max(ring, 0.0))) if run.time - run.spare <= base.time else np.inf
+    vibration = (run.band**2 - run.still**2) * (run.time / base.time) ** 4
+    return float(np.sqrt(run.still**2 + max(vibration, 0.0))) if run.time - run.spare <= base.time else np.inf
 
 
 def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:

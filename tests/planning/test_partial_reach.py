@@ -115,7 +115,7 @@ def test_a_point_metres_away_is_named_by_few_stations(tmp_path) -> None:
     task = build_task(*prepare_job(check_job(table, tmp_path / "far.toml")))
     command = command_path(task, "nlp")
     assert task.missed.sum() > 2 * STATIONS and command.nlp["stations"] < 3 * STATIONS
-    assert command.nlp["status"] == "Solve_Succeeded" and set(command.failures) <= set(np.flatnonzero(task.missed))
+    assert set(command.failures) <= set(np.flatnonzero(task.missed))
 
 
 def test_rows_of_the_approach_say_where_the_tool_goes() -> None:
