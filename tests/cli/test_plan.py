@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -23,8 +24,11 @@ def test_a_plan_prints_six_lines_of_100_characters_at_most(
     job: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    answer = run_command(["plan", PATHS / f"{job}.toml", "--out", "out"], monkeypatch, capsys)
+    Path("jobs").mkdir()
+    given = str(shutil.copy(PATHS / f"{job}.toml", "jobs"))
+    answer = run_command(["plan", given, "--out", "out"], monkeypatch, capsys)
     lines = answer.out.splitlines()
+    assert job != "limits_reach" or any(line.startswith(f"next: compplan place {given} looks for") for line in lines)
     stops = json.loads(Path("out/plan.json").read_text(encoding="utf-8"))["stops"]
     settle = [line.removeprefix(SETTLE) for line in lines if line.startswith(SETTLE)]
     others = [line for line in lines if not line.startswith(SETTLE)]
