@@ -113,9 +113,9 @@ def describe_part_frame(job: Job) -> str:
     if not job.touched_off:
         return "absolute in the robot base ([part] touched_off = false)"
     points = job.part.touched_points
-    where = "three corners of the box of the cut" if points is None else f"the {len(points)} points of [part]"
+    where = "three corners of the box around the toolpath" if points is None else f"the {len(points)} points of [part]"
     return (f"touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
-            "to it ([part] touched_off = false: the frame is absolute)")  # fmt: skip
+            "to it (if the part is not touched off, set [part] touched_off = false)")  # fmt: skip
 
 
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:

@@ -56,7 +56,7 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
     verdict, tone = plan.verdict, TONES[plan.verdict.word]
     before = None if plan.error_band is None else plan.error_band.before
     uncorrected = "" if before is None else f" (uncorrected program {format_mm(before[1])})"
-    words = f"95 % band{uncorrected}: the true tip stays that close to the path; "
+    words = f"95 % band{uncorrected}: the true tip may be up to this far from the path; "
     words += f"the tolerance is {format_set_length(verdict.tolerance)}"
     figures = [
         (_show_band(plan), words, tone if verdict.word != "not_known" else ""),
@@ -224,7 +224,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
         sizes += f"; 95 % band {without}{format_mm(band.whole)}"
     basis = plan.verdict.basis or f"robot model: {plan.robot.grade}"
     if plan.job is not None:
-        frame = "touched off with this robot" if plan.job.touched_off else "absolute in the robot base"
+        frame = "taken as touched off" if plan.job.touched_off else "absolute in the robot base"
         basis += f"; part frame {frame}"
     return [
         _format_verdict(plan), sizes, *wrap(f"largest cause: {plan.verdict.largest_cause}",
