@@ -85,7 +85,7 @@ def _show(value: Any, size: float = 1) -> str:
 
 
 def reaches_noise(gap: Mapping[str, float | None], delivered: str) -> bool:
-    """Tell whether a calibration goes out that takes what has no name up to the noise of rows left out."""
+    """Tell whether the folder delivered is a calibration, its error on held-out rows within FLOORS_LEFT noises."""
     after, floor = gap.get("held_out_after_rms_mm"), gap.get("noise_floor_mm")
     return bool(delivered == "calibrated" and after and floor and after <= FLOORS_LEFT * floor)
 
