@@ -162,11 +162,10 @@ def shorten_job(text: str) -> str:
     kept, table = ["# A compplan job: the keys that one needs first. All of them: compplan init without --short."], ""
     dropped = False
     for line in text.splitlines():
+        count = len(kept)
         if line.startswith(" "):  # goes on with the comment of the line before
             kept += [] if dropped else [line]
-            continue
-        count = len(kept)
-        if line.startswith("["):
+        elif line.startswith("["):
             table = line.lstrip("[").partition("]")[0]
             kept += ["", line] if table in SHORT else []
         elif line.startswith("#"):

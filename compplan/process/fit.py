@@ -126,11 +126,11 @@ class ForceFit:
 
     @property
     def doubt(self) -> str:
-        """Say that the log may be of another cut, "" where its level is plausible."""
-        if PLAUSIBLE[0] <= self.ratio[0] <= PLAUSIBLE[1]:
+        """Say that the log may be of another cut, "" where its level, within two sigma, is plausible."""
+        level, wide = self.ratio[0], 2.0 * self.ratio[1]
+        if level + wide >= PLAUSIBLE[0] and level - wide <= PLAUSIBLE[1]:
             return ""
-        return (f"The log fits {self.ratio[0]:.2g} times the predicted force, offset and drift aside: it may be of "
-                "another cut; check job, log and the frame of the force.")  # fmt: skip
+        return f"The log fits {level:.2g} times the predicted force: check that it is of this cut, and the force frame."
 
 
 @dataclass(frozen=True)

@@ -80,10 +80,8 @@ def _show_band(plan: Plan) -> str:
 
 
 def _name_job(plan: Plan, step: str) -> str:
-    if plan.job is None:
-        return step
-    given = str(plan.job.file)
-    return step.replace(" JOB", f" {given if len(given) <= LONGEST_FILE else plan.job.file.name}")
+    given = "JOB" if plan.job is None else str(plan.job.file)
+    return step.replace(" JOB", f" {given if plan.job is None or len(given) <= LONGEST_FILE else plan.job.file.name}")
 
 
 def write_sheet(plan: Plan, folder: Path | None) -> Section:

@@ -88,7 +88,7 @@ def test_a_log_of_another_cut_is_doubted_and_no_further_log_is_asked_for(tmp_pat
     log = POCKET.parents[1] / "measured_robot" / "force_log.csv"
     words = ["forces", POCKET.with_name("isf_cone.toml"), "--out", tmp_path / "out", "--log", log]
     answer = run_command(words, monkeypatch, capsys)
-    assert "next: the log fits 0." in answer.out and "it may be of another cut" in answer.out
+    assert "next: the log fits 0." in answer.out and "check that it is of this cut" in answer.out
 
 
 def test_a_log_that_misses_the_cut_is_refused_and_nothing_is_written(log, tmp_path, monkeypatch, capsys) -> None:

@@ -94,6 +94,5 @@ def refuse_idle(cam: CamFile) -> Toolpath:
     if cam.facts.cycles:
         message = f"drilling only, {cam.facts.cycles} holes and no other cut; the option cycles = expand cuts them"
         raise InputError(message, file=cam.facts.file)
-    raise InputError(
-        "nothing to cut: the file has no feed move (rapid and joint moves do not cut)", file=cam.facts.file
-    )
+    message = "nothing to cut: the file has no feed move (rapid and joint moves do not cut)"
+    raise InputError(message, file=cam.facts.file)

@@ -169,7 +169,7 @@ class Course:
             if stated is None and self.starts_at_zero and not elsewhere:
                 names = " ".join("XYZ"[axis] for axis in sorted(unknown))
                 self.note(
-                    f"the file does not say where the first cut starts in {names}: 0 is assumed; --from X,Y,Z states it"
+                    f"the file states no {names} for the start of the first cut: 0 is assumed; --from X,Y,Z states it"
                 )
                 stated = [0.0, 0.0, 0.0]
             if stated is not None:
