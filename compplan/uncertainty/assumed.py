@@ -78,8 +78,7 @@ def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
     for unknown, width in hidden:
         known = _add(known, replace(unknown, deviation=width / known.calibration))
     how = "assumed" if before.uncertainty is None else "as before"
-    first = before.actuated[0].name
-    said = f"zero and place of {first} {how}: not told by this log, a base frame is fitted to it"
+    said = f"zero and place of {before.actuated[0].name} {how}: not told by the log, frame or places are fitted"
     return replace(known, source=f"{known.source}; {said}") if hidden else known
 
 
