@@ -240,11 +240,10 @@ def _follow(
     x, y, before = rotation[:, :, 0], rotation[:, :, 1], posture_choice.rotation[:, :, 0]
     spin = posture_choice.spin + np.unwrap(np.arctan2((before * y).sum(axis=1), (before * x).sum(axis=1)))
     angles = leans * np.arccos(upright) / np.maximum(np.sqrt(1.0 - upright**2), 1e-12)
-    rows = posture_choice.map.waypoint
-    picture = replace(posture_choice.map, chosen=spin[rows])
     costs = summarise_costs(PostureProblem(robot, nominal, request.tool_x, settings), q)
-    better = replace(posture_choice, q=q, rotation=rotation, costs=costs, map=picture, spin=spin, lead=angles[:, 0],
-                     lean=angles[:, 1])  # fmt: skip
+    better = replace(
+        posture_choice, q=q, rotation=rotation, costs=costs, spin=spin, lead=angles[:, 0], lean=angles[:, 1]
+    )
     return replace(build_start(better, path, settings), aside=aside)
 
 

@@ -177,13 +177,6 @@ def test_a_rail_is_used_where_it_helps() -> None:
     assert np.ptp(posture_choice.q[:, 0]) > 1.0
 
 
-def test_the_map_holds_the_chosen_line() -> None:
-    robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 40)
-    picture = choose(robot, nominal, FLAT, PostureSettings(stations=20)).map
-    assert picture.sensitivity.shape == picture.reason.shape == (len(picture.length), len(picture.spin))
-    assert np.isfinite(picture.sensitivity[picture.reason == 0]).all()
-
-
 def test_the_plan_keeps_the_chosen_posture_and_stands_on_the_path_under_load(angled, monkeypatch) -> None:
     case, greedy = angled
     monkeypatch.setattr("compplan.planning.plan.better_start", lambda start, asked, **named: start)

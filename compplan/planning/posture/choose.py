@@ -30,7 +30,7 @@ from compplan.planning.posture.lattice import (
 from compplan.planning.posture.motion import find_torn
 from compplan.planning.posture.search import Line, Rungs, find_nearest_rows, measure_rungs, search_line
 from compplan.planning.posture.settings import PostureProblem
-from compplan.planning.posture.summary import PostureSummary, PostureTrace, slice_map, summarise_costs
+from compplan.planning.posture.summary import PostureSummary, PostureTrace, summarise_costs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CONFIGURATIONS, pose_error, refine_ik, solve_branches
@@ -152,8 +152,7 @@ def _choose_at(
     posture_choice = PostureSummary(
         **vars(trace), configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())],
         changes=_list_changes(chosen, stations), weights=weights, settings=settings,
-        costs=summarise_costs(problem, trace.q),
-        map=slice_map(coarse, line, chosen, fine.options, problem.nominal), keeps_margin=keeps,
+        costs=summarise_costs(problem, trace.q), keeps_margin=keeps,
     )  # fmt: skip
     return posture_choice, np.flatnonzero(bad)
 
@@ -202,8 +201,7 @@ def choose_plain(problem: PostureProblem, posture_choice: PostureSummary) -> Pos
         return None
     if plain.changes:
         return None
-    picture = replace(posture_choice.map, chosen=np.zeros(len(posture_choice.map.chosen)))
-    return replace(plain, map=picture, settings=posture_choice.settings, instead_of=posture_choice.costs)
+    return replace(plain, settings=posture_choice.settings, instead_of=posture_choice.costs)
 
 
 def _search_clear(

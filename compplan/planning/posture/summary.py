@@ -1,4 +1,4 @@
-"""What the choice of a posture returns: the posture, its costs, the map behind it, and where a plan starts."""
+"""What the choice of a posture returns: the posture, its costs, and where a plan starts."""
 
 from __future__ import annotations
 
@@ -10,23 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.planning.posture.costs import ASSUMED, Weights, draw_errors, error_columns, measure_nodes
-from compplan.planning.posture.lattice import Lattice, Options
-from compplan.planning.posture.search import Line
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath, pick_even
-
-
-@dataclass(frozen=True)
-class PostureMap:
-    """Path length against rotation about the tool axis, at the extra axes and lean of the chosen line."""
-
-    length: Array  #: Distance travelled at each station. Shape (k,). [m]
-    waypoint: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
-    spin: Array  #: Rotations about the tool axis. Shape (g,). [rad]
-    sensitivity: Array  #: NaN where there is no solution. Shape (k, g). [m]
-    reason: NDArray[np.int8]  #: Index into `compplan.planning.posture.lattice.REASONS`. Shape (k, g).
-    chosen: Array  #: Rotation of the chosen line. Shape (k,). [rad]
 
 
 @dataclass(frozen=True)
@@ -51,7 +37,6 @@ class PostureSummary(PostureTrace):
     weights: Weights  #: What each criterion was worth.
     settings: PostureSettings  #: What was asked for.
     costs: dict[str, float]  #: What the posture costs, by criterion, with the unit in the key.
-    map: PostureMap  #: What the search saw.
     keeps_margin: bool = True  #: Whether some way along the path keeps the asked distance from joint limits.
     #: Costs of the graph's way where the plain posture was preferred to it, or None.
     instead_of: dict[str, float] | None = None
@@ -138,27 +123,6 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
         "joint_travel_deg": float(np.degrees(travel)),
         "time_s": float(time.sum()),
     }
-
-
-def slice_map(coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal: Toolpath) -> PostureMap:
-    """Cut the map out of the graph: all rotations at the configuration, extra axes and lean of the coarse line."""
-    spins, positions, tilts = coarse.options.shape
-    k, b = len(line.option), coarse.reason.shape[2]
-    rows = np.arange(k)
-    held_at, tilt_at = (line.option // tilts) % positions, line.option % tilts
-
-    def cut(values: NDArray[Any]) -> NDArray[Any]:
-        grid = values.reshape(k, spins, positions, tilts, b, *values.shape[3:])
-        return grid[rows, :, held_at, tilt_at, line.slot]
-
-    return PostureMap(
-        length=nominal.arc_length[coarse.stations],
-        waypoint=coarse.stations,
-        spin=coarse.options.spin[0].reshape(spins, positions, tilts)[:, 0, 0],
-        sensitivity=cut(coarse.sensitivity),
-        reason=cut(coarse.reason),
-        chosen=np.broadcast_to(fine.spin, (k, fine.spin.shape[1]))[rows, chosen.option],
-    )
 
 
 class Easing(NamedTuple):
