@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_weights
-from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
+from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -33,7 +33,7 @@ from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureSummary, PostureTrace, summarise_costs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CONFIGURATIONS, pose_error, refine_ik, solve_branches
+from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, refine_ik, solve_branches
 from compplan.toolpath.toolpath import pick_even
 
 #: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
@@ -307,7 +307,7 @@ def trace_line(
     if lost.any():
         followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
-        lost[lost] = np.abs(error).max(axis=1) > REACHED
+        lost[lost] = np.abs(error).max(axis=1) > CLOSE
     torn = find_torn(followed, nominal, most_step)
     if problem.settings.free_spin and (lost | torn).any():
         stretch = _whole_stretches(lost | torn, stations)
