@@ -108,7 +108,7 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
         if not len(more):
             break
         stations = np.union1d(stations, pick_even(more, settings.stations))
-    kind = "clearance" if problem.margin is not None and not posture_choice.missed.any() else "continuity"
+    kind = "clearance" if settings.scene is not None and not posture_choice.missed.any() else "continuity"
     raise InfeasibleError(
         f"the posture cannot be followed at {len(bad)} waypoints, first at waypoint {bad[0]}: "
         f"{'the arm comes too near' if kind == 'clearance' else 'joints would have to jump or leave their limits'}; "
@@ -145,10 +145,8 @@ def _choose_at(
     trace = trace_line(problem, stations, fine.options, chosen, smooth=True)
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
-    bad = trace.missed.copy()
-    if problem.margin is not None:
-        rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)
-        bad[rows] |= problem.margin(trace.q[rows], rows) < 0
+    bad, rows = trace.missed.copy(), pick_even(np.arange(len(trace.q)), MARGIN_SAMPLES)
+    bad[rows] |= problem.come_too_near(trace.q[rows])
     posture_choice = PostureSummary(
         **vars(trace), configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())],
         changes=_list_changes(chosen, stations), weights=weights, settings=settings,
@@ -213,10 +211,7 @@ def _search_clear(
     lattice = lattice.refuse(lattice.limits > 0, JOINT_LIMIT) if away else lattice
     for _ in range(COLLISION_ROUNDS):
         line = search_line(lattice, rungs, weights, problem.robot, start=settings.start, room=room, partial=partial)
-        if problem.margin is None:
-            return lattice, line
-        rows = np.arange(len(line.option))
-        near = problem.margin(line.q, lattice.stations) < 0
+        rows, near = np.arange(len(line.option)), problem.come_too_near(line.q)
         if not near.any():
             return lattice, line
         reason = lattice.reason.copy()
@@ -224,7 +219,7 @@ def _search_clear(
         suspects = np.zeros(reason.shape, bool)
         suspects[rows[near], :, line.slot[near]] = True
         node = np.nonzero(suspects & replace(lattice, reason=reason).usable)
-        hits = problem.margin(lattice.q[node], lattice.stations[node[0]]) < 0
+        hits = problem.come_too_near(lattice.q[node])
         reason[tuple(index[hits] for index in node)] = COLLISION
         lattice = replace(lattice, reason=reason)
     worst = lattice.stations[near]
