@@ -99,15 +99,23 @@ def stand_near(
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Put the tool on poses (n, 3), (n, 3, 3) from nearby, q (n, nq) [rad or m].
 
-    Where the arm has fewer than six joints its tip and axis are put there (and the rotation where it is not free).
-    Returns joint positions, orientations, and where that is reached within the joint limits.
+    Where the arm has fewer than six joints its tip and axis are put there (and the rotation where it is not free); all
+    of more than six joints help where six do not reach. Returns joint positions, orientations, and where that is
+    reached within the joint limits.
     """
-    if arm.robot.nq >= 6:
-        q, reached = reach_pose(arm, q, position, rotation)
-        return q, rotation, reached
-    q, reached = reach_tip_and_axis(arm, q, position, rotation, spin_free=spin_free)
-    reached &= ((q >= arm.robot.lower - 1e-9) & (q <= arm.robot.upper + 1e-9)).all(axis=1)
-    return q, locate_frames(arm.chain, q).tcp_rotation, reached
+    if arm.robot.nq < 6:
+        q, reached = reach_tip_and_axis(arm, q, position, rotation, spin_free=spin_free)
+        reached &= ((q >= arm.robot.lower - 1e-9) & (q <= arm.robot.upper + 1e-9)).all(axis=1)
+        return q, locate_frames(arm.chain, q).tcp_rotation, reached
+    near, (q, reached), rotation = q, reach_pose(arm, q, position, rotation), rotation.copy()
+    if arm.robot.nq > 6 and len(lost := np.flatnonzero(~reached)):
+        found, helped = reach_tip_and_axis(arm, near[lost], position[lost], rotation[lost], spin_free=spin_free,
+                                           every_joint=True)  # fmt: skip
+        lost, found = lost[helped], found[helped]
+        q[lost], reached[lost] = found, True
+        if spin_free:
+            rotation[lost] = locate_frames(arm.chain, found).tcp_rotation
+    return q, rotation, reached
 
 
 def turn_about_axis(x: Array, axis: Array) -> Array:
