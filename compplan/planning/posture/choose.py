@@ -149,7 +149,7 @@ def _choose_at(
     bad[rows] |= problem.come_too_near(trace.q[rows])
     posture_choice = PostureSummary(
         **vars(trace), configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())],
-        changes=_list_changes(chosen, stations), weights=weights, settings=settings,
+        changes=_list_changes(chosen, stations), settings=settings,
         costs=summarise_costs(problem, trace.q), keeps_margin=keeps,
     )  # fmt: skip
     return posture_choice, np.flatnonzero(bad)
@@ -199,7 +199,7 @@ def choose_plain(problem: PostureProblem, posture_choice: PostureSummary) -> Pos
         return None
     if plain.changes:
         return None
-    return replace(plain, settings=posture_choice.settings, instead_of=posture_choice.costs)
+    return replace(plain, settings=posture_choice.settings, plain=True)
 
 
 def _search_clear(

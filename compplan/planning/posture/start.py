@@ -147,10 +147,10 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
 
     None where the graph chose it already, or it cannot be kept.
     """
-    if start.posture_choice is None or start.posture_choice.instead_of is not None:
+    if start.posture_choice is None or start.posture_choice.plain:
         return None
     plain = choose_plain(PostureProblem(robot, nominal, tool_x, start.settings), start.posture_choice)
-    return None if plain is None else build_start(replace(plain, instead_of=None), nominal, start.settings)
+    return None if plain is None else build_start(replace(plain, plain=False), nominal, start.settings)
 
 
 def find_partial(problem: PostureProblem, reason: str) -> Start:

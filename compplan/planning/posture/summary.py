@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.costs import ASSUMED, Weights, draw_errors, error_columns, measure_nodes
+from compplan.planning.posture.costs import ASSUMED, CHUNK, draw_errors, error_columns, measure_dexterity
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
+from compplan.statics.chain import joint_jacobian, locate_frames
+from compplan.statics.quality import natural_length
 from compplan.toolpath.toolpath import Toolpath, pick_even
 
 
@@ -34,12 +36,10 @@ class PostureSummary(PostureTrace):
     configuration: dict[str, str]  #: Shoulder, elbow and wrist along most of the path.
     #: Where the configuration changes: first waypoint afterwards, words before, words after.
     changes: tuple[tuple[int, str, str], ...]
-    weights: Weights  #: What each criterion was worth.
     settings: PostureSettings  #: What was asked for.
     costs: dict[str, float]  #: What the posture costs, by criterion, with the unit in the key.
     keeps_margin: bool = True  #: Whether some way along the path keeps the asked distance from joint limits.
-    #: Costs of the graph's way where the plain posture was preferred to it, or None.
-    instead_of: dict[str, float] | None = None
+    plain: bool = False  #: Whether it is the plain posture in place of the graph's way.
     #: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
     compared: Mapping[str, float] = field(default_factory=dict)
     compared_by: str = ""  #: The cost that they were compared by, such as "driven_s".
@@ -60,11 +60,9 @@ class PostureSummary(PostureTrace):
         spin = np.degrees(self.spin)
         return {
             "preset": self.settings.preset,
-            "weights_mm2": {name: float(value) for name, value in vars(self.weights).items()},
             **self.describe_errors(),
             "costs": dict(self.costs),
             **({} if not self.compared else {f"postures_{self.compared_by}": dict(self.compared)}),
-            **({} if self.instead_of is None else {"plain_posture_instead_of": dict(self.instead_of)}),
             "spin_deg": {"first": float(spin[0]), "min": float(spin.min()), "max": float(spin.max())},
             "configuration_changes": [
                 {"waypoint": waypoint, "from": before, "to": after} for waypoint, before, after in self.changes
@@ -101,12 +99,9 @@ def cut_shares(nominal: Toolpath) -> Array:
 
 def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
-    chain, robot, nominal, settings = problem.chain, problem.robot, problem.nominal, problem.settings
-    nodes = measure_nodes(
-        chain, q, problem.wrench, limits=robot.arm_limits, axes=settings.axes,
-        margin=settings.limit_margin,
-    )  # fmt: skip
-    share = cut_shares(nominal)
+    chain, robot, nominal = problem.chain, problem.robot, problem.nominal
+    length, parts = natural_length(chain, robot.arm_limits), np.array_split(q, len(q) // CHUNK + 1)
+    dexterity = (measure_dexterity(joint_jacobian(chain, locate_frames(chain, part)), length) for part in parts)
     expected, p95 = measure_remaining(problem, q)
     revolute = ~robot.prismatic
     room = np.minimum(q - robot.lower, robot.upper - q)[:, revolute & ~robot.carriers]
@@ -117,9 +112,8 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     return {
         "sensitivity_rms_mm": expected,
         "sensitivity_p95_mm": p95,
-        "deviation_rms_mm": 1e3 * float(np.sqrt((share * nodes.deviation**2).sum())),
         "limit_distance_deg": float(np.degrees(room.min())) if room.size else float("inf"),
-        "dexterity_min": float(nodes.dexterity.min()),
+        "dexterity_min": min(float(part.min()) for part in dexterity),
         "joint_travel_deg": float(np.degrees(travel)),
         "time_s": float(time.sum()),
     }
