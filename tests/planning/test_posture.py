@@ -71,7 +71,7 @@ def test_each_preset_is_the_best_of_the_three_at_what_it_is_for(angled) -> None:
     for preset, key, slack in (("accurate", "sensitivity_rms_mm", 1.001), ("smooth", "joint_travel_deg", 1.03),
                                ("fast", "time_s", 1.001)):  # fmt: skip
         assert found[preset][key] <= slack * min(costs[key] for costs in found.values())
-    assert found["accurate"]["deviation_rms_mm"] < 0.95 * found["smooth"]["deviation_rms_mm"]
+    assert found["accurate"]["sensitivity_rms_mm"] < 0.95 * found["smooth"]["sensitivity_rms_mm"]
     assert found["smooth"]["joint_travel_deg"] < 0.5 * found["accurate"]["joint_travel_deg"]
 
 
