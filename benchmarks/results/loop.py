@@ -83,7 +83,7 @@ def _fall_short(shops: list[ShopResult]) -> list[str]:
     said += _count(f"Path B after one part of A: more than {WORSE} times the error after poses alone", worse, WORSE)
     own = [f"{seed}: {SCATTER * draw_part(seed).standard_normal():+.1%}" for seed in worse if worse[seed] > WORSE]
     if own:
-        said.append(f"Own force of the parts that taught these (scatter {SCATTER:.0%}): {', '.join(own)}.")
+        said.append(f"Own force of the parts measured there (scatter {SCATTER:.0%}): {', '.join(own)}.")
     for path in "AB":
         parts = {s.seed: s.programs[f"taught_{path}"] for s in shops}
         few = [part.held for part in parts.values() if part.held < HELD[0]]

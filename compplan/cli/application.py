@@ -128,6 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.environ.setdefault(name, "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
     gc.set_threshold(50_000, 20, 50)  # a command makes much at its start that stays, and is over soon
+    _received.clear()
     previous = signal.signal(signal.SIGTERM, _leave_on_term)
     open_streams()
     try:
@@ -153,6 +154,8 @@ def run_words(words: list[str]) -> int:
             error = refuse_output(error)
         if DEBUG in os.environ:
             traceback.print_exc()
+        if _received:  # an import that SIGTERM interrupts may turn the exit into an error of its own
+            return 128 + _received[0]
         _complain(f"error: {describe_fault(error)}")
         return error.exit_status if isinstance(error, CompplanError) else 2
     return status if isinstance(status, int) else 0
@@ -182,5 +185,10 @@ def describe_fault(error: Exception) -> str:
     return line if len(line) <= length else f"{line[: length // 2]} [...] {line[-length // 2 :]}"
 
 
+#: Signals that have asked this run to end.
+_received: list[int] = []
+
+
 def _leave_on_term(number: int, frame: object) -> None:
+    _received.append(number)
     sys.exit(128 + number)

@@ -30,11 +30,11 @@ from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
-#: Effects that are planted.
+#: Effects that are planted (assumed: as many as a minute allows on 40 poses).
 PLANTED = 20
 #: Draws of an effect until a robot can have it, and turns of the vocabulary, at most (assumed: most are the first).
 TRIES = 20
-#: Stated probabilities from which on the share of right ones is counted.
+#: Stated probabilities from which on the share of right ones is counted: that of a claim, and .8 (assumed).
 STATED = (CLAIMED, 0.8)
 FOUND, TIED, CONFUSED, MISSED = "found", "tied", "confused", "missed"
 
