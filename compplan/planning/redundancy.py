@@ -28,8 +28,7 @@ from compplan.planning.limits.torque import read_torques
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
-from compplan.planning.posture.follow import turn_about_axis
-from compplan.planning.posture.motion import find_torn
+from compplan.planning.posture.follow import find_torn, turn_about_axis
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import build_start
 from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_weights
-from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
+from compplan.planning.posture.follow import find_torn, reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -27,7 +27,6 @@ from compplan.planning.posture.lattice import (
     orient_tool,
     pick_stations,
 )
-from compplan.planning.posture.motion import find_torn
 from compplan.planning.posture.search import Line, Rungs, find_nearest_rows, measure_rungs, search_line
 from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureSummary, PostureTrace, summarise_costs

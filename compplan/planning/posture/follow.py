@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.motion import find_torn
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.ik import CLOSE, Arm, middle_of_limits, reach_pose
@@ -48,6 +47,13 @@ def follow_path(
     path = interpolate(np.arange(n), rows, stations)
     path, reached = reach_tip_and_axis(arm, path, nominal.position, rotation, spin_free=spin_free, every_joint=True)
     return path, ~reached | find_torn(path, nominal, most_step)
+
+
+def find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
+    """Tell which waypoints of a cut a joint would have to jump to."""
+    torn = np.zeros(len(q), bool)
+    torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
+    return torn & ~nominal.rapid
 
 
 def _search_start(arm: Arm, position: Array, rotation: Array, *, spin_free: bool) -> Array | None:
