@@ -84,10 +84,8 @@ def measure_remaining(problem: PostureProblem, q: Array) -> tuple[float, float]:
     weight = share[rows] / share[rows].sum()
     expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
     lengths = np.linalg.norm(spread @ draw_errors(spread.shape[2]), axis=1)
-    order = np.argsort(lengths, axis=None)
-    mass = np.cumsum(np.repeat(weight, lengths.shape[1])[order]) / lengths.shape[1]
-    quantile = lengths.ravel()[order[min(int(np.searchsorted(mass, 0.95)), len(order) - 1)]]
-    return 1e3 * expected, 1e3 * float(quantile)
+    weights = np.repeat(weight[:, None], lengths.shape[1], axis=1)
+    return 1e3 * expected, 1e3 * float(np.quantile(lengths, 0.95, weights=weights, method="inverted_cdf"))
 
 
 def cut_shares(nominal: Toolpath) -> Array:
