@@ -153,7 +153,7 @@ def measure_task(task: PlanTask, robot: Robot, job: Job, options: PlanOptions, s
     motion, rows = measure_bending(task, task.q_start, timing).motion, pick_rows(task.cut, BAND_ROWS)
     away = np.zeros((2, len(rows), 3)) if motion is None else motion.error[:, rows]
     away = away - away.mean(axis=0)
-    spread = spread_tip(task, read_force_spread(job), rows)
+    spread = spread_tip(task, read_force_spread(job))
     spread = spread + np.einsum("dni,dnj->nij", away, away) / (len(away) - 1)
     return Row("out of reach" if task.missed.any() else "reached", float(timing.time[-1]),
                1e3 * float(band_radius(spread).max()), spent)  # fmt: skip

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Array
+from compplan.robot import Array, Robot
 
 name = "backlash"
 words = "{at} has lost motion (backlash)"
@@ -19,6 +20,8 @@ follows = "direction of approach"
 SCALE = {"revolute": 2e-4, "prismatic": 1e-4}
 #: Direction of approach of the first row, where unknown: from below (assumed).
 CAME_FROM_BELOW = -0.5
+#: Less lost motion is none (assumed). [rad or m]
+LEAST_PLAY = 1e-6
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
@@ -64,3 +67,23 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
         follower = min(max(follower, value - half), value + half)
         result.append(follower - value)
     return np.asarray(np.sign(width) * np.array(result))
+
+
+def is_play(entry: Mapping[str, Any]) -> bool:
+    """Tell whether an effect of a folder is lost motion that a command can lead."""
+    return entry.get("effect") == "backlash" and width_of(entry) > LEAST_PLAY
+
+
+def width_of(entry: Mapping[str, Any]) -> float:
+    """Return the width of a backlash. [rad or m]"""
+    values = entry.get("parameters", {})
+    return float(values.get("width_rad", values.get("width_m", 0.0)))
+
+
+def list_plays(robot: Robot) -> Array:
+    """Return the width of the lost motion that a robot folder states of every joint. Shape (nq,). [rad or m]"""
+    widths = np.zeros(robot.nq)
+    for entry in filter(is_play, robot.effects):
+        # names that the robot does not have are refused where the effects are built
+        widths += width_of(entry) * (np.array(robot.joint_names) == entry["joint"])
+    return widths

@@ -25,7 +25,7 @@ from compplan.measurement.distance import band_radius
 from compplan.measurement.part_points import Surface, read_measured_points
 from compplan.planning.checks import state_notes
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
-from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
+from compplan.planning.posture.follow import stand_near, turn_about_axis
 from compplan.planning.posture.kept_posture import read_lock
 from compplan.planning.result import Plan
 from compplan.planning.task import PlanTask
@@ -34,7 +34,7 @@ from compplan.robot import Array, Robot, load_robot
 from compplan.robot.pose import fit_displacement, see_position
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.statics.ik import build_arm
 from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
@@ -50,8 +50,8 @@ from compplan.uncertainty.sensitivities import (
 )
 from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
 
-#: Places along the path that hold an update, at most; waypoints nearer to the path than this are reached. [m, rad]
-MOST_PLACES, REACHED = 5000, 1e-6
+#: Places along the path that hold an update, at most.
+MOST_PLACES = 5000
 #: What to do about a part that is off as a whole: nobody can tell its clamping from the robot.
 WHOLE_PART = (
     "--align best_fit takes that off, [noise] part_frame_mm of the job allows for how parts are clamped, --align datum"
@@ -287,15 +287,12 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     length: of the wanted path at every waypoint of the task. Shape (n,). [m]
     """
     near = interpolate(length, residual.length, residual.q)
-    if task.robot.nq < 6:
-        arm, wanted = build_arm(task.robot), (task.position, task.rotation)
-        q, reached = reach_tip_and_axis(arm, near, *wanted, spin_free=task.spin_free)
-        return replace(task, q_start=q, rotation=locate_frames(task.chain, q).tcp_rotation, missed=~reached)
-    rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation[:, :, 0], task.nominal.axis)
+    rotation = task.rotation
+    if task.robot.nq >= 6:
+        rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation[:, :, 0], task.nominal.axis)
     arm = build_arm(task.robot)
-    q = refine_ik(arm, near, task.position, rotation)
-    missed = np.abs(pose_error(arm.chain, q, task.position, rotation)).max(axis=1) > REACHED
-    return replace(task, q_start=q, rotation=rotation, missed=missed)
+    q, rotation, reached = stand_near(arm, near, task.position, rotation, spin_free=task.spin_free)
+    return replace(task, q_start=q, rotation=rotation, missed=~reached)
 
 
 def add_residual(

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from compplan.effects import Effect, fold_effect
+from compplan.effects.backlash import width_of
 from compplan.effects.checks import check_effect
 from compplan.effects.signature import pack_parameters
 from compplan.errors import CompplanError
@@ -90,7 +91,7 @@ def add_effect(robot: Robot, effect: Effect, own: Array) -> tuple[Robot, Array]:
     """
     if effect.name == "backlash":  # lost motion below zero is none: a command cannot lead it
         same = [one for one in robot.effects if (one["effect"], one.get("joint")) == (effect.name, effect.joint)]
-        own = np.maximum(own, -max(sum(map(_width, same)), 0.0))
+        own = np.maximum(own, -max(sum(map(width_of, same)), 0.0))
         effect = replace(effect, parameters={key: float(own[0]) for key in effect.parameters})
     if not np.any(own):
         return robot, own
@@ -106,12 +107,6 @@ def add_effect(robot: Robot, effect: Effect, own: Array) -> tuple[Robot, Array]:
     except CompplanError:
         return robot, np.zeros(len(own))
     return replace(robot, effects=tuple(tables)), own
-
-
-def _width(table: Mapping[str, Any]) -> float:
-    """Return the width of a lost motion. [rad or m]"""
-    values = table["parameters"]
-    return float(values.get("width_rad", values.get("width_m", 0.0)))
 
 
 def _merge(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any] | None:

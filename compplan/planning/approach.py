@@ -15,7 +15,7 @@ from compplan.planning.task import PlanTask
 from compplan.planning.timing import ease, ease_duration
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.statics.ik import build_arm, reach_pose
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import select_waypoints
@@ -125,7 +125,5 @@ def _above(task: PlanTask, q: Array, end: int) -> tuple[Array, Array]:
     if task.spin_free:
         x = locate_frames(task.chain, q[None]).tcp_rotation[0, :, 0]
         rotation = tool_axes(select_waypoints(task.nominal, np.array([end])), x)
-    above = refine_ik(arm, q[None], task.position[row] + top, rotation, iterations=30)
-    reached = np.abs(pose_error(arm.chain, above, task.position[row] + top, rotation)).max() < 1e-6
-    inside = ((above >= task.robot.lower) & (above <= task.robot.upper)).all()
-    return (above if reached and inside else np.zeros((0, q.shape[0]))), top
+    above, reached = reach_pose(arm, q[None], task.position[row] + top, rotation)
+    return above[reached], top

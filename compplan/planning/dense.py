@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from compplan.planning.costs import Departure, MissedPose, Time
-from compplan.planning.limits import CorrectionLimit, JointRange, PoseEquation, VelocityLimit
+from compplan.planning.costs import Departure, MissedPose
+from compplan.planning.limits import CorrectionLimit, JointRange, PoseEquation
 from compplan.planning.nlp import Solution, explain_conflict, solve_problem
 from compplan.planning.problem import Cost, Limit, PlanningProblem
 from compplan.planning.task import (
@@ -121,10 +121,6 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
         limits.append(CorrectionLimit(task.max_correction))
     free = released[stations]
     costs: list[Cost] = [Departure(1e-3 * task.worth), MissedPose()] if free.any() else [Departure(task.worth)]
-    runs = _find_hurried(task, q, stations) if task.redundant and not free.any() else ()
-    if runs:
-        limits.append(VelocityLimit(task.velocity_limits))
-        costs.append(Time(1.0, float(task.step_time.sum())))
     shift, turn = None, None
     if robot.effects:
         bias = None if task.bias is None else task.bias[stations]
@@ -142,7 +138,7 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
         bias=np.zeros((k, task.chain.n_springs)) if task.bias is None else task.bias[stations],
         loaded=task.compensated[stations], q_start=task.q_start[stations], guess=q[stations], lower=lower, upper=upper,
         spin_free=task.spin_free, axis_free=task.axis_free, limits=tuple(limits), along=length[stations],
-        costs=tuple(costs), runs=runs, shift=shift, turn=turn, released=free if free.any() else None,
+        costs=tuple(costs), shift=shift, turn=turn, released=free if free.any() else None,
     )  # fmt: skip
 
 
@@ -234,22 +230,6 @@ def miss_pose(task: PlanTask, q: Array, rows: NDArray[np.int_] | None = None) ->
 def size_of(rows: Array) -> Array:
     """Return the greatest entry of every row."""
     return np.asarray(np.abs(rows).max(axis=1))
-
-
-def _find_hurried(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> tuple[tuple[int, int], ...]:
-    """Return the runs, by their stations, of a path that is too fast for a joint at the programmed feed; none if not.
-
-    A posture that was shaped together with the speed keeps both.
-    """
-    if task.start is not None and task.start.program is not None:
-        return ()
-    rate = np.abs(np.diff(q, axis=0)) / np.maximum(task.step_time, 1e-9)[:, None]
-    cut = task.cut[1:] & task.cut[:-1] & (task.nominal.steps > 0.0)
-    if not (rate[cut] > task.velocity_limits).any():
-        return ()
-    ends = [run for run in task.runs if np.isin(run, stations).all()]
-    places = [tuple(np.searchsorted(stations, run).tolist()) for run in ends]
-    return tuple((a, b) for a, b in places if b - a >= 2 and task.cut[stations[a : b + 1]].all())
 
 
 def _find_leaving(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> NDArray[np.int_]:

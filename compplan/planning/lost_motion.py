@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.effects.backlash import CAME_FROM_BELOW
-from compplan.planning.posture.motion import is_play, list_plays, width_of
+from compplan.effects.backlash import CAME_FROM_BELOW, is_play, list_plays, width_of
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 

@@ -27,17 +27,9 @@ from compplan.planning.timing import INERTIA_WINDOWS, time_rapids
 from compplan.robot import Array
 from compplan.simulation.vibration import Dynamics, build_dynamics
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.band import Slopes, band_radius, split_covariance
+from compplan.uncertainty.band import band_radius, linearise_path, split_covariance
 from compplan.uncertainty.motion import spread_draws
-from compplan.uncertainty.sensitivities import (
-    ForceSpread,
-    build_path_model,
-    measure_force_slopes,
-    measure_slopes,
-    pick_rows,
-    unload_model,
-)
-from compplan.uncertainty.touch_off import subtract_touch
+from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, pick_rows
 
 LOG = logging.getLogger(__name__)
 
@@ -95,7 +87,7 @@ def measure_runs(
         slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
         in_time, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
         dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
-        still = spread_tip(task, request.force, rows) if known is None else known.quiet
+        still = spread_tip(task, request.force) if known is None else known.quiet
         calm = band_radius(still, mean=aside)
         for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
             eased = start if count == 0 and window == 1.0 else replace(
@@ -127,17 +119,16 @@ def measure_runs(
     return found
 
 
-def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
-    """Return the covariance of the tip at some waypoints, before correction and vibration. Shape (k, 3, 3). [m^2]."""
-    known = robot_uncertainty(task.robot)
+def spread_tip(task: PlanTask, force: ForceSpread) -> Array:
+    """Return the covariance of the tip at some rows of the cut, before correction and vibration. Shape (k, 3, 3). [m^2]
+
+    The rows are those of `pick_rows(task.cut, BAND_ROWS)`.
+    """
+    known, part = robot_uncertainty(task.robot), None
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
-    rest = unload_model(scene, rows)
-    shared, local = measure_force_slopes(scene, rows, force, rest)
-    model = subtract_touch(measure_slopes(scene, known.unknowns, rows, rest), rest.position, task.touched,
-                           known.unknowns)  # fmt: skip
     if task.touched is not None:
-        shared = np.concatenate([shared, task.touched.spread_part(rest.position)], axis=2)
-    slopes = Slopes(rows, rest.position, model, shared, local, touched=task.touched)
+        part = task.touched.spread_part(task.position)
+    slopes = linearise_path(scene, known, force, task.cut, part=part, touched=task.touched, most=BAND_ROWS)
     return np.asarray(sum(split_covariance(slopes, known).values()))
 
 

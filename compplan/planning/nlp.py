@@ -54,8 +54,6 @@ OPTIONS: dict[str, Any] = {
     "nlp_scaling_method": "none",
     "linear_solver": "mumps",
 }
-#: Square of the speed at which the solver begins, as a share of the programmed feed's.
-SLOW_START = 0.225
 #: Where the speed is a variable: no joint position has to be exact, the dense solution makes it so.
 TIMED: dict[str, Any] = {"mu_init": 1e-2, "tol": 1e-6, "constr_viol_tol": 1e-8}
 
@@ -191,7 +189,7 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
     begin[joints] = problem.guess.ravel()
     if problem.timed:
         lower[squares], upper[squares] = 1e-8, 1.0
-        begin[squares] = SLOW_START if problem.square is None else problem.square
+        begin[squares] = problem.square
         for start, end in problem.runs:
             lower[squares][[start, end]] = upper[squares][[start, end]] = 0.0
     if problem.released is not None:

@@ -42,7 +42,7 @@ class PlanningProblem:
     costs: tuple[Cost, ...]  #: What is minimised, the sum of all.
     along: Array  #: Programmed time from the first station. Shape (k,). [s]
     runs: tuple[tuple[int, int], ...] = ()  #: First and last station of every run from rest to rest.
-    #: Square of the speed where the solver begins, as a share of the programmed feed's; None: `SLOW_START`. Shape (k,).
+    #: Square of the speed where the solver begins, as a share of the programmed feed's, where it varies. Shape (k,).
     square: Array | None = None
     #: What the model leaves out of the loaded tip at `guess`, None for nothing. Shape (k, 3). [m]
     shift: Array | None = None

@@ -28,8 +28,7 @@ from compplan.planning.limits.torque import read_torques
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
-from compplan.planning.posture.follow import REACHED, turn_about_axis
-from compplan.planning.posture.motion import find_torn
+from compplan.planning.posture.follow import find_torn, turn_about_axis
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import build_start
 from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
@@ -37,7 +36,7 @@ from compplan.planning.problem import Cost, Limit, PlanningProblem
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.statics.ik import CLOSE, build_arm, reach_pose
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath, interpolate
@@ -195,7 +194,7 @@ def shape_start(
         iterations += solution.iterations
         LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, time %.4f s beside %.4f", solution.status,
                   solution.iterations, solution.cpu, solution.time, beside.time)  # fmt: skip
-        if solution.violation > REACHED:
+        if solution.violation > CLOSE:
             return None
         found = _follow(task, posture_choice, request, free, solution, settings)
         if scene is None or found is None or _keeps_clear(scene, found.q, settings.clearance):
@@ -231,20 +230,18 @@ def _follow(
     leans = np.clip((np.swapaxes(axes, 1, 2) @ -turned[:, :, 2, None])[:, :2, 0], -most, most)
     upright = np.sqrt(1.0 - (leans**2).sum(axis=1, keepdims=True))
     rotation = turn_about_axis(turned[:, :, 0], (axes @ np.hstack([leans, upright])[..., None])[..., 0])
-    q = refine_ik(arm, q, path.position, rotation)
-    missed = np.abs(pose_error(arm.chain, q, path.position, rotation)).max(axis=1) > REACHED
+    q, reached = reach_pose(arm, q, path.position, rotation)
     torn = find_torn(q, nominal, settings.most_step).any()
-    if missed.any() or torn or (q < robot.lower).any() or (q > robot.upper).any():
-        LOG.debug("posture and speed: not followed (missed %d, torn %s)", missed.sum(), torn)
+    if not reached.all() or torn:
+        LOG.debug("posture and speed: not followed (reached %d, torn %s)", reached.sum(), torn)
         return None
     x, y, before = rotation[:, :, 0], rotation[:, :, 1], posture_choice.rotation[:, :, 0]
     spin = posture_choice.spin + np.unwrap(np.arctan2((before * y).sum(axis=1), (before * x).sum(axis=1)))
     angles = leans * np.arccos(upright) / np.maximum(np.sqrt(1.0 - upright**2), 1e-12)
-    rows = posture_choice.map.waypoint
-    picture = replace(posture_choice.map, chosen=spin[rows])
     costs = summarise_costs(PostureProblem(robot, nominal, request.tool_x, settings), q)
-    better = replace(posture_choice, q=q, rotation=rotation, costs=costs, map=picture, spin=spin, lead=angles[:, 0],
-                     lean=angles[:, 1])  # fmt: skip
+    better = replace(
+        posture_choice, q=q, rotation=rotation, costs=costs, spin=spin, lead=angles[:, 0], lean=angles[:, 1]
+    )
     return replace(build_start(better, path, settings), aside=aside)
 
 

@@ -23,7 +23,7 @@ from compplan.planning.evaluate import Evaluation, Margins
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
-from compplan.planning.task import CORRECTION_LIMIT, Command, PlanTask, group_waypoints
+from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot
@@ -37,7 +37,7 @@ from compplan.uncertainty.touch_off import read_touch, touch_part
 #: Words from the best to the worst.
 STATUSES = ("solved", "not_confirmed", "infeasible")
 VERDICTS = ("keeps", "not_known", "may_not_keep")
-#: Stretches and limits that a sentence lists, and its letters at most.
+#: Limits that a sentence lists, and its letters at most.
 LISTED, LONGEST = 3, 300
 
 
@@ -170,26 +170,16 @@ class Plan(Shown):
 
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
-        if not self.command.failures:
-            return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
         failures, start = self.command.failures, self.task.start
-        limits = sorted({name for text in failures.values() for name in text.split(", ")})
-        first = min(failures)
-        length = self.task.nominal.arc_length[first] * 1e3
-        far = [k for k in sorted(failures) if failures[k] != CORRECTION_LIMIT]
-        if start is not None and start.mend and far:
-            at, rest = self.task.nominal.arc_length[far[0]] * 1e3, len(failures) - len(far)
-            head = f"{len(far)} of {len(self.task)} waypoints are out of reach, the first is waypoint {far[0]}"
-            others = f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
-            return f"{head} (s = {at:.0f} mm): {start.mend}{others}"[:LONGEST]
-        groups = group_waypoints(sorted(failures))
-        spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in groups[:LISTED])
-        more = ", ..." if len(groups) > LISTED else ""
-        names = "; ".join(limits[:LISTED]) + ("; ..." if len(limits) > LISTED else "")
-        said = (
-            f"{len(failures)} of {len(self.task)} waypoints cannot be reached within the limits "
-            f"({names}), the first is waypoint {first} (s = {length:.1f} mm); waypoints {spans}{more}"
-        )
+        if not failures:
+            return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
+        limits, first = sorted({name for text in failures.values() for name in text.split(", ")}), min(failures)
+        word, stops = "cannot be reached within the limits", "; ".join(limits[:LISTED])
+        if start is not None and start.mend:
+            word, stops = "are out of reach", start.mend
+            stops += "; plan.max_correction_mm stops others" if "correction limit" in failures.values() else ""
+        said = (f"{len(failures)} of {len(self.task)} waypoints {word}, the first is waypoint {first} "
+                f"(s = {1e3 * self.task.nominal.arc_length[first]:.0f} mm): {stops}")  # fmt: skip
         return said if len(said) <= LONGEST else f"{said[: LONGEST - 3]}..."
 
     def summary(self) -> list[tuple[str, str]]:
@@ -337,40 +327,27 @@ def worst_status(plans: Sequence[Plan]) -> str:
 
 
 def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
-    """Return what plan.json says of the plans of a job of several tools: the worst of each figure, and each one's own.
-
-    Root mean squares and means go over the waypoints of all cuts.
-    """
+    """Return what plan.json says of the plans of a job of several tools: the worst of every figure, and each tool."""
     parts = [summarise_plan(plan) for plan in plans]
-    cuts = np.array([np.count_nonzero(plan.task.cut) for plan in plans], float)
-    share, verdicts = cuts / max(cuts.sum(), 1.0), [part["verdict"] for part in parts]
-    beyond = [verdict.get("beyond_share") for verdict in verdicts]  # of all cuts; None where one does not know it
-    labels = ["" if plan.job is None else plan.job.label for plan in plans]
+    verdicts, labels = [part["verdict"] for part in parts], ["" if p.job is None else p.job.label for p in plans]
 
-    def worst(table: str, key: str = "max") -> float:
-        return max(float(part[table][key]) for part in parts)
-
-    def join_errors(key: str) -> dict[str, float]:
-        rms, mean = (np.array([part[key][name] for part in parts]) for name in ("rms", "mean"))
-        return {"rms": float(np.sqrt(share @ rms**2)), "mean": float(share @ mean), "max": worst(key)}
+    def worst(table: str, *keys: str) -> dict[str, float]:
+        return {key: max(float(part[table][key]) for part in parts) for key in keys}
 
     kept = ("schema", "strategy", "robot", "robot_grade", "configuration", "judge", "made_by")
     whole: dict[str, Any] = {
         **{key: parts[0][key] for key in kept},
         "name": name,
         "status": worst_status(plans),
-        "verdict": {
-            **max(verdicts, key=lambda verdict: VERDICTS.index(verdict["word"])),
-            "beyond_share": None if None in beyond else float(share @ np.array(beyond, float)),
-        },
+        "verdict": max(verdicts, key=lambda one: (VERDICTS.index(one["word"]), one["beyond_share"] or 0.0)),
         "waypoints": sum(part["waypoints"] for part in parts),
         "solve_time_s": round(sum(part["solve_time_s"] for part in parts), 4),
         "duration_s": sum(part["duration_s"] for part in parts),
-        **{key: join_errors(key) for key in ("error_before_mm", "error_after_mm")},
-        **{key: {"max": worst(key)} for key in ("between_waypoints_mm", "correction_mm")},
+        **{key: worst(key, "rms", "mean", "max") for key in ("error_before_mm", "error_after_mm")},
+        **{key: worst(key, "max") for key in ("between_waypoints_mm", "correction_mm")},
         "margins": {
             "position_limit_deg": min(part["margins"]["position_limit_deg"] for part in parts),
-            **{key: worst("margins", key) for key in ("velocity_ratio", "acceleration_ratio")},
+            **worst("margins", "velocity_ratio", "acceleration_ratio"),
         },
         "notes": list(dict.fromkeys(
             note if note in plan.task.nominal.notes else type(note)(f"{label}: {note}")
@@ -380,7 +357,7 @@ def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
                   for plan, part, label in zip(plans, parts, labels, strict=True)],
     }  # fmt: skip
     if all("error_band_mm" in part for part in parts):
-        whole["error_band_mm"] = {"p95_max": worst("error_band_mm", "p95_max")}
+        whole["error_band_mm"] = worst("error_band_mm", "p95_max")
     failing = [f"{label}: {part['failure']}" for part, label in zip(parts, labels, strict=True) if "failure" in part]
     if failing:
         whole["failure"] = "; ".join(failing)

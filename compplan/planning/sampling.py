@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
+from compplan.planning.posture.follow import stand_near, turn_about_axis
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.statics.ik import build_arm
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corners
 from compplan.toolpath.events import find_halts
@@ -180,18 +180,9 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     fresh &= share[:, 0] > 0
     if fresh.any():
         arm, position = build_arm(task.robot), nominal.position[fresh]
-        if task.robot.nq < 6:
-            q[fresh], reached = reach_tip_and_axis(arm, q[fresh], position, rotation[fresh], spin_free=task.spin_free)
-            rotation[fresh] = locate_frames(arm.chain, q[fresh]).tcp_rotation
-        else:
-            between = q[fresh]
-            q[fresh] = refine_ik(arm, between, position, rotation[fresh])
-            reached = np.abs(pose_error(arm.chain, q[fresh], position, rotation[fresh])).max(axis=1) <= REACHED
-            reached &= ((q[fresh] >= task.robot.lower) & (q[fresh] <= task.robot.upper)).all(axis=1)
-            if task.robot.nq > 6 and not reached.all():
-                again = np.flatnonzero(fresh)[~reached]
-                reached[~reached] = _reach_again(task, q, rotation, nominal.position, again, between[~reached])
-        missed[fresh] = ~reached | ((q[fresh] < task.robot.lower) | (q[fresh] > task.robot.upper)).any(axis=1)
+        q[fresh], rotation[fresh], reached = stand_near(arm, q[fresh], position, rotation[fresh],
+                                                        spin_free=task.spin_free)  # fmt: skip
+        missed[fresh] = ~reached
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
     new = replace(
@@ -200,18 +191,6 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
         places=np.interp(places, np.arange(len(task)), task.origin),
     )  # fmt: skip
     return replace(new, wrench=predict_loads(new))
-
-
-def _reach_again(
-    task: PlanTask, q: Array, rotation: Array, position: Array, rows: NDArray[np.int_], near: Array
-) -> NDArray[np.bool_]:
-    """Let all joints of an arm of more than six help where six do not reach, in place; tell where they do."""
-    found, reached = reach_tip_and_axis(build_arm(task.robot), near, position[rows], rotation[rows],
-                                        spin_free=task.spin_free, every_joint=True)  # fmt: skip
-    q[rows[reached]] = found[reached]
-    if task.spin_free:
-        rotation[rows[reached]] = locate_frames(task.chain, found[reached]).tcp_rotation
-    return reached
 
 
 def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
-from compplan.planning.posture.motion import list_plays
+from compplan.effects.backlash import list_plays
 from compplan.planning.posture.summary import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot

@@ -16,7 +16,6 @@ from compplan.job.job import Job
 from compplan.planning.posture.place import PlaceResult, summarise_placement
 from compplan.reporting.charts import INK, PAPER, Figure
 from compplan.reporting.page import Cell, Chart, DataTable, Provenance, Section, Summary, render_page
-from compplan.reporting.plan_page import chart_posture
 
 
 def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, Any]:
@@ -28,11 +27,7 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
         for name, key in (("expected, rms", "expected_rms"), ("95 %", "p95"))
     ]
     table = DataTable(["remaining deviation", "job's place [mm]", "chosen place [mm]"], rows)
-    sections = [
-        Section("There and here", [table], "What is left of the deviation along the path, after correction."),
-        Section("Posture", [chart_posture(result.posture_choice.map)],
-                "The posture along the path at the chosen place."),
-    ]  # fmt: skip
+    sections = [Section("There and here", [table], "What is left of the deviation along the path, after correction.")]
     unknown = ["the uncertainty of the robot (job: [posture.uncertainty])"]
     origin = Provenance([("robot", summary["robot"])], unknown if "uncertainty_assumed" in summary else [])
     html = render_page(

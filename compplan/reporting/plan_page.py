@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.display import Curve, Curves
 from compplan.io.notes import list_remarks
 from compplan.io.palette import AFTER, BEFORE, CATEGORIES, LIMIT, NEUTRAL
 from compplan.io.quantities import (
@@ -32,7 +31,6 @@ from compplan.reporting.along_path import (
     find_spans,
     place_stations,
 )
-from compplan.reporting.charts import Figure, draw_curves
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, render_page
 from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions
@@ -44,7 +42,7 @@ from compplan.uncertainty.ladder import DO
 
 if TYPE_CHECKING:
     from compplan.planning.plan import Plan
-    from compplan.planning.posture.summary import PostureMap, PostureSummary
+    from compplan.planning.posture.summary import PostureSummary
 
 #: Waypoints and stretches that a table lists at most.
 LISTED = 40
@@ -57,11 +55,6 @@ WORDS = {
     "model": "parameters of the robot", "unexplained": "what no parameter explains", "repeatability": "repeatability",
     "force": "the force", "motion": "inertia and vibration", "placement": "place of the part",
 }  # fmt: skip
-#: Why a posture cannot be used, and the colour it gets: out of reach, joint limit, collision, not wanted.
-FORBIDDEN = {1: "#b9c0c7", 2: "#8e979f", 4: "#5c4a57", 5: "#d9dde1"}
-SINGULAR = 3
-#: Rotations whose remaining deviations differ by less than this share are alike.
-ALIKE = 0.02
 
 
 def write_plan_page(plan: Plan, file: Path) -> None:
@@ -310,7 +303,13 @@ def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
 
 def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> Section:
     """Show how the posture along the path was chosen, and how far it keeps clear where that was asked for."""
-    blocks: list[Block] = [chart_posture(choice.map)]
+    angles = {"rotation": choice.spin, "lead": choice.lead, "lean": choice.lean}
+    turned = {name: np.degrees(np.interp(plan.task.origin, np.arange(len(angle)), angle))
+              for name, angle in angles.items() if np.ptp(angle) > 0.0 or name == "rotation"}  # fmt: skip
+    blocks: list[Block] = [chart_lines(
+        stations, turned, "deg", "angle", "Rotation about the tool axis, counted from x of the tool as the job has it, "
+        "and leans of the axis along and across the travel where it leans.", 280,
+    )]  # fmt: skip
     if choice.changes:
         changes = (f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in choice.changes)
         blocks.append(f"Configuration changes: {'; '.join(changes)}.")
@@ -324,52 +323,7 @@ def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> Sec
             colours=(AFTER if contact.distance >= clearance.wanted else LIMIT,),
             limit=(1e3 * clearance.wanted, f"wanted {1e3 * clearance.wanted:g} mm"),
         ))  # fmt: skip
-    held = len(choice.map.spin) == 1
-    lede = "The rotation about the tool axis is held" if held else "Rotation about the tool axis against path length"
-    return Section("Posture", blocks, f"{lede}, preset {choice.settings.preset!r}.")
-
-
-def chart_posture(picture: PostureMap) -> Chart:
-    """Show the remaining deviation over path length and rotation, or as a line where the rotation is held."""
-    from compplan.planning.posture.lattice import REASONS
-
-    expected = "the deviation expected to remain after compensation, under the assumed errors of wrench and compliance."
-    length, spin = 1e3 * picture.length, np.degrees(picture.spin)
-    if len(spin) == 1:
-        line = Curve("remaining", length, 1e3 * picture.sensitivity[:, 0], "after")
-        figure = draw_curves(Curves("", "along the path [mm]", "remaining [mm]", (line,)))
-        return Chart(figure, f"Line: {expected}", 280)
-    caption = f"Colour: {expected} Line: the rotation chosen. Dots: near a singularity."
-    level = np.where(picture.reason == 0, picture.sensitivity, np.nan)
-    most, least = np.nanmax(level, axis=1, initial=0.0), np.nanmin(level, axis=1, initial=np.inf)
-    if np.isfinite(level).any() and float((most - least).max()) < ALIKE * float(most.max()):
-        caption += " All rotations are alike here."
-    figure = Figure()
-    for reason, colour in FORBIDDEN.items():
-        here = picture.reason == reason
-        if here.any():
-            figure.heat(length, spin, np.where(here, 1.0, np.nan).T, colorscale=[[0, colour], [1, colour]],
-                        showscale=False, name=REASONS[reason], hoverinfo="name")  # fmt: skip
-            swatch = {"symbol": "square", "size": 10, "color": colour}
-            figure.line([None], [None], REASONS[reason], mode="markers", marker=swatch)
-    level = np.where(np.isin(picture.reason, [0, SINGULAR]), 1e3 * picture.sensitivity, np.nan)
-    known = level[np.isfinite(level) & (level > 0)]
-    low, high = np.percentile(known, (1, 98)) if len(known) else (0.0, 1.0)
-    figure.heat(length, spin, level.T, "remaining, mm", zmin=float(low), zmax=float(high),
-                hovertemplate="%{x:.1f} mm, %{y:.0f} deg: %{z:.3g} mm<extra></extra>")  # fmt: skip
-    rows, columns = np.nonzero(picture.reason == SINGULAR)
-    if len(rows):
-        dots = {"size": 2.5, "color": NEUTRAL}
-        figure.line(length[rows], spin[columns], REASONS[SINGULAR], mode="markers", marker=dots, hoverinfo="skip")
-    lifted = np.mod(np.degrees(picture.chosen) - spin.min(), 360.0) + spin.min()
-    jumps = np.flatnonzero(np.abs(np.diff(lifted)) > 180) + 1
-    along, broken = np.insert(length, jumps, np.nan), np.insert(lifted, jumps, np.nan)
-    for width, colour in ((5.0, "#ffffff"), (2.4, "#101418")):
-        line_style = {"color": colour, "width": width}
-        figure.line(along, broken, "chosen", line=line_style, showlegend=width < 5.0, hoverinfo="skip")
-    figure.axis("x", title="along the path, mm", showgrid=False)
-    figure.axis("y", title="rotation about the tool axis, deg", showgrid=False, dtick=45)
-    return Chart(figure, caption, 420)
+    return Section("Posture", blocks, f"How the tool turns along the path, preset {choice.settings.preset!r}.")
 
 
 def _list_uncertainties(choice: PostureSummary) -> str:

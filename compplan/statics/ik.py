@@ -25,8 +25,8 @@ CONFIGURATIONS: tuple[dict[str, str], ...] = tuple(
     for elbow in ("up", "down")
     for wrist in ("noflip", "flip")
 )
-#: Tolerance of a solution. [m and rad]
-REACHED = 1e-9
+#: Tolerance of a solution, and error of a pose that counts as reached. [m and rad]
+REACHED, CLOSE = 1e-9, 1e-6
 #: Deviation from parallel [rad] and intersecting [m] axes that the nearest closed-form geometry removes.
 NEARLY_PARALLEL, NEARLY_MEETING = 0.02, 0.005
 #: Number of waypoints between two that are solved from scratch without a closed form.
@@ -179,6 +179,13 @@ def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iteration
         q[busy[better]], error[busy[better]] = trial[better], trial_error[better]
         damping[busy] = np.where(better, damping[busy] * 0.1, np.maximum(damping[busy], 1e-9) * 30.0)
     return q
+
+
+def reach_pose(arm: Arm, q: Array, position: Array, rotation: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Refine joint positions as `refine_ik` does; also tell which poses are reached within the joint limits. (n,)"""
+    q = refine_ik(arm, q, position, rotation)
+    reached = np.abs(pose_error(arm.chain, q, position, rotation)).max(axis=1) < CLOSE
+    return q, reached & ((q >= arm.robot.lower - 1e-9) & (q <= arm.robot.upper + 1e-9)).all(axis=1)
 
 
 def pose_error(chain: Chain, q: Array, position: Array, rotation: Array) -> Array:

@@ -41,6 +41,7 @@ from compplan.uncertainty.ladder import (
 )
 from compplan.uncertainty.motion import Motion, spread_draws
 from compplan.uncertainty.sensitivities import (
+    ROWS,
     ForceSpread,
     measure_force_slopes,
     measure_slopes,
@@ -165,8 +166,7 @@ class ErrorBand:
 
 def linearise_path(
     scene: ForwardModel, known: Uncertainty, force: ForceSpread, cut: NDArray[np.bool_], *,
-    motion: Motion | None = None,
-    part: Array | None = None, touched: TouchedPart | None = None,
+    motion: Motion | None = None, part: Array | None = None, touched: TouchedPart | None = None, most: int = ROWS,
 ) -> Slopes:  # fmt: skip
     """Differentiate a path of n rows by parameters, force and place of the part at a few rows of the cut.
 
@@ -178,8 +178,9 @@ def linearise_path(
         motion: What the motion of the arm adds, or None.
         part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
         touched: The part as the robot found it by touching, or None where its frame is absolute.
+        most: Rows at most, those where the motion is worst aside.
     """
-    rows = pick_rows(cut)
+    rows = pick_rows(cut, most)
     if motion is not None:
         rows = np.union1d(rows, motion.worst_rows(cut, MOVED))
     rest = unload_model(scene, rows)

@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.effects.backlash import lost_motion
+from compplan.effects.backlash import list_plays, lost_motion
 from compplan.job.job import load_job
 from compplan.planning.lost_motion import find_crossings, find_sides
 from compplan.planning.plan import PlanOptions, plan_compensation, plan_job
-from compplan.planning.posture.motion import list_plays
 from compplan.planning.sampling import measure_between
 from compplan.planning.task import attain_rows
 from compplan.robot import load_robot

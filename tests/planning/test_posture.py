@@ -71,7 +71,7 @@ def test_each_preset_is_the_best_of_the_three_at_what_it_is_for(angled) -> None:
     for preset, key, slack in (("accurate", "sensitivity_rms_mm", 1.001), ("smooth", "joint_travel_deg", 1.03),
                                ("fast", "time_s", 1.001)):  # fmt: skip
         assert found[preset][key] <= slack * min(costs[key] for costs in found.values())
-    assert found["accurate"]["deviation_rms_mm"] < 0.95 * found["smooth"]["deviation_rms_mm"]
+    assert found["accurate"]["sensitivity_rms_mm"] < 0.95 * found["smooth"]["sensitivity_rms_mm"]
     assert found["smooth"]["joint_travel_deg"] < 0.5 * found["accurate"]["joint_travel_deg"]
 
 
@@ -175,13 +175,6 @@ def test_a_rail_is_used_where_it_helps() -> None:
     posture_choice = choose(robot, nominal, FLAT, PostureSettings(stations=50, spin_step=np.radians(30)))
     check_on_path(robot, nominal, posture_choice)
     assert np.ptp(posture_choice.q[:, 0]) > 1.0
-
-
-def test_the_map_holds_the_chosen_line() -> None:
-    robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 40)
-    picture = choose(robot, nominal, FLAT, PostureSettings(stations=20)).map
-    assert picture.sensitivity.shape == picture.reason.shape == (len(picture.length), len(picture.spin))
-    assert np.isfinite(picture.sensitivity[picture.reason == 0]).all()
 
 
 def test_the_plan_keeps_the_chosen_posture_and_stands_on_the_path_under_load(angled, monkeypatch) -> None:

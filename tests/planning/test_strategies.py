@@ -162,16 +162,3 @@ def test_position_limits_are_used_up_by_rotating_about_the_tool_axis():
     assert command.q[:, 4].max() <= top[4] + 1e-12
     assert command.q[:, 4].max() > top[4] - 1e-4
     assert evaluate_run(narrow, command.q, build_simulated_robot(robot)).max_deviation < 1e-8
-
-
-def test_velocity_limits_are_kept_at_the_programmed_feed_where_the_rotation_can_help():
-    robot = load_spindle_robot()
-    task = make_task(robot, spin_free=True, path=make_path(80))
-    speed = np.abs(np.diff(command_path(task, "nlp").q, axis=0) / task.step_time[:, None])
-    limits = np.full(6, 1e3)
-    limits[5] = 0.9 * speed[:, 5].max()
-    hurried = replace(task, velocity_limits=limits, acceleration_limits=np.full(6, 1e3))
-    command = command_path(hurried, "nlp")
-    after = np.abs(np.diff(command.q, axis=0) / task.step_time[:, None])[:, 5].max()
-    assert after <= limits[5] * (1 + 1e-5)
-    assert evaluate_run(task, command.q, build_simulated_robot(robot)).max_deviation < 1e-8

@@ -222,7 +222,7 @@ def test_a_real_plan_and_comparison_get_their_pages_with_what_their_job_assumes(
     assert "job: force_N: assumed" in html
     assert plan.task.start is not None
     assert plan.task.start.posture_choice is not None
-    assert "Rotation about the tool axis against path length" in html
+    assert "How the tool turns along the path" in html
     assert "errors of 10 % of the wrench" in html
     assert f"<dd>{EXACT_EVALUATION}</dd>" in html
     comparison = compare_job(plan.job)

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_weights
-from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
+from compplan.planning.posture.follow import find_torn, reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -27,13 +27,12 @@ from compplan.planning.posture.lattice import (
     orient_tool,
     pick_stations,
 )
-from compplan.planning.posture.motion import find_torn
 from compplan.planning.posture.search import Line, Rungs, find_nearest_rows, measure_rungs, search_line
 from compplan.planning.posture.settings import PostureProblem
-from compplan.planning.posture.summary import PostureSummary, PostureTrace, slice_map, summarise_costs
+from compplan.planning.posture.summary import PostureSummary, PostureTrace, summarise_costs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CONFIGURATIONS, pose_error, refine_ik, solve_branches
+from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, refine_ik, solve_branches
 from compplan.toolpath.toolpath import pick_even
 
 #: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
@@ -108,7 +107,7 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
         if not len(more):
             break
         stations = np.union1d(stations, pick_even(more, settings.stations))
-    kind = "clearance" if problem.margin is not None and not posture_choice.missed.any() else "continuity"
+    kind = "clearance" if settings.scene is not None and not posture_choice.missed.any() else "continuity"
     raise InfeasibleError(
         f"the posture cannot be followed at {len(bad)} waypoints, first at waypoint {bad[0]}: "
         f"{'the arm comes too near' if kind == 'clearance' else 'joints would have to jump or leave their limits'}; "
@@ -145,15 +144,12 @@ def _choose_at(
     trace = trace_line(problem, stations, fine.options, chosen, smooth=True)
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
-    bad = trace.missed.copy()
-    if problem.margin is not None:
-        rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)
-        bad[rows] |= problem.margin(trace.q[rows], rows) < 0
+    bad, rows = trace.missed.copy(), pick_even(np.arange(len(trace.q)), MARGIN_SAMPLES)
+    bad[rows] |= problem.come_too_near(trace.q[rows])
     posture_choice = PostureSummary(
         **vars(trace), configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())],
-        changes=_list_changes(chosen, stations), weights=weights, settings=settings,
-        costs=summarise_costs(problem, trace.q),
-        map=slice_map(coarse, line, chosen, fine.options, problem.nominal), keeps_margin=keeps,
+        changes=_list_changes(chosen, stations), settings=settings,
+        costs=summarise_costs(problem, trace.q), keeps_margin=keeps,
     )  # fmt: skip
     return posture_choice, np.flatnonzero(bad)
 
@@ -202,8 +198,7 @@ def choose_plain(problem: PostureProblem, posture_choice: PostureSummary) -> Pos
         return None
     if plain.changes:
         return None
-    picture = replace(posture_choice.map, chosen=np.zeros(len(posture_choice.map.chosen)))
-    return replace(plain, map=picture, settings=posture_choice.settings, instead_of=posture_choice.costs)
+    return replace(plain, settings=posture_choice.settings, plain=True)
 
 
 def _search_clear(
@@ -215,10 +210,7 @@ def _search_clear(
     lattice = lattice.refuse(lattice.limits > 0, JOINT_LIMIT) if away else lattice
     for _ in range(COLLISION_ROUNDS):
         line = search_line(lattice, rungs, weights, problem.robot, start=settings.start, room=room, partial=partial)
-        if problem.margin is None:
-            return lattice, line
-        rows = np.arange(len(line.option))
-        near = problem.margin(line.q, lattice.stations) < 0
+        rows, near = np.arange(len(line.option)), problem.come_too_near(line.q)
         if not near.any():
             return lattice, line
         reason = lattice.reason.copy()
@@ -226,7 +218,7 @@ def _search_clear(
         suspects = np.zeros(reason.shape, bool)
         suspects[rows[near], :, line.slot[near]] = True
         node = np.nonzero(suspects & replace(lattice, reason=reason).usable)
-        hits = problem.margin(lattice.q[node], lattice.stations[node[0]]) < 0
+        hits = problem.come_too_near(lattice.q[node])
         reason[tuple(index[hits] for index in node)] = COLLISION
         lattice = replace(lattice, reason=reason)
     worst = lattice.stations[near]
@@ -309,7 +301,7 @@ def trace_line(
     if lost.any():
         followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
-        lost[lost] = np.abs(error).max(axis=1) > REACHED
+        lost[lost] = np.abs(error).max(axis=1) > CLOSE
     torn = find_torn(followed, nominal, most_step)
     if problem.settings.free_spin and (lost | torn).any():
         stretch = _whole_stretches(lost | torn, stations)

@@ -78,7 +78,6 @@ class NodeCosts(NamedTuple):
     """What n postures are like."""
 
     sensitivity: Array  #: Expected (root mean square) remaining deviation of the tool tip. Shape (n,). [m]
-    deviation: Array  #: Deviation of the tool tip before compensation. Shape (n,). [m]
     limits: Array  #: Nearness to joint limits, see `measure_limits`. Shape (n,).
     #: Inverse Frobenius condition number of the length-normalised Jacobian, 0 singular to 1. Shape (n,).
     dexterity: Array
@@ -106,38 +105,29 @@ def measure_nodes(
     `limits` are the lower and upper joint limits (nq,), `uncertainty` says how well the inputs are known, `axes` (3, 3)
     in whose components the wrench errs; a joint farther from its limits than `margin` [rad or m] is not near to them.
     """
-    known = uncertainty or ASSUMED
-    n = len(q)
-    sensitivity, deviation, dexterity = np.empty(n), np.empty(n), np.empty(n)
-    length = natural_length(chain, limits)
+    known, n, length = uncertainty or ASSUMED, len(q), natural_length(chain, limits)
+    sensitivity, dexterity = np.empty(n), np.empty(n)
     for start in range(0, n, CHUNK):
         rows = slice(start, min(start + CHUNK, n))
         frames = locate_frames(chain, q[rows])
-        columns = jacobian(chain, frames)
-        plain = known if isinstance(known, ModelScatter) else ASSUMED
-        spread, bend = _error_columns(chain, frames, columns, wrench[rows], plain, axes)
-        if not isinstance(known, ModelScatter):
-            spread = known.columns(q[rows], wrench[rows])
-        deviation[rows] = np.linalg.norm(bend, axis=1)
+        spread = error_columns(chain, q[rows], wrench[rows], known, axes, frames)
         sensitivity[rows] = np.sqrt(np.einsum("nij,nij->n", spread, spread))
         dexterity[rows] = measure_dexterity(joint_jacobian(chain, frames), length)
-    return NodeCosts(sensitivity, deviation, measure_limits(q, *limits, margin), dexterity)
+    return NodeCosts(sensitivity, measure_limits(q, *limits, margin), dexterity)
 
 
 def error_columns(
-    chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter | PostureErrors, axes: Array | None = None
-) -> Array:
-    """Return the deviation that one standard deviation of each error leaves. Shape (n, 3, errors). [m]"""
-    if not isinstance(uncertainty, ModelScatter):
-        return uncertainty.columns(q, wrench)
-    frames = locate_frames(chain, q)
-    return _error_columns(chain, frames, jacobian(chain, frames), wrench, uncertainty, axes)[0]
+    chain: Chain, q: Array, wrench: Array, known: ModelScatter | PostureErrors, axes: Array | None = None,
+    frames: Frames | None = None,
+) -> Array:  # fmt: skip
+    """Return the deviation that one standard deviation of each error leaves; `frames`: those of the postures, if known.
 
-
-def _error_columns(
-    chain: Chain, frames: Frames, columns: Array, wrench: Array, known: ModelScatter, axes: Array | None
-) -> tuple[Array, Array]:
-    """Return the error columns and the deflection of the tip: shapes (n, 3, errors), (n, 3) [m]."""
+    Shape (n, 3, errors). [m]
+    """
+    if not isinstance(known, ModelScatter):
+        return known.columns(q, wrench)
+    frames = locate_frames(chain, q) if frames is None else frames
+    columns = jacobian(chain, frames)
     springs = chain.spring_elements
     elastic = np.ascontiguousarray(columns[:, :, springs])
     torque = load_elements(chain, frames, wrench)[:, springs]
@@ -148,7 +138,7 @@ def _error_columns(
     by_force = (compliance[:, :, :3] @ turn) * (wrench[:, None, :3] @ turn)
     by_moment = (compliance[:, :, 3:] @ turn) * (wrench[:, None, 3:] @ turn)
     parts = [known.compliance * by_spring, known.wrench * by_force, known.wrench * by_moment]
-    return np.concatenate(parts, axis=2), by_spring.sum(axis=2)
+    return np.concatenate(parts, axis=2)
 
 
 def measure_limits(q: Array, lower: Array, upper: Array, margin: float) -> Array:

@@ -9,18 +9,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.motion import find_torn
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
-from compplan.statics.ik import Arm, middle_of_limits
+from compplan.statics.ik import CLOSE, Arm, middle_of_limits, reach_pose
 from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 
 #: Waypoints that are followed one by one; those between are reached from a line through these.
 STATIONS = 500
 #: Newton steps, the greatest motion of a joint in one, and the step from which on a joint at a limit stays. [rad or m]
 STEPS, LARGEST, HELD_FROM = 25, 0.3, 5
-#: A waypoint is reached where it misses tip and axis by less. [m and rad]
-REACHED = 1e-6
 #: Share of the way to the middle of the limits that the free motion of joints takes at a waypoint.
 DRAWN = 0.02
 #: Starts that are tried for the first waypoint, and limits that stand for missing ones where they are drawn. [rad or m]
@@ -50,6 +47,13 @@ def follow_path(
     path = interpolate(np.arange(n), rows, stations)
     path, reached = reach_tip_and_axis(arm, path, nominal.position, rotation, spin_free=spin_free, every_joint=True)
     return path, ~reached | find_torn(path, nominal, most_step)
+
+
+def find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
+    """Tell which waypoints of a cut a joint would have to jump to."""
+    torn = np.zeros(len(q), bool)
+    torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
+    return torn & ~nominal.rapid
 
 
 def _search_start(arm: Arm, position: Array, rotation: Array, *, spin_free: bool) -> Array | None:
@@ -93,7 +97,31 @@ def reach_tip_and_axis(
         step = (rest + np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None] - task @ rest))[..., 0]
         q[:, moved] += step * np.minimum(1.0, LARGEST / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
         q = np.clip(q, robot.lower, robot.upper) if every_joint else q
-    return q, np.abs(error).max(axis=1) < REACHED
+    return q, np.abs(error).max(axis=1) < CLOSE
+
+
+def stand_near(
+    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Put the tool on poses (n, 3), (n, 3, 3) from nearby, q (n, nq) [rad or m].
+
+    Where the arm has fewer than six joints its tip and axis are put there (and the rotation where it is not free); all
+    of more than six joints help where six do not reach. Returns joint positions, orientations, and where that is
+    reached within the joint limits.
+    """
+    if arm.robot.nq < 6:
+        q, reached = reach_tip_and_axis(arm, q, position, rotation, spin_free=spin_free)
+        reached &= ((q >= arm.robot.lower - 1e-9) & (q <= arm.robot.upper + 1e-9)).all(axis=1)
+        return q, locate_frames(arm.chain, q).tcp_rotation, reached
+    near, (q, reached), rotation = q, reach_pose(arm, q, position, rotation), rotation.copy()
+    if arm.robot.nq > 6 and len(lost := np.flatnonzero(~reached)):
+        found, helped = reach_tip_and_axis(arm, near[lost], position[lost], rotation[lost], spin_free=spin_free,
+                                           every_joint=True)  # fmt: skip
+        lost, found = lost[helped], found[helped]
+        q[lost], reached[lost] = found, True
+        if spin_free:
+            rotation[lost] = locate_frames(arm.chain, found).tcp_rotation
+    return q, rotation, reached
 
 
 def turn_about_axis(x: Array, axis: Array) -> Array:

@@ -10,18 +10,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.errors import CompplanError, InputError
 from compplan.job.job import Job
-from compplan.planning.posture.follow import REACHED, reach_tip_and_axis
+from compplan.planning.posture.follow import stand_near
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import find_start, name_along
 from compplan.planning.posture.summary import Start, summarise_costs
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import find_robot_folder
-from compplan.statics.chain import locate_frames
-from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.statics.ik import build_arm
 from compplan.toolpath.toolpath import Toolpath
 
 #: Two folders whose joints stand nearer than this are of one machine (assumed: measured geometry differs by
@@ -83,16 +81,9 @@ def find_kept_start(
 
 def _stand_again(robot: Robot, start: Start) -> Start:
     """Solve the joints of a robot around a start; what it does not reach there is missed."""
-    arm, nominal, rotation = build_arm(robot), start.nominal, start.rotation
-    near, free = start.q, start.settings.free_spin
-    if robot.nq < 6:
-        q, reached = reach_tip_and_axis(arm, near, nominal.position, rotation, spin_free=free or robot.nq == 5)
-        rotation = locate_frames(arm.chain, q).tcp_rotation
-    else:
-        q = refine_ik(arm, near, nominal.position, rotation, iterations=30)
-        reached = np.abs(pose_error(arm.chain, q, nominal.position, rotation)).max(axis=1) < REACHED
-    inside = ((q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)).all(axis=1)
-    missed: NDArray[np.bool_] = ~(reached & inside)
+    nominal, free = start.nominal, start.settings.free_spin or robot.nq == 5
+    q, rotation, reached = stand_near(build_arm(robot), start.q, nominal.position, start.rotation, spin_free=free)
+    missed = ~reached
     words = name_along(robot, q) or start.configuration
     posture_choice = start.posture_choice
     if posture_choice is not None and not missed.any():

@@ -139,17 +139,6 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
         else {"expected_rms": before.costs["sensitivity_rms_mm"], "p95": before.costs["sensitivity_p95_mm"]},
         "ratio": None if before is None else result.ratio,
         **result.posture_choice.describe_errors(),
-        "grids": [
-            {
-                "turn_deg": float(np.degrees(rating.turn)),
-                **{f"{name}_mm": (1e3 * axis).round(3).tolist() for name, axis in zip("xyz", rating.axes, strict=True)},
-                "bound_mm": [
-                    [[None if np.isnan(v) else v for v in column] for column in sheet]
-                    for sheet in (1e3 * rating.bound).round(6).tolist()
-                ],
-            }
-            for rating in result.ratings
-        ],
     }
 
 

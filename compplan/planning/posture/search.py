@@ -292,7 +292,7 @@ def _shift_turns(way: Array, robot: Robot, turns: NDArray[np.bool_], start: Arra
             if low >= robot.lower[j] + keep and high <= robot.upper[j] - keep:
                 room = min(low - robot.lower[j], robot.upper[j] - high, np.pi)
                 rank = -abs(way[0, j] + 2 * np.pi * m - start[j]) if start is not None else room
-                choices.append((rank, -abs(m), m))
+                choices.append((round(rank, 9), -abs(m), m))  # ties do not turn on last digits
         if not choices:
             return None
         way[:, j] += 2 * np.pi * max(choices)[2]

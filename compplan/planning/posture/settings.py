@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -21,9 +20,6 @@ from compplan.uncertainty.posture_errors import PostureErrors
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
-
-#: By how much postures keep clear: (q (m, nq), waypoints (m,)) -> margin (m,) [m], negative where too near.
-Margin = Callable[[Array, NDArray[np.int_]], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +81,10 @@ class PostureProblem:
         """The arm for inverse kinematics."""
         return build_arm(self.robot)
 
-    @property
-    def margin(self) -> Margin | None:
-        """By how much postures keep clear, None where nothing is in the way."""
+    def come_too_near(self, q: Array) -> NDArray[np.bool_]:
+        """Tell which postures (m, nq) do not keep clear; none where nothing is in the way. Shape (m,)."""
         scene, wanted = self.settings.scene, self.settings.clearance
-        return None if scene is None else lambda q, waypoints: measure_margin(scene, q, wanted)
+        return np.zeros(len(q), bool) if scene is None else measure_margin(scene, q, wanted) < 0
 
     @property
     def wrench(self) -> Array:

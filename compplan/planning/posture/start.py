@@ -33,8 +33,6 @@ FOUR_JOINTS = (
 
 #: Waypoints that are looked at where none is reached within the limits.
 LOOKED_AT = 20
-#: By what finished postures are compared, in words.
-COMPARED = {"driven_s": "time", "band_mm": "95 % band", "joint_travel_deg": "joint motion"}
 
 
 def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings) -> Start:
@@ -122,11 +120,6 @@ def build_start(posture_choice: PostureSummary, nominal: Toolpath, settings: Pos
         f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
         for waypoint, before, after in posture_choice.changes
     )
-    if len(compared := posture_choice.compared) > 1:
-        cost, unit = COMPARED[posture_choice.compared_by], posture_choice.compared_by.rpartition("_")[2]
-        listed = ", ".join(f"{name} {value:.4g} {unit}" for name, value in compared.items())
-        words += (f"Preset {posture_choice.settings.preset}: of the postures that were compared the one of the least "
-                  f"{cost} is driven ({listed}).",)  # fmt: skip
     return Start(
         path, posture_choice.q, posture_choice.rotation, posture_choice.configuration, posture_choice.missed,
         settings, posture_choice, words, upright=nominal.axis if leaning else None,
@@ -154,10 +147,10 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
 
     None where the graph chose it already, or it cannot be kept.
     """
-    if start.posture_choice is None or start.posture_choice.instead_of is not None:
+    if start.posture_choice is None or start.posture_choice.plain:
         return None
     plain = choose_plain(PostureProblem(robot, nominal, tool_x, start.settings), start.posture_choice)
-    return None if plain is None else build_start(replace(plain, instead_of=None), nominal, start.settings)
+    return None if plain is None else build_start(replace(plain, plain=False), nominal, start.settings)
 
 
 def find_partial(problem: PostureProblem, reason: str) -> Start:

@@ -1,4 +1,4 @@
-"""What the choice of a posture returns: the posture, its costs, the map behind it, and where a plan starts."""
+"""What the choice of a posture returns: the posture, its costs, and where a plan starts."""
 
 from __future__ import annotations
 
@@ -9,24 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.costs import ASSUMED, Weights, draw_errors, error_columns, measure_nodes
-from compplan.planning.posture.lattice import Lattice, Options
-from compplan.planning.posture.search import Line
+from compplan.planning.posture.costs import ASSUMED, CHUNK, draw_errors, error_columns, measure_dexterity
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
+from compplan.statics.chain import joint_jacobian, locate_frames
+from compplan.statics.quality import natural_length
 from compplan.toolpath.toolpath import Toolpath, pick_even
-
-
-@dataclass(frozen=True)
-class PostureMap:
-    """Path length against rotation about the tool axis, at the extra axes and lean of the chosen line."""
-
-    length: Array  #: Distance travelled at each station. Shape (k,). [m]
-    waypoint: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
-    spin: Array  #: Rotations about the tool axis. Shape (g,). [rad]
-    sensitivity: Array  #: NaN where there is no solution. Shape (k, g). [m]
-    reason: NDArray[np.int8]  #: Index into `compplan.planning.posture.lattice.REASONS`. Shape (k, g).
-    chosen: Array  #: Rotation of the chosen line. Shape (k,). [rad]
 
 
 @dataclass(frozen=True)
@@ -48,13 +36,10 @@ class PostureSummary(PostureTrace):
     configuration: dict[str, str]  #: Shoulder, elbow and wrist along most of the path.
     #: Where the configuration changes: first waypoint afterwards, words before, words after.
     changes: tuple[tuple[int, str, str], ...]
-    weights: Weights  #: What each criterion was worth.
     settings: PostureSettings  #: What was asked for.
     costs: dict[str, float]  #: What the posture costs, by criterion, with the unit in the key.
-    map: PostureMap  #: What the search saw.
     keeps_margin: bool = True  #: Whether some way along the path keeps the asked distance from joint limits.
-    #: Costs of the graph's way where the plain posture was preferred to it, or None.
-    instead_of: dict[str, float] | None = None
+    plain: bool = False  #: Whether it is the plain posture in place of the graph's way.
     #: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
     compared: Mapping[str, float] = field(default_factory=dict)
     compared_by: str = ""  #: The cost that they were compared by, such as "driven_s".
@@ -75,11 +60,9 @@ class PostureSummary(PostureTrace):
         spin = np.degrees(self.spin)
         return {
             "preset": self.settings.preset,
-            "weights_mm2": {name: float(value) for name, value in vars(self.weights).items()},
             **self.describe_errors(),
             "costs": dict(self.costs),
             **({} if not self.compared else {f"postures_{self.compared_by}": dict(self.compared)}),
-            **({} if self.instead_of is None else {"plain_posture_instead_of": dict(self.instead_of)}),
             "spin_deg": {"first": float(spin[0]), "min": float(spin.min()), "max": float(spin.max())},
             "configuration_changes": [
                 {"waypoint": waypoint, "from": before, "to": after} for waypoint, before, after in self.changes
@@ -101,10 +84,8 @@ def measure_remaining(problem: PostureProblem, q: Array) -> tuple[float, float]:
     weight = share[rows] / share[rows].sum()
     expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
     lengths = np.linalg.norm(spread @ draw_errors(spread.shape[2]), axis=1)
-    order = np.argsort(lengths, axis=None)
-    mass = np.cumsum(np.repeat(weight, lengths.shape[1])[order]) / lengths.shape[1]
-    quantile = lengths.ravel()[order[min(int(np.searchsorted(mass, 0.95)), len(order) - 1)]]
-    return 1e3 * expected, 1e3 * float(quantile)
+    weights = np.repeat(weight[:, None], lengths.shape[1], axis=1)
+    return 1e3 * expected, 1e3 * float(np.quantile(lengths, 0.95, weights=weights, method="inverted_cdf"))
 
 
 def cut_shares(nominal: Toolpath) -> Array:
@@ -116,12 +97,9 @@ def cut_shares(nominal: Toolpath) -> Array:
 
 def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
-    chain, robot, nominal, settings = problem.chain, problem.robot, problem.nominal, problem.settings
-    nodes = measure_nodes(
-        chain, q, problem.wrench, limits=robot.arm_limits, axes=settings.axes,
-        margin=settings.limit_margin,
-    )  # fmt: skip
-    share = cut_shares(nominal)
+    chain, robot, nominal = problem.chain, problem.robot, problem.nominal
+    length, parts = natural_length(chain, robot.arm_limits), np.array_split(q, len(q) // CHUNK + 1)
+    dexterity = (measure_dexterity(joint_jacobian(chain, locate_frames(chain, part)), length) for part in parts)
     expected, p95 = measure_remaining(problem, q)
     revolute = ~robot.prismatic
     room = np.minimum(q - robot.lower, robot.upper - q)[:, revolute & ~robot.carriers]
@@ -132,33 +110,11 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     return {
         "sensitivity_rms_mm": expected,
         "sensitivity_p95_mm": p95,
-        "deviation_rms_mm": 1e3 * float(np.sqrt((share * nodes.deviation**2).sum())),
         "limit_distance_deg": float(np.degrees(room.min())) if room.size else float("inf"),
-        "dexterity_min": float(nodes.dexterity.min()),
+        "dexterity_min": min(float(part.min()) for part in dexterity),
         "joint_travel_deg": float(np.degrees(travel)),
         "time_s": float(time.sum()),
     }
-
-
-def slice_map(coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal: Toolpath) -> PostureMap:
-    """Cut the map out of the graph: all rotations at the configuration, extra axes and lean of the coarse line."""
-    spins, positions, tilts = coarse.options.shape
-    k, b = len(line.option), coarse.reason.shape[2]
-    rows = np.arange(k)
-    held_at, tilt_at = (line.option // tilts) % positions, line.option % tilts
-
-    def cut(values: NDArray[Any]) -> NDArray[Any]:
-        grid = values.reshape(k, spins, positions, tilts, b, *values.shape[3:])
-        return grid[rows, :, held_at, tilt_at, line.slot]
-
-    return PostureMap(
-        length=nominal.arc_length[coarse.stations],
-        waypoint=coarse.stations,
-        spin=coarse.options.spin[0].reshape(spins, positions, tilts)[:, 0, 0],
-        sensitivity=cut(coarse.sensitivity),
-        reason=cut(coarse.reason),
-        chosen=np.broadcast_to(fine.spin, (k, fine.spin.shape[1]))[rows, chosen.option],
-    )
 
 
 class Easing(NamedTuple):

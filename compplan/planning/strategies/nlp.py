@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.backlash import list_plays
 from compplan.planning.dense import KEPT, PathSolution, correct_pose, miss_pose, size_of, solve_path
 from compplan.planning.lost_motion import lead_play, without_play
-from compplan.planning.posture.motion import list_plays
 from compplan.planning.task import OUT_OF_REACH, Command, PlanTask, check_limits, name_failures
 from compplan.robot import Array
 
