@@ -20,7 +20,7 @@ from compplan.process.learned_force import FILE as PROCESS
 from compplan.process.learned_force import write_learned_force
 from compplan.reporting.charts import draw_curves
 from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, render_page
-from compplan.reporting.plan_page import write_plan_page
+from compplan.reporting.plan_page import name_unknown, write_plan_page
 from compplan.reporting.provenance import describe_robot
 from compplan.reporting.writers.plan import choose_rows, summarise_plan, write_joints, write_programs
 from compplan.reporting.writers.recording import write_deviation
@@ -168,16 +168,19 @@ def _open(update: LearnedPart) -> Summary:
         figures = [(format_mm(model_update.rms), "rms deviation of the measured part")]
         todo = "Measure more points, or another part, and learn again."
         return Summary(verdict, "unsure", figures, picture, todo)
-    change, better = format_mm_change(model_update.rms, model_update.expected), model_update.expected < model_update.rms
+    better, checked = model_update.expected < model_update.rms, model_update.held_out < model_update.rms
     verdict = "The new program should make the next part better."
     if not better:
         ends = (float(band.max()) for band in (model_update.band_before, model_update.band_after))
         verdict = f"The part narrows the 95 % band of the next one: {format_mm_change(*ends)}."
     taken = [
-        (change, "rms deviation, measured on this part and expected of the next", "good" if better else ""),
-        (format_mm(model_update.held_out), "checked: left on stretches not used for the correction"),
+        (format_mm_change(model_update.rms, model_update.held_out),
+         "rms deviation of this part, and left of it on stretches not used for the correction",
+         "good" if checked else ""),
+        (format_mm(model_update.expected),
+         "rms deviation expected of the next part, in all directions and with a force that varies from part to part"),
         (format_mm(float(model_update.band_after.max())), "95 % band of the next part at its widest"),
-    ]
+    ]  # fmt: skip
     todo = "Cut the next part with the new program, measure it, and learn again with --robot OUT/robot."
     return Summary(verdict, "good", taken, picture, todo)
 
@@ -201,8 +204,7 @@ def _list_learned(update: LearnedPart) -> DataTable:
     for one in update.learned:
         place = Cell("robot folder", "good") if one.kept else Cell("this path", "muted")
         moved, width = (_show_size(one.key, value) for value in (one.value, one.width))
-        name = re.sub(r"_(rad|m)#\d+$", "", one.name).replace("_", " ")
-        rows.append([name, moved, width, one.value / one.width if one.width > 0 else None, place])
+        rows.append([name_unknown(one.name), moved, width, one.value / one.width if one.width > 0 else None, place])
     columns = ["parameter", "change", "known before, ±", "ratio [, 2]", "kept in"]
     caption = "The greatest changes and the standard deviation of each value before."
     return DataTable(columns, rows, caption)
