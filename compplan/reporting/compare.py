@@ -82,8 +82,8 @@ def render_comparison(comparison: Comparison) -> str:
                 "Distance of the loaded tool tip from the path."),
     ]  # fmt: skip
     return render_page(
-        comparison.name, _open(comparison), sections, kind=f"Strategies compared, {task.robot.name}", notes=notes,
-        provenance=describe_robot(task.robot, facts, assumptions),
+        comparison.name, open_comparison(comparison), sections, kind=f"Strategies compared, {task.robot.name}",
+        notes=notes, provenance=describe_robot(task.robot, facts, assumptions),
     )  # fmt: skip
 
 
@@ -92,7 +92,7 @@ def _list_closest(left: Mapping[str, float], share: float) -> list[str]:
     return [name for name, value in left.items() if value <= share * min(left.values())]
 
 
-def _open(comparison: Comparison) -> Summary:
+def open_comparison(comparison: Comparison) -> Summary:
     """Return the first screen: which strategy to plan with, and what it brings on a robot like this one."""
     drawn, tolerance = comparison.drawn, comparison.task.tolerance
     if drawn is None:  # rms and largest deviation on the robot as modelled, by strategy

@@ -56,7 +56,8 @@ def _render(result: JobStudy) -> str:
         ("tip computed by", "exact loaded equilibrium of every sample and waypoint to 1 nm, geometry to first order"),
     ]
     notes = [
-        "The uncertainties are assumed unless the job sets them: the ranking holds for such robots and forces only."
+        "The ranking holds for robots and forces as uncertain as these; what robot folder and job do not state of that"
+        " is assumed."
     ]
     if summary["waypoints"] < summary["waypoints_of_path"]:
         thinned = f"{summary['waypoints_of_path']} waypoints; the study uses {summary['waypoints']}"
