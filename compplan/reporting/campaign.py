@@ -171,13 +171,17 @@ def _render(campaign: PoseCampaign) -> str:
     caption = f"Instrument {1e3 * campaign.design.sigma:g} mm per axis."
     brings = DataTable(["after", "band of the parameters alone, rms [mm]"], bands, caption)
     figure = draw_cell(plan.robot, plan.q, plan.task.position, beside=campaign.poses.tip)
-    tip, at = np.unique(campaign.poses.tip[:-1].round(2), axis=0, return_inverse=True)  # of a socket one dot
+    tip, at = np.unique(campaign.poses.tip[:-1].round(2), axis=0, return_inverse=True)
     labels = [", ".join(str(k + 1) for k in np.flatnonzero(at == place)) for place in range(len(tip))]
+    dots = "the tip at the poses, numbered"
+    if campaign.stands:
+        tip, labels = np.array([stand.place for stand in campaign.stands]), [stand.label for stand in campaign.stands]
+        dots = "the places that are put up"
     figure.add(
         "scatter3d", x=1e3 * tip[:, 0], y=1e3 * tip[:, 1], z=1e3 * tip[:, 2], mode="markers+text", name="poses",
         text=labels, marker={"size": 5, "color": CATEGORIES[1]},
     )  # fmt: skip
-    scene = Chart(figure, "Dots: the tip at the poses, numbered. Line: the path.", 460)
+    scene = Chart(figure, f"Dots: {dots}. Line: the path.", 460)
     sections = [
         Section("What it brings", [brings], "The 95 % band of the true tip on this path."),
         Section("Poses", [scene, _list_poses(campaign)],

@@ -126,7 +126,7 @@ def open_comparison(comparison: Comparison) -> Summary:
     names = [f"{name_strategy(name)}: {format_mm(median)}" for name, (median, _) in found.items()]
     high = [1e3 * max(median, most) for median, most in found.values()]
     series = {"": Bars([1e3 * median for median, _ in found.values()], colour_strategies(found, best), None, high)}
-    chart = draw_bars(names, series, "deviation, rms, mm", level=1e3 * tolerance, hover="%{x:.3g} mm")
+    chart = draw_bars(names, series, "rms, mm", level=1e3 * tolerance, hover="%{x:.3g} mm")
     caption = "Bar: every second robot like yours stays below it; tick: 95 of 100 do. Dashed: the tolerance."
     return Summary(verdict, "good" if within else "unsure", figures, Chart(chart, caption, 90 + 46 * len(found)), todo)
 

@@ -123,7 +123,7 @@ def _render(summary: Mapping[str, Any]) -> str:
         [entry["parameter"], ", ".join(entry["together_with"]) or None, entry["reason"]]
         for entry in summary["unidentifiable"]
     ] or [["none", None, "every parameter can be determined"]]
-    about = "Identified values with 95 % intervals. What does not help on poses not in the fit is not written."
+    about = "Values with 95 % intervals. What the folder did not have is written if it helps on poses not in the fit."
     sections = [
         Section("Compliances", [_list_parameters(compliances)], about),
         Section("What cannot be determined", [DataTable(["parameter", "together with", "reason"], held, "", 24)],

@@ -103,8 +103,8 @@ def _show_strategies(result: JobStudy, best: str) -> Section:
         rms, most = entry["rms_mm"], entry["max_mm"]
         rows.append(
             [Cell(name_strategy(name), "strong"), Cell(_format_mm(rms["mean"]), "good" if name == best else ""),
-             " – ".join(map(_format_mm, rms["ci95"])), _format_mm(rms["p50"]), _format_mm(rms["p95"]),
-             _format_mm(most["p50"]), _format_mm(most["p95"]),
+             " – ".join(_format_mm(max(end, 0.0)) for end in rms["ci95"]), _format_mm(rms["p50"]),
+             _format_mm(rms["p95"]), _format_mm(most["p50"]), _format_mm(most["p95"]),
              *(format_percent(entry.get(key, float("nan")))
                for key in ("of_uncorrected", "within_tolerance", "waypoints_within_tolerance"))]
         )  # fmt: skip

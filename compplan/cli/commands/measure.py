@@ -278,13 +278,11 @@ def run_learn(
     Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
     """
     from compplan.api.verbs import learn
-    from compplan.reporting.learn import write_learning
+    from compplan.reporting.learn import open_update, write_learning
 
     with show_progress() as announce:
         update = learn(job, measured, robot_name, progress=announce, **options)
         announce("report")
         summary = write_learning(update, folder)
-    lines = [*str(update).splitlines(), *update.notes[1:], f"wrote {', '.join(summary['files'])} to {folder}"]
-    if update.model_update.taken:
-        lines.append(f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}")
+    lines = open_update(update).format(folder, summary["files"], update.notes)
     return CommandResult(summary, lines, explain_failures([update.after]))
