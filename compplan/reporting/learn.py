@@ -170,10 +170,12 @@ def open_update(update: LearnedPart) -> Summary:
         todo = "Measure more points or another part, and learn again: compplan learn JOB MEASURED --robot OUT/robot."
         return Summary(verdict, "unsure", figures, picture, todo)
     better, checked = model_update.expected < model_update.rms, model_update.held_out < model_update.rms
+    ends = [float(band.max()) for band in (model_update.band_before, model_update.band_after)]
     verdict = "The new program should make the next part better."
-    if not better:
-        ends = (float(band.max()) for band in (model_update.band_before, model_update.band_after))
+    if not better and ends[1] < ends[0]:
         verdict = f"The part narrows the 95 % band of the next one: {format_mm_change(*ends)}."
+    elif not better:
+        verdict = "The program is corrected by what was measured; the next part may be as far off."
     taken = [
         (format_mm_change(model_update.rms, model_update.held_out),
          "rms deviation of this part, and left of it on stretches not used for the correction",
@@ -183,7 +185,7 @@ def open_update(update: LearnedPart) -> Summary:
         (format_mm(float(model_update.band_after.max())), "95 % band of the next part at its widest"),
     ]  # fmt: skip
     todo = "Cut the next part with the new program and measure it. Then: compplan learn JOB MEASURED --robot OUT/robot."
-    return Summary(verdict, "good", taken, picture, todo)
+    return Summary(verdict, "good" if better or ends[1] < ends[0] else "unsure", taken, picture, todo)
 
 
 def _list_causes(update: LearnedPart) -> DataTable:
