@@ -215,7 +215,7 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
     ]  # fmt: skip
     if split.small_errors is not None and split.small_errors.groups:
         kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
-        caption = "Small errors in the updated robot, by place and kind."
+        caption = "The gap divided among all errors of the updated robot, named or not, by place and kind."
         blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
     return Section("Where it lies", blocks)
 

@@ -26,7 +26,7 @@ from compplan.studies.sensitivity import Sensitivity
 #: What groups of uncertainties are called in a sentence.
 GROUPS = {
     "wrench_level": "the level of the process force", "wrench_direction": "the direction of the process force",
-    "robot": "the uncertainty of the robot", "link_share": "the link share", "part": "the place of the part",
+    "robot": "the robot (compplan campaign)", "link_share": "the link share", "part": "the place of the part",
 }  # fmt: skip
 
 
@@ -132,7 +132,8 @@ def _show_path(run: Run) -> Section:
 
 
 def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
-    rows = [[group, *(float(found.total[name][k]) for name in found.total)] for k, group in enumerate(found.groups)]
+    rows = [[group.replace("_", " "), *(round(float(found.total[name][k]), 6) for name in found.total)]
+            for k, group in enumerate(found.groups)]  # fmt: skip
     heads = ["total index", *(f"{name_strategy(name)} [, 2]" for name in found.total)]
     caption = (
         "Share of the variance of the rms deviation that remains if all but this were exact, with 95 % interval; "
