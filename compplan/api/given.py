@@ -178,7 +178,8 @@ def make_post_job(
     stated = {"robot": robot, "part": part, "program": program or under.get("output", {}).get("programs")}
     for option, value in stated.items():
         if not value and option not in under:
-            raise InputError(f"--{option} is missing, and no profile states it")
+            form = " X,Y,Z (mm)" if option == "part" else ""
+            raise InputError(f"--{option}{form} is missing: give it, or state it in a shop profile (--profile FILE)")
     if robot is not None:
         find_robot_folder(robot)
         data["robot"] = str(Path(robot).absolute()) if Path(robot).is_dir() else str(robot)

@@ -168,6 +168,8 @@ def _complain(text: str) -> None:
 
 def describe_fault(error: Exception) -> str:
     """Return the one line that an exception ends with."""
+    if isinstance(error, click.MissingParameter) and isinstance(error.param, click.Argument) and error.ctx:
+        return f"{error.param.human_readable_name} is missing; compplan {error.ctx.info_name} --help shows an example"
     text = error.format_message() if isinstance(error, click.ClickException) else str(error)
     line, length = " ".join(text.split()), 2000
     if isinstance(error, OSError) and error.filename and error.strerror:

@@ -34,7 +34,7 @@ RESULTS = {
 
 
 class ResultPath(click.Path):
-    """Place of a result, checked when the command line is read: a folder, or a file that ends as stated."""
+    """Path of a result, checked when the line is read: a folder, or a file; an existing file must have the suffix."""
 
     def __init__(self, suffix: str | None = None) -> None:
         super().__init__(path_type=Path)

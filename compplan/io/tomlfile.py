@@ -20,7 +20,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, ErrorDetails
 from pydantic_core.core_schema import no_info_after_validator_function
 
-from compplan.errors import InputError
+from compplan.errors import InputError, find_near
 from compplan.io.parsing import GREATEST, guard_parser
 from compplan.io.tables import read_text
 
@@ -111,7 +111,8 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
         keys, holder = _walk(details, model)
         if details["type"] in ("union_tag_invalid", "union_tag_not_found"):
             keys.append(str(details["ctx"]["discriminator"]).strip("'"))
-        raise InputError(_say(details, holder), file=file, where=_join(keys, key) or None) from None
+        where = _join(keys, key)
+        raise InputError(_say(details, holder, where), file=file, where=where or None) from None
 
 
 def read_named_table(path: str | Path, name: str) -> tuple[dict[str, Any], str]:
@@ -191,19 +192,20 @@ def _join(keys: list[str | int], prefix: str) -> str:
     return dotted
 
 
-def _say(details: ErrorDetails, holder: Any) -> str:
+def _say(details: ErrorDetails, holder: Any, where: str) -> str:
     """Return the message of one fault."""
     kind, given, context = details["type"], shorten_value(details.get("input")), details.get("ctx", {})
     if kind == "extra_forbidden":
         if holder is None:
             return "unknown key"
-        return f"unknown key, choose from {[field.alias or name for name, field in holder.model_fields.items()]}"
+        names = [field.alias or name for name, field in holder.model_fields.items()]
+        return f"unknown key, choose from {list(dict.fromkeys(find_near(str(details['loc'][-1]), names) + names))}"
     if kind in ("missing", "union_tag_not_found"):
-        return "missing key"
+        return "missing number" if isinstance(details["loc"][-1], int) else "missing key"
     if kind == "union_tag_invalid":
         return f"is {context.get('tag')!r}, choose from {context.get('expected_tags')}"
     if kind == "model_type":
-        return f"is {given}, must be a table"
+        return f"is {given}, must be a table of keys; give one of them, such as {where}.KEY = VALUE"
     if kind == "literal_error":
         return f"is {given}, choose from {context.get('expected')}"
     if kind == "value_error":

@@ -160,8 +160,12 @@ def set_force(text: str, axial: float, lateral: float, comment: str) -> str:
 def shorten_job(text: str) -> str:
     """Return the first keys of a commented job, with their comments."""
     kept, table = ["# A compplan job: the keys that one needs first. All of them: compplan init without --short."], ""
+    dropped = False
     for line in text.splitlines():
-        if line.startswith("["):
+        count = len(kept)
+        if line.startswith(" "):  # goes on with the comment of the line before
+            kept += [] if dropped else [line]
+        elif line.startswith("["):
             table = line.lstrip("[").partition("]")[0]
             kept += ["", line] if table in SHORT else []
         elif line.startswith("#"):
@@ -169,6 +173,7 @@ def shorten_job(text: str) -> str:
         elif line and (not table or table in SHORT):
             wanted = SHORT[table] if table else None
             kept += [line] if wanted is None or line.partition(" = ")[0] in wanted else []
+        dropped = len(kept) == count
     return "\n".join(kept) + "\n"
 
 

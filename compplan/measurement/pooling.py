@@ -1,9 +1,10 @@
 """Pooling: the rows of one pose become one, with their mean and the standard deviation of that mean.
 
-What a static model says of n rows of a pose is what it says of their mean, with a variance of v / n; their scatter
-tells v. Rows are of one pose where joints, load, target and the direction of the last move are alike. Where the means
-of stretches of the log scatter beyond chance, visits are pooled within stretches alone, so that what drifts or shifts
-during a campaign stays visible; else a pose is one row, for what a model gets wrong there is the same at every visit.
+For a static model, n rows of one pose are equivalent to their mean with variance v / n; v is estimated from their
+scatter. Rows are of one pose where joints, load, target and the direction of the last move are alike. The log is cut
+into stretches. If the means of a pose differ between stretches by more than chance, rows are pooled within each
+stretch, so that drift stays visible; otherwise each pose becomes one row, since the model error there is the same at
+every visit.
 """
 
 from __future__ import annotations

@@ -4,10 +4,10 @@ The program holds the path at its stations. Between them the joints follow from 
 
     q <- q - W^-1 A^T (A W^-1 A^T)^-1 F(q),    F the pose equations, A = dF/dq in the loaded equilibrium,
 
-Newton steps that move the joints least, for all waypoints at once. Where a waypoint leaves the joints a choice, what
-the program chose at the stations beyond that is interpolated along the path. A waypoint that leaves a limit becomes a
-station, and the program is solved again; where the limits leave no way, stations are released and miss their pose by
-as little as the limits allow.
+Newton steps that move the joints least, for all waypoints at once. Where the pose does not
+fix all joints, the choice made at the stations is interpolated. A waypoint that exceeds a limit becomes a station and
+the nonlinear program is solved again. Where no solution keeps all limits, stations may miss their pose, by as little
+as possible.
 """
 
 from __future__ import annotations

@@ -113,9 +113,9 @@ def describe_part_frame(job: Job) -> str:
     if not job.touched_off:
         return "absolute in the robot base ([part] touched_off = false)"
     points = job.part.touched_points
-    where = "three corners of the box of the cut" if points is None else f"the {len(points)} points of [part]"
+    where = "three corners of the box around the toolpath" if points is None else f"the {len(points)} points of [part]"
     return (f"touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
-            "to it ([part] touched_off = false: the frame is absolute)")  # fmt: skip
+            "to it (if the part is not touched off, set [part] touched_off = false)")  # fmt: skip
 
 
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
@@ -190,11 +190,20 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
     return np.asarray(slow & beside)
 
 
+def find_top_feed(task: PlanTask, timing: Timing) -> float | None:
+    """Return the greatest feed of the cuts that nowhere reach the programmed one, or None if all do. [m/s]"""
+    runs = cutting_runs(task.nominal.rapid | task.lead)
+    short = [timing.feed[a + 1 : b + 1].max() for a, b in runs if timing.lowered[a + 1 : b + 1].all()]
+    return float(max(short)) if short else None
+
+
 def describe_causes(task: PlanTask, timing: Timing) -> str:
     """Say at which waypoints the feed is lowered, how far, and which limits are reached there; "" where it is not."""
     slow = np.flatnonzero(mark_slow(task, timing))
     if not len(slow):
-        return ""
+        top = find_top_feed(task, timing)
+        short = "in a cut this short, between speeding up and slowing down"
+        return "" if top is None else f"The programmed feed is not reached: at most {1e3 * top:.3g} mm/s {short}."
     spans, least = group_waypoints(slow.tolist()), int(slow[timing.share[slow].argmin()])
     listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
     reached = {(int(timing.limiting[k]), bool(timing.by_velocity[k])) for k in slow if timing.limiting[k] >= 0}

@@ -1,8 +1,8 @@
-"""Redundancy of a path by the program: spin, leans, extra axes and a tube, decided together with the speed.
+"""Choose spin, leans, extra axes, offset within the tolerance (tube) and speed of a path by a nonlinear program.
 
-The posture search gives the discrete choice and the initial guess. The program weighs time, widest 95 % band and travel
-over joints and speed at the stations, with the loaded pose as an equality; what it chooses beyond the pose is
-interpolated to every waypoint.
+The posture search gives the discrete choice and the initial guess. Unknowns: joints and speed at the stations (a subset
+of the waypoints). Cost: time, widest 95 % band, travel. Constraint: the pose under load. Spin, leans and offsets are
+then interpolated to all waypoints.
 """
 
 from __future__ import annotations

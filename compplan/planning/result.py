@@ -23,7 +23,7 @@ from compplan.planning.evaluate import Evaluation, Margins
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
-from compplan.planning.task import Command, PlanTask, group_waypoints
+from compplan.planning.task import CORRECTION_LIMIT, Command, PlanTask, group_waypoints
 from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot
@@ -176,10 +176,12 @@ class Plan(Shown):
         limits = sorted({name for text in failures.values() for name in text.split(", ")})
         first = min(failures)
         length = self.task.nominal.arc_length[first] * 1e3
-        if start is not None and start.mend:
-            head = f"{len(failures)} of {len(self.task)} waypoints are out of reach, the first is waypoint {first}"
-            others = "; plan.max_correction_mm stops others" if "correction limit" in failures.values() else ""
-            return f"{head} (s = {length:.0f} mm): {start.mend}{others}"[:LONGEST]
+        far = [k for k in sorted(failures) if failures[k] != CORRECTION_LIMIT]
+        if start is not None and start.mend and far:
+            at, rest = self.task.nominal.arc_length[far[0]] * 1e3, len(failures) - len(far)
+            head = f"{len(far)} of {len(self.task)} waypoints are out of reach, the first is waypoint {far[0]}"
+            others = f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
+            return f"{head} (s = {at:.0f} mm): {start.mend}{others}"[:LONGEST]
         groups = group_waypoints(sorted(failures))
         spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in groups[:LISTED])
         more = ", ..." if len(groups) > LISTED else ""

@@ -1,4 +1,4 @@
-"""An answer where the arm buckles under its load, or its springs are too soft to hold it: waypoint and joint."""
+"""Stability: where the arm buckles under its load, and up to which depth an end mill cuts without chatter."""
 
 from __future__ import annotations
 
@@ -54,9 +54,10 @@ SCALES = np.geomspace(0.02, 20.0, 120)
 
 
 def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
-    """Return the mean of A over a turn at every waypoint, path axes. Shape (n, 3, 3). [N/m]
+    """Return dF/dx of one tooth, the mean over a turn, at every waypoint, path axes. Shape (n, 3, 3). [N/m]
 
-    A Kienzle exponent of the material is taken at the chip that is cut, `feed_per_tooth` (n,) [m].
+    x is the displacement since the tooth before. With a Kienzle exponent it is the slope at the actual chip thickness,
+    `feed_per_tooth` (n,) [m].
     """
     edge, angle = found.cutter.slices, found.angles
     force = edge_wrenches(edge, angle)[0][..., :3]

@@ -35,6 +35,8 @@ PERIODS = 2.0
 AT_LIMIT = 1e-6
 #: A correction this near to its limit stands at it. [m]
 AT_CORRECTION = 1e-6
+#: What stops a waypoint whose correction stands at its limit.
+CORRECTION_LIMIT = "correction limit"
 #: What stops a waypoint that stands at no limit.
 OUT_OF_REACH = "reach of the arm"
 #: Postures whose levers are looked at; least and greatest weight of a joint against the mean one.
@@ -368,6 +370,6 @@ def name_failures(task: PlanTask, q: Array, failing: NDArray[np.int_]) -> dict[i
             for j in np.flatnonzero(at[k])
         ]
         if far[k] and task.compensated[waypoint]:
-            stopping.append("correction limit")
+            stopping.append(CORRECTION_LIMIT)
         names[waypoint] = ", ".join(stopping) or OUT_OF_REACH
     return names

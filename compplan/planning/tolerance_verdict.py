@@ -37,7 +37,7 @@ CHANGES = {
     FORCE: "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
     INERTIA: "Lower the feed.",
     "place of the part": "Measure where the part is: [noise] part_frame_mm, part_frame_deg.",
-    "repeatability": "Allow more, or take a robot that repeats better.",
+    "repeatability": "Allow a wider tolerance, or take a robot that repeats better.",
 }
 
 
@@ -114,7 +114,7 @@ def check_tolerance(
     if status == "infeasible":
         limits = sorted({name for text in failures.values() for name in text.split(", ")})
         cause = f"limits ({', '.join(limits[:2])})" if limits else "limits"
-        change = "Move the part (compplan place JOB), or allow more."
+        change = "Move the part (compplan place JOB), or allow a wider tolerance."
         first = f" (the first is waypoint {min(failures)})" if failures else ""
         sentence = (f"Do not start: there is no solution. May not keep {wanted}: {len(failures)} waypoints are not "
                     f"reached within the limits{first}. Largest cause: {cause}. {change} "
@@ -129,7 +129,7 @@ def check_tolerance(
         change = find_change(error_band, cause, compensates=compensates)
         worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
         off = (f"May not keep {wanted}: the tip may be up to {state_mm(error_band.whole)} off the path (95 %). Beyond "
-               f"the tolerance: {_percent(share)} of the cut, most of all {worst}. Largest cause: {cause}."
+               f"the tolerance: {_percent(share)} of the cut, worst at {worst}. Largest cause: {cause}."
                )  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
@@ -142,8 +142,8 @@ def check_tolerance(
     if not known:
         missing = "the robot folder has no masses or no springs, so inertia is not counted"
         return withhold(missing, "State them in its folder.", share)
-    sentence = (f"Keeps {wanted}: with 95 % the tip stays within {state_mm(error_band.whole)} along the"
-                f" whole cut ({basis}).{aside}")  # fmt: skip
+    sentence = (f"Keeps {wanted}: with 95 % probability the tip stays within "
+                f"{state_mm(error_band.whole)} along the whole cut ({basis}).{aside}")  # fmt: skip
     return state(KEEPS, sentence, cause, "", share)
 
 
@@ -166,7 +166,7 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
             chosen = " and ".join(DO[step] for step in error_band.cheapest)
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
         best = min(rung.band for rung in error_band.ladder[1:])
-        return f"No measurement suffices: all together leave {state_mm(best)}. Allow more, or reduce the force."
+        return f"Allow a tolerance above {state_mm(best)} or reduce the force: all measurements together get no lower."
     if cause == INERTIA and not compensates:
         return LET_COMPENSATE
     if cause in CHANGES:
@@ -179,9 +179,10 @@ def describe_basis(error_band: ErrorBand) -> str:
     robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
     if not np.any(error_band.parts["force"]):
         return f"the robot is {robot}"
-    force = "assumed" if "assumed" in error_band.force.source else "stated"
-    both = robot.startswith("assumed") and force == "assumed"
-    return f"robot and force are {robot}" if both else f"the robot is {robot}; the force is {force}"
+    if "assumed" not in error_band.force.source:
+        return f"the robot is {robot}; the force as the job states it"
+    both = robot.startswith("assumed")
+    return f"robot and force are {robot}" if both else f"the robot is {robot}; the force is assumed"
 
 
 def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:

@@ -39,6 +39,8 @@ AIR = 0.02
 ROUNDING = 1e-9
 #: No prediction errs by more than this factor: beyond, a unit is wrong (assumed). []
 MOST_RATIO = 100.0
+#: Fitted over predicted force beyond which the log may be of another cut (assumed).
+PLAUSIBLE = (0.2, 5.0)
 #: Greatest lag that is searched for, to either side: a length [m], and a share of the cut (assumed).
 MOST_LAG, LAG_SHARE = 0.02, 0.2
 #: Steps of the search for the lag to either side; rows that it and the fit look at at most, means of what stands near.
@@ -121,6 +123,14 @@ class ForceFit:
     #: Of the cutter as a job can hold them, edges not below 0, or None for other models.
     coefficients: Coefficients | None
     ratio: tuple[float, float]  #: Fitted over predicted force along the log, and its standard deviation.
+
+    @property
+    def doubt(self) -> str:
+        """Say that the log may be of another cut, "" where its level, within two sigma, is plausible."""
+        level, wide = self.ratio[0], 2.0 * self.ratio[1]
+        if level + wide >= PLAUSIBLE[0] and level - wide <= PLAUSIBLE[1]:
+            return ""
+        return f"The log fits {level:.2g} times the predicted force: check that it is of this cut, and the force frame."
 
 
 @dataclass(frozen=True)

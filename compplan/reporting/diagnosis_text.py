@@ -41,13 +41,14 @@ def describe_effect(effect: Mapping[str, Any]) -> str:
 
 
 def describe_parameters(parameters: Mapping[str, Any], ends: Mapping[str, Any] | None = None) -> str:
-    """List parameters with their units, and their 95 % intervals where they are known; a key ends in its unit."""
+    """List parameters with units, m and rad as mm and mrad, and known 95 % intervals; a key ends in its unit."""
     parts = []
     for key, value in parameters.items():
         unit = next((unit for unit in sorted(UNITS, key=len, reverse=True) if key.endswith(f"_{unit}")), "")
         name = (key[: -len(unit) - 1] if unit else key).replace("_", " ")
-        between = f", 95 %: {_show(ends[key][0])} to {_show(ends[key][1])}" if ends and key in ends else ""
-        parts.append(f"{name} {_show(value)} {UNITS.get(unit, '')}".rstrip() + between)
+        size, label = (1e3, f"m{unit}") if unit in ("m", "rad") else (1, UNITS.get(unit, ""))
+        low, high = (_show(end, size) for end in ends[key]) if ends and key in ends else ("", "")
+        parts.append(f"{name} {_show(value, size)} {label}".rstrip() + (f", 95 %: {low} to {high}" if low else ""))
     return "; ".join(parts)
 
 
@@ -77,14 +78,14 @@ def list_effects(effects: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def _show(value: Any) -> str:
+def _show(value: Any, size: float = 1) -> str:
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_show(item) for item in value[:6])}{', …' if len(value) > 6 else ''}]"
-    return format_number(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+        return f"[{', '.join(_show(item, size) for item in value[:6])}{', …' if len(value) > 6 else ''}]"
+    return format_number(size * value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def reaches_noise(gap: Mapping[str, float | None], delivered: str) -> bool:
-    """Tell whether a calibration goes out that takes what has no name up to the noise of rows left out."""
+    """Tell whether the folder delivered is a calibration, its error on held-out rows within FLOORS_LEFT noises."""
     after, floor = gap.get("held_out_after_rms_mm"), gap.get("noise_floor_mm")
     return bool(delivered == "calibrated" and after and floor and after <= FLOORS_LEFT * floor)
 
@@ -96,7 +97,7 @@ def describe_next(verdict: Mapping[str, Any], delivered: str, poses: str) -> str
     if doubtful:
         rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
         later = f" Until then: {todo[:1].lower()}{todo[1:]}" if delivered != "nominal" else ""
-        return f"{more}: {rivals} would explain the measurements as well.{later}"
+        return f"{more}, to tell {name_effect(doubtful[0])} from {rivals}: the measurements fit either.{later}"
     if verdict["status"] == "none":
         return "Nothing has to be done. Measure again after the next crash or service."
     return f"Nothing predicts better than the robot folder as it was. {more}." if delivered == "nominal" else todo

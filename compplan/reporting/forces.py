@@ -201,7 +201,9 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any]) -> Summary:
         words = f"uncertainty of these forces, one standard deviation, {'as the job says' if stated else 'assumed'}"
         figures.append((f"± {100 * level:.0f}\u00a0%", words))
     todo = "Plan with it: compplan plan JOB."
-    if level is not None and not stated:
+    if found.fit is not None:
+        todo = found.fit.doubt or todo
+    elif level is not None and not stated:
         todo = "Measure the force of one cut and give the log: compplan forces JOB --log LOG.csv."
     if summary["stops"]:
         todo = "Settle what is listed before the machine moves."

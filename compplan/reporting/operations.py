@@ -105,7 +105,7 @@ def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> N
 def describe_order(summary: dict[str, Any], files: Sequence[Path]) -> str:
     """Say in which order the programs run, and which main programs among the files do it."""
     labels = [entry["label"] for entry in summary["tools"]]
-    order = f"run the programs of {', then those of '.join(labels)} (so their names end); each begins with its change"
+    order = f"run the programs of {', then those of '.join(labels)} (file names end in the tool), each with its change"
     mains = [file.name for file in files if WHOLE.search(file.stem)]
     return f"{order}; {' and '.join(mains)} {'calls' if len(mains) == 1 else 'call'} them in order" if mains else order
 

@@ -22,7 +22,7 @@ from compplan.io.quantities import (
     format_percent,
     format_set_length,
 )
-from compplan.planning.notes import describe_part_frame, mark_slow
+from compplan.planning.notes import describe_part_frame, find_top_feed, mark_slow
 from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.charts import draw_curves
@@ -41,10 +41,12 @@ NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"
 NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
 #: Greatest width of a line on the terminal. [characters]
 WIDTH = 100
+#: Longest path of a job that is repeated as it was given; of a longer one the name. [characters]
+LONGEST_FILE = 40
 #: The next step of a plan that is not solved.
 NEXT = {
     "not_confirmed": "do not run the programs; change what is named below in the job or the robot folder",
-    "infeasible": "compplan place JOB finds a place of the part within reach",
+    "infeasible": "compplan place JOB looks for a place where all of the path is within reach",
 }
 FIRST_RUN = "Run the program without a part at reduced override, then cut and measure one part."
 
@@ -54,7 +56,7 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
     verdict, tone = plan.verdict, TONES[plan.verdict.word]
     before = None if plan.error_band is None else plan.error_band.before
     uncorrected = "" if before is None else f" (uncorrected program {format_mm(before[1])})"
-    words = f"95 % band{uncorrected}: the true tip stays that close to the path; "
+    words = f"95 % band{uncorrected}: the true tip may be up to this far from the path; "
     words += f"the tolerance is {format_set_length(verdict.tolerance)}"
     figures = [
         (_show_band(plan), words, tone if verdict.word != "not_known" else ""),
@@ -78,7 +80,8 @@ def _show_band(plan: Plan) -> str:
 
 
 def _name_job(plan: Plan, step: str) -> str:
-    return step if plan.job is None else step.replace(" JOB", f" {plan.job.file.name}")
+    given = "JOB" if plan.job is None else str(plan.job.file)
+    return step.replace(" JOB", f" {given if plan.job is None or len(given) <= LONGEST_FILE else plan.job.file.name}")
 
 
 def write_sheet(plan: Plan, folder: Path | None) -> Section:
@@ -161,7 +164,9 @@ def _describe_run(plan: Plan) -> list[tuple[str, str]]:
     if len(wanted):
         ends = dict.fromkeys(f"{end:.4g}" for end in (wanted.min(), wanted.max()))
         speed = f"programmed {' to '.join(ends)} mm/s"
+        top = find_top_feed(task, plan.timing)
         speed += f", lowered to {1e3 * plan.timing.feed[slow].min():.3g} mm/s" if slow.any() else ""
+        speed += f", not reached: at most {1e3 * top:.3g} mm/s" if top is not None else ""
     clearance = describe_clearance(plan)
     force = float(np.linalg.norm(task.wrench[:, :3], axis=1).max(initial=0.0))
     rows = [
@@ -217,7 +222,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
         sizes += f"; 95 % band {without}{format_mm(band.whole)}"
     basis = plan.verdict.basis or f"robot model: {plan.robot.grade}"
     if plan.job is not None:
-        frame = "touched off with this robot" if plan.job.touched_off else "absolute in the robot base"
+        frame = "taken as touched off" if plan.job.touched_off else "absolute in the robot base"
         basis += f"; part frame {frame}"
     return [
         _format_verdict(plan), sizes, *wrap(f"largest cause: {plan.verdict.largest_cause}",

@@ -238,7 +238,7 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
 
 
 def format_uncertainty(uncertainty: Uncertainty) -> str:
-    """Return the text of uncertainty.toml with six digits; trailing zeros of a row are left out."""
+    """Return the text of uncertainty.toml with six digits; zero entries at the end of a matrix row are left out."""
     head: dict[str, Any] = {"schema": 1, "grade": uncertainty.grade, "source": uncertainty.source}
     if uncertainty.repeatability is not None:
         head["repeatability_mm"] = short(uncertainty.repeatability * 1e3)

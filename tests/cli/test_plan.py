@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -23,8 +24,11 @@ def test_a_plan_prints_six_lines_of_100_characters_at_most(
     job: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    answer = run_command(["plan", PATHS / f"{job}.toml", "--out", "out"], monkeypatch, capsys)
+    Path("jobs").mkdir()
+    given = str(shutil.copy(PATHS / f"{job}.toml", "jobs"))
+    answer = run_command(["plan", given, "--out", "out"], monkeypatch, capsys)
     lines = answer.out.splitlines()
+    assert job != "limits_reach" or any(line.startswith(f"next: compplan place {given} looks for") for line in lines)
     stops = json.loads(Path("out/plan.json").read_text(encoding="utf-8"))["stops"]
     settle = [line.removeprefix(SETTLE) for line in lines if line.startswith(SETTLE)]
     others = [line for line in lines if not line.startswith(SETTLE)]
@@ -83,9 +87,11 @@ def test_a_key_or_value_that_no_job_has_is_refused_by_every_command_in_a_line(
 ) -> None:
     more = {"campaign": ["--poses", "5"], "learn": ["part.csv", "--robot", "kuka_kr270"]}.get(command, [])
     for change, fault in (
+        ("plan.tolerence_mm=3", "--set plan.tolerence_mm: unknown key, choose from ['tolerance_mm', 'strategy'"),
+        ("plan=3", "--set plan: is 3, must be a table of keys; give one of them, such as plan.KEY = VALUE"),
         ("plan.speed=3", "--set plan.speed: unknown key, choose from ['strategy'"),
         ("plan.tolerance_mm=[1", "--set plan.tolerance_mm: is '[1', expected a TOML value"),
-        ("part.position_mm=[1.0]", "--set part.position_mm[1]: missing key"),
+        ("part.position_mm=[1.0]", "--set part.position_mm[1]: missing number"),
         ("robot.x=1", "--set robot.x: 'robot' is no table of the job"),
         ("plan", "--set is 'plan', expected KEY=VALUE such as plan.tolerance_mm=0.05"),
     ):

@@ -56,7 +56,7 @@ def test_what_a_lighter_tool_leaves_hangs_before_the_flange(fit: Any) -> None:
         patch.setattr("compplan.diagnosis.validation.bounds._check_torque", lambda fit, payload: "")
         assert not ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[0.0, 0.0, -0.25])
         said = ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[1.3, 0.8, -4.1])
-    assert said.startswith("2.5 kg less on the flange leave 2.5 kg with their centre 1.51e+03 mm behind")
+    assert said.startswith("2.5 kg less on the flange leave 2.5 kg with their centre 1511 mm behind")
 
 
 def test_a_payload_hangs_on_joints_whose_motors_hold_it(fit: Any) -> None:

@@ -38,7 +38,7 @@ def test_rows_of_a_stay_tell_the_instrument_and_poses_met_again_the_robot() -> N
 def test_single_rows_hold_both_as_far_as_poses_are_met_again() -> None:
     noise = estimate_noise(*visit_poses(1), None, "position")
     assert noise.sigma == pytest.approx(np.hypot(INSTRUMENT, ROBOT), rel=0.06)
-    assert noise.source == "poses met again"
+    assert noise.source == "scatter of poses measured again"
     assert noise.stay == 0.0
 
 
@@ -73,7 +73,9 @@ def test_poses_that_scatter_beyond_a_stated_sigma_are_reported_and_no_noise() ->
     side = np.where(np.arange(len(gap)) // POSES % 2 == 0, 1.0, -1.0)[:, None]
     noise = estimate_noise(campaign, gap + 1e-4 * side, np.full(len(gap), INSTRUMENT), "position")
     assert noise.sigma == pytest.approx(np.sqrt(2.0) * INSTRUMENT)  # sigma and the repeatability of any robot
-    assert noise.source == ("sigma column; poses met again scatter by 5.2 times what sigma and repeatability explain")
+    assert noise.source == (
+        "sigma column; poses measured again scatter by 5.2 times what sigma and repeatability explain"
+    )
 
 
 def test_repeats_beyond_the_stated_sigma_are_said_with_the_joint_that_creeps() -> None:

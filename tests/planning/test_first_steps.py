@@ -61,6 +61,13 @@ def test_a_slow_run_names_its_waypoints_and_the_limits_reached() -> None:
     assert "by the velocity limit of joint_2, at corners, where the tool comes to rest, " in said
 
 
+def test_a_cut_that_nowhere_reaches_its_feed_is_told() -> None:
+    task, timing = slow_run()
+    timing.share[:], timing.lowered[:], timing.feed = 0.5, True, np.full(100, 0.05)
+    task.smoothing = 2.0  # all of the run is speeding up and slowing down
+    assert describe_causes(task, timing).startswith("The programmed feed is not reached: at most 50 mm/s in a cut this")
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -68,6 +75,8 @@ def test_a_slow_run_names_its_waypoints_and_the_limits_reached() -> None:
         (["doctor", "part.toml"], "if it is a job: compplan plan part.toml --out out"),
         (["doctor", "part.nc"], "part.nc: is a CAM file; compplan convert part.nc --out path.csv"),
         (["plan", "part.nc", "--out", "out"], "part.nc: is a CAM file, expected a job that ends in .toml; "),
+        (["learn", "part.toml"], "error: MEASURED is missing; compplan learn --help shows an example"),
+        (["execute", "part.nc", "--robot", "ur10", "--out", "out.csv"], "part.nc: is no program table; execute reads"),
         (["plan", "part.csv", "--out", "out"], "part.csv: is a table, expected a job that ends in .toml"),
         (["doctor", "irb6640"], "no robot named 'irb6640', choose from ['abb_irb6640_185_280'] (42 robots in all)"),
         (["doctor", "kuka_kr16-2"], "choose from ['kuka_kr16_2'"),
@@ -118,6 +127,7 @@ def test_a_new_job_stands_within_reach_with_a_tool_that_is_straight(tmp_path, mo
     assert set(data) == {"schema", "name", "robot", "toolpath", "part", "tool", "process", "plan", "output"}
     assert data["tool"]["position_mm"] == [0.0, 0.0, 150.0] and data["tool"]["frame"] == "pendant"
     assert "put yours" in text.partition("position_mm")[2].partition("\n")[0] and len(text.splitlines()) < 45
+    assert "corners of the cut" not in text  # goes on with a line that --short leaves out
     job = check_job(data, tmp_path / "part.toml")
     assert job.tool is not None and not ask_about_tool(job, load_robot(name))
     robot = job.tool.mount(load_robot(name))

@@ -94,7 +94,7 @@ def test_an_infeasible_plan_leaves_with_3_and_writes_the_marked_compromise(tmp_p
     plan = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
     assert answer.status == 3
     assert len(answer.err.strip().splitlines()) == 1
-    assert "lower position limit of joint_2" in answer.err and "waypoint 0" in answer.err
+    assert "lower position limit of joint_2" in answer.err and "the first is waypoint 175 " in answer.err
     assert plan["status"] == "infeasible"
     assert {failure["limit"] for failure in plan["failures"]} >= {"correction limit"}
     assert "nfeasible" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

@@ -81,6 +81,14 @@ def test_a_force_that_the_prediction_does_not_have_is_not_determined() -> None:
     fit = fit_forces(read_force_log(folder / "force_log.csv"), law, nominal, folder / "force_log.csv")
     assert fit.notes[0].startswith("The factor along the travel is not determined")
     assert [number.name for number in fit.numbers[:2]] == ["factor to the left", "factor along the tool axis"]
+    assert not fit.doubt
+
+
+def test_a_log_of_another_cut_is_doubted_and_no_further_log_is_asked_for(tmp_path, monkeypatch, capsys) -> None:
+    log = POCKET.parents[1] / "measured_robot" / "force_log.csv"
+    words = ["forces", POCKET.with_name("isf_cone.toml"), "--out", tmp_path / "out", "--log", log]
+    answer = run_command(words, monkeypatch, capsys)
+    assert "next: the log fits 0." in answer.out and "check that it is of this cut" in answer.out
 
 
 def test_a_log_that_misses_the_cut_is_refused_and_nothing_is_written(log, tmp_path, monkeypatch, capsys) -> None:

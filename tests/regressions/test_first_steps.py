@@ -28,7 +28,7 @@ def test_a_job_of_mill_and_drill_is_planned_as_init_wrote_it(tmp_path, monkeypat
     mill, drill = job["tool"]
     assert (mill["number"], mill["process"]) == (1, {"spindle_rpm": 9000.0})
     assert drill["number"] == 2 and drill["process"]["model"] == "drill" and drill["process"]["spindle_rpm"] == 2500.0
-    assert "assumed, put yours" in told
+    assert "assumed values, replace them by yours" in told
     assert "# assumed: put yours" in Path("my.toml").read_text(encoding="utf-8")
     done = run_command(["plan", "my.toml", "--out", "out"], monkeypatch, capsys)
     assert done.status == 0, done.err
@@ -47,7 +47,7 @@ def test_a_job_of_mill_and_drill_is_planned_as_init_wrote_it(tmp_path, monkeypat
 def test_the_cut_of_a_single_tool_stands_in_process(code, process, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     told, job = start_job(code, monkeypatch, capsys)
-    assert {key: job["process"][key] for key in process} == process and "assumed, put yours" in told
+    assert {key: job["process"][key] for key in process} == process and "assumed values, replace them by yours" in told
 
 
 def test_a_file_that_is_not_read_as_it_stands_is_told(tmp_path, monkeypatch, capsys) -> None:

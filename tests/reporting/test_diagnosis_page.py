@@ -107,6 +107,7 @@ def test_every_effect_of_the_vocabulary_has_words(name: str) -> None:
 def test_parameters_show_their_unit() -> None:
     assert describe_parameters({"compliance_change_rad_per_Nm": 2.6e-7}) == "compliance change 2.60e−07 rad/(N m)"
     assert describe_parameters({"offset_mrad": 0.25, "row": 120}) == "offset 0.250 mrad; row 120"
+    assert describe_parameters({"tx_m": -0.00627}, {"tx_m": [-0.01, 0]}) == "tx −6.27 mm, 95 %: −10.0 to 0"
     assert describe_parameters({"shift_mm": [0.1, 0.2, 0.0]}) == "shift [0.100, 0.200, 0] mm"
 
 

@@ -237,6 +237,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
         summary = write_forces(found, folder)
     notes = list(summary["notes"])
     if found.fit is not None:
+        notes += found.fit.notes
         notes += [
             f"  {number.name}: {number.value:.4g} {number.unit} [{number.low:.4g}, {number.high:.4g}], "
             f"{number.in_job:.4g} in the job"

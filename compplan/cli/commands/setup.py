@@ -163,7 +163,7 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
         if not toolpath.lower().endswith(".csv"):
             try:
                 text = number_tools(text, read_called_tools(file.parent / toolpath))
-                assumed = "assumed, put yours: tool length and mass, and what is marked so in the cut"
+                assumed = "assumed values, replace them by yours: tool length and mass, the numbers of the cut"
             except CompplanError as error:
                 assumed = f"tools and spindle speeds are not taken from {toolpath}: {error}"
     if robot is not None:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     click.option("--waypoints", type=click.IntRange(2, 5_000_000), default=2500, show_default=True,
                  help="A longer path is thinned evenly to this many waypoints."),
     click.option("--no-sensitivity", is_flag=True, help="Leave out the sensitivity analysis."),
-    click.option("--discard", is_flag=True, help="Take away finished samples of another study in OUT first."),
+    click.option("--discard", is_flag=True, help="Delete finished samples of another study in OUT first."),
 )  # fmt: skip
 def run_montecarlo(
     job: Job, folder: Path, workers: int | None, scheduler: str | None, strategies: str | None, waypoints: int,

@@ -71,12 +71,11 @@ def _look_at_columns(table: Table) -> Iterator[Remark]:
             yield Remark("note", "column", f"no column with {without}")
     if "contact" in table.text or "reading" in table or "distance" in table:
         yield Remark("fine", "instrument", "contacts, readings or distances: give the instrument by --instrument")
-    for name in ("x", "y", "z"):
-        if name not in table:
-            continue
-        lost = int(np.isnan(table.values[name]).sum())
-        if lost:
-            yield Remark("note", "rows", f"{lost} rows have no {table.headers[name]}")
+    lost = sum(np.isnan(table.values[name]) for name in ("x", "y", "z") if name in table)
+    if np.any(lost):
+        yield Remark(
+            "note", "rows", f"{np.count_nonzero(lost)} rows have no full position (approach rows may be empty)"
+        )
 
 
 def _look_at_rows(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
@@ -124,4 +123,4 @@ def _question(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
     for question in questions:
         yield Remark("odd", question.about, question.sentence)
     if not questions:
-        yield Remark("fine", "conventions", "units, frames, signs, point of the wrench and clock go with the robot")
+        yield Remark("fine", "conventions", "units, frames, signs, point of the wrench and clock agree with the robot")

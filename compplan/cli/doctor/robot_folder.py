@@ -42,7 +42,7 @@ def _describe(robot: Robot) -> Remark:
     kinds = f"{robot.nq} joints" + (f", {slides} of them slide" if slides else "")
     rating = read_rating(robot)
     if rating is None:
-        size = f"its links end to end measure {robot.longest_reach:.2f} m, it reaches less"
+        size = f"reach not stated; the links add up to {robot.longest_reach:.2f} m, more than it reaches"
     else:
         size = f"payload {rating.payload:g} kg, reach {rating.reach:.2f} m by the maker (SOURCE.md)"
     tool = f"tools leave along {name_axis(outward_axis(robot))} of {robot.flange!r}"

@@ -90,7 +90,7 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
     if far:
         gap = typical_gap(robot, rows.campaign, parts, [*known, *conventions], 0.5)
         if gap > NO_EFFECT:
-            said = f"the median gap is {_mm(gap)}, which no effect of a robot explains"
+            said = f"is it the log of this robot? The median gap is {_mm(gap)}, which no effect of a robot explains"
             beyond = Question("gap", f"{said}; check units, tool, frames and the signs and zeros of the joints")
             questions.insert(0, ask_target(rows, register) or ask_frames(rows, register) or beyond)
     return questions
@@ -307,7 +307,7 @@ def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
 
 
 def _mm(length: float) -> str:
-    return f"{length * 1e3:.3g} mm"
+    return f"{float(f'{length * 1e3:.3g}'):g} mm"
 
 
 #: Errors of geometry that the sign test allows: metres, and radians (assumed).

@@ -154,7 +154,7 @@ def _covariance_triangle(lower: Array, deviation: Array) -> Array:
 
 
 def list_products(channels: Sequence[ChannelProducts]) -> tuple[ProductWeights, list[Products]]:
-    """List the products of all channels, each once, and how they enter."""
+    """List the inner products of all channels, each once, and their weights in the evidence."""
     found: list[tuple[int, int, float, Products]] = []
     for number, channel in enumerate(channels):
         beside = {size: means for size, means in channel.means.items() if means is not channel.total}

@@ -30,7 +30,7 @@ class RepeatCheck:
     """Repeats that scatter beyond the stated sigma."""
 
     times_sigma: float  #: Their scatter over the stated sigma.
-    chance: float  #: What chance makes of it in one campaign in a hundred.
+    chance: float  #: The ratio that noise alone exceeds in one campaign in a hundred.
     values: int  #: Degrees of freedom.
     joint: str | None = None  #: Joint whose motion they follow with the time of the stay, or None.
     driver: str | None = None  #: "direction of approach" or "load": what gives that motion its sign.

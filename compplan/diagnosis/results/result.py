@@ -123,8 +123,8 @@ class Diagnosis(Shown):
         return [
             *(("not named", f"{finding.effect.name}: {finding.beyond}") for finding in beyond[:MOST_LISTED]),
             ("gap", f"{format_length(gap.before)} before, {format_length(gap.after)} after (rms)"),
-            ("on rows never seen", f"{format_length(gap.held_out_before)} before, {format_length(gap.held_out_after)} "
-                                   "after"),
+            ("on rows left out of the fit",
+             f"{format_length(gap.held_out_before)} before, {format_length(gap.held_out_after)} after"),
             ("measurement noise", f"{format_length(gap.noise_floor)}: {self.noise}"),
             *([] if self.repeats is None else [("poses measured again", self.repeats.sentence)]),
             *([("outliers", f"{len(self.outliers)} rows left out")] if len(self.outliers) else []),

@@ -85,11 +85,11 @@ def _check_payload(fit: Fit, effect: Effect) -> str:
         return f"{whole:.3g} kg on the flange, the arm itself weighs {arm:.3g} kg"
     behind = -float(outward_axis(fit) @ payload[1:])
     if added > 0.0 and behind > LIMITS.behind * whole:
-        return f"{added:.3g} kg with their centre {1e3 * behind / added:.3g} mm behind the flange, inside the arm"
+        return f"{added:.3g} kg with their centre {1e3 * behind / added:.4g} mm behind the flange, inside the arm"
     # what is taken off was there: what is left of the tool hangs before the flange, too
     left = -float(outward_axis(fit) @ (payload + carried)[1:])
     if added <= 0.0 and left > LIMITS.behind * whole:
-        where = f"{1e3 * left / whole:.3g} mm behind the flange, inside the arm" if whole > 0.0 else "nowhere"
+        where = f"{1e3 * left / whole:.4g} mm behind the flange, inside the arm" if whole > 0.0 else "nowhere"
         return f"{-added:.3g} kg less on the flange leave {whole:.3g} kg with their centre {where}"
     return _check_torque(fit, payload)
 

@@ -1,4 +1,4 @@
-"""Joints travel little, so that they do not turn back where that brings nothing."""
+"""Cost of joint travel: it keeps joints from turning back without gain."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ def reach_tip_and_axis(
 
 
 def turn_about_axis(x: Array, axis: Array) -> Array:
-    """Return orientations with a tool axis (n, 3), tip to spindle, whose x is the nearest to `x` (n, 3)."""
+    """Return rotations (n, 3, 3) with z = -axis (it points from tip to spindle) and x as near to `x` as that allows."""
     z = -axis
     x = x - np.einsum("ni,ni->n", z, x)[:, None] * z
     x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)

@@ -60,8 +60,9 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
     text = read_bounded(path)
     reader = find_reader(path, text)
     if reader is None:
-        known = " ".join((".csv", *list_suffixes()))
-        raise InputError(f"unknown kind of toolpath file '{path.suffix}', choose from {known}", file=path)
+        known = f"read are {', '.join(READERS)} files, and toolpath tables (.csv)"
+        raise InputError(f"no CAM language is recognised in this file, nor by its ending {path.suffix!r}; {known}",
+                         file=path)  # fmt: skip
     options = use_machine(options or CamTable(), path)
     file: CamFile = reader.read(text, path, options)
     if options.feed_mm_s is not None:
@@ -93,4 +94,5 @@ def refuse_idle(cam: CamFile) -> Toolpath:
     if cam.facts.cycles:
         message = f"drilling only, {cam.facts.cycles} holes and no other cut; the option cycles = expand cuts them"
         raise InputError(message, file=cam.facts.file)
-    raise InputError("nothing to cut: no move with feed in this file", file=cam.facts.file)
+    message = "nothing to cut: the file has no feed move (rapid and joint moves do not cut)"
+    raise InputError(message, file=cam.facts.file)

@@ -166,12 +166,13 @@ class _AptReader:
         elif "=" in major or ("=" in record and major not in SILENT):
             raise InputError(f"part program statement {record[:40]!r} is not read, only cutter location files are")
         elif major in ("CUTCOM", "TLCOMP"):
-            self.note(f"{major} is left out: the points of a cutter location file are the tool's")
+            self.note(f"{major} is left out: the points are taken as the tool's own, radius compensated already")
         elif major == "GOHOME":
             self.note("GOHOME is left out")
             self.placed, self.away = False, True
         elif major not in SILENT:
-            self.note(f"record {major[:20]} is not read")
+            missing = ": holes it drills are missing" if major.startswith("CYCLE") else ""
+            self.note(f"record {major[:20]} is not read{missing}")
         self.nx = self.nx or major == "TLDATA"
 
     def _switch(self, major: str, words: str) -> None:

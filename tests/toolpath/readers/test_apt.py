@@ -116,11 +116,12 @@ def test_holes_of_a_cycle_are_no_cutting_moves(read) -> None:
 
 
 def test_vendor_records_are_read_past_with_a_note(read) -> None:
-    cam = read("UNITS/MM\nFEDRAT/60,MMPM\nWPLANE/XY\nFROM/0,0,0\nTLCOMP/ON\nGOTO/1,0,0\nGOHOME/Z\n")
+    cam = read("UNITS/MM\nFEDRAT/60,MMPM\nWPLANE/XY\nFROM/0,0,0\nTLCOMP/ON\nGOTO/1,0,0\nCYCLE81/1\nGOHOME/Z\n")
     assert cam.facts.cutting_moves == 1
     assert [note.split(": ")[1][:13] for note in cam.facts.notes] == [
-        "record WPLANE", "TLCOMP is lef", "GOHOME is lef",
+        "record WPLANE", "TLCOMP is lef", "record CYCLE8", "GOHOME is lef",
     ]  # fmt: skip
+    assert cam.facts.notes[2].endswith("is not read: holes it drills are missing")
 
 
 @pytest.mark.parametrize(

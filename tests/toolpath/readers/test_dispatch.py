@@ -34,7 +34,9 @@ def test_g_code_is_known_by_its_blocks(text: str) -> None:
 @pytest.mark.parametrize("text", ["Dear sir,\nG code follows.\n", "x_mm,y_mm\n1,2\n", "solid G1\n", "", "PAGE 1\n"])
 def test_other_texts_are_of_no_known_kind(text: str, tmp_path: Path) -> None:
     (tmp_path / "part.txt").write_text(text)
-    with pytest.raises(InputError, match=r"part.txt: unknown kind of toolpath file '.txt'"):
+    with pytest.raises(
+        InputError, match=r"part.txt: no CAM language is recognised in this file, nor by its ending '.txt'"
+    ):
         read_cam(tmp_path / "part.txt")
 
 

@@ -280,5 +280,6 @@ def find_centre(start: Point, end: Point, normal: Point, radius: float, unit: st
         travel = combine(1.0, end, -1.0, start)
         far = math.hypot(*combine(1.0, travel, -dot(travel, normal), normal))
         raise ValueError(f"arc of radius R {radius:g}{unit} cannot join ends that are {far:g}{unit} apart, expected "
-                         f"0 < distance <= {2 * abs(radius):g}{unit}")  # fmt: skip
+                         f"0 < distance <= {2 * abs(radius):g}{unit}; correct R or an end point, "
+                         "or post arcs with their centre")  # fmt: skip
     return centre

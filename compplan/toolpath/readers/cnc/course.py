@@ -168,7 +168,9 @@ class Course:
             elsewhere, stated = bool(self.lost) or self.away, self.options.from_mm
             if stated is None and self.starts_at_zero and not elsewhere:
                 names = " ".join("XYZ"[axis] for axis in sorted(unknown))
-                self.note(f"the first cut starts at no stated {names}: 0 is assumed (or state --from)")
+                self.note(
+                    f"the file states no {names} for the start of the first cut: 0 is assumed; --from X,Y,Z states it"
+                )
                 stated = [0.0, 0.0, 0.0]
             if stated is not None:
                 stated = list(self.frame.invert().apply((stated[0], stated[1], stated[2])))

@@ -127,7 +127,7 @@ class Flow:
         return False
 
     def find_beside(self, name: str) -> bool:
-        """Look for NAME.SPF beside the file; return whether the program is known then."""
+        """Load subprogram NAME from NAME.SPF in the folder of the file unless known; return whether it is known now."""
         searched = name not in self.programs and len(name) <= LONGEST_NAME
         for candidate in (f"{name}.SPF", f"{name}.spf", f"{name.lower()}.spf") if searched else ():
             beside = self.file.with_name(candidate)

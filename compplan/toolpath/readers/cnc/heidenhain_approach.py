@@ -1,4 +1,4 @@
-"""APPR and DEP of Heidenhain programs: how a contour is approached and left. Everything stands in one plane."""
+"""APPR and DEP of Heidenhain programs: how a contour is approached and left. All of it lies in the working plane."""
 
 from __future__ import annotations
 
