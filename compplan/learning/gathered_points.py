@@ -23,6 +23,9 @@ USUAL = 0.9
 ALONE = 10.0
 #: A combination of shift and turn that points tell less than this of what they tell best is not told (rounding).
 TOLD = 1e-6
+#: A shift or turn that moves the part less than this share across what was measured is not told: on a circle that was
+#: probed across, the turn about its axis (assumed: the directions of measuring are known to a degree).
+ACROSS = 0.02
 #: Share of what was measured that is said to be a motion of the whole part, and how far it stands out of the noise
 #: (assumed).
 WHOLE, CLEAR = 0.6, 3.0
@@ -97,18 +100,19 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected:
     """
     size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
     sigma = np.repeat(np.sqrt(gathered.variance), 3)
-    columns = gathered.counts @ rigid_columns(tip, tip.mean(axis=0))[gathered.row] / np.repeat([1.0, size], 3)
-    matrix, seen = columns.reshape(-1, 6), gathered.deviation.reshape(-1)
+    rigid = rigid_columns(tip, tip.mean(axis=0))[gathered.row] / np.repeat([1.0, size], 3)
+    matrix, seen = (gathered.counts @ rigid).reshape(-1, 6), gathered.deviation.reshape(-1)
     left, value, right = np.linalg.svd(matrix / sigma[:, None], full_matrices=False)
     shares = left.T @ (seen / sigma)  # each of variance 1
-    clear = (np.abs(shares) > CLEAR) & (value > TOLD * value.max(initial=0.0))
+    across, moved = (np.linalg.norm(part @ right.T, axis=0) for part in (matrix, rigid.reshape(-1, 6)))
+    clear = (np.abs(shares) > CLEAR) & (value > TOLD * value.max(initial=0.0)) & (across > ACROSS * moved)
     motion = right[clear].T @ (shares[clear] / value[clear])
     rest = seen - matrix @ motion
     taken = 1.0 - float(rest @ rest) / max(float(seen @ seen), 1e-300)
     if taken < WHOLE or seen @ seen < CLEAR**2 * float(gathered.variance.sum()):
         return "", False
     usual = np.einsum("oc,op,pc->c", left, expected / np.outer(sigma, sigma), left)
-    where = ", ".join(f"{1e3 * value:.2g}" for value in motion[:3] @ R_base_part)
+    where = ", ".join(f"{round(1e3 * value, 6):.2g}" for value in motion[:3] @ R_base_part)
     said = (
         f"{taken:.0%} of what was measured is a shift of the whole part by [{where}] mm (its middle, part axes) and a"
         f" turn of {round(float(np.degrees(np.linalg.norm(motion[3:]))) / size, 6):.2g} deg"

@@ -99,7 +99,8 @@ class LearnedPart(Shown):
         ]
         if model_update.taken:
             rows += [
-                ("expected next", f"rms {format_length(model_update.expected)}"),
+                ("expected next", f"rms {format_length(model_update.expected)} in all directions, with a force that"
+                                  " varies from part to part"),
                 ("95 % band", f"{format_length(float(model_update.band_after.max()))} at its widest, before "
                               f"{format_length(float(model_update.band_before.max()))}"),
             ]  # fmt: skip

@@ -170,12 +170,18 @@ def _render(campaign: PoseCampaign) -> str:
     ]
     caption = f"Instrument {1e3 * campaign.design.sigma:g} mm per axis."
     brings = DataTable(["after", "band of the parameters alone, rms [mm]"], bands, caption)
-    tip, figure = 1e3 * campaign.poses.tip[:-1], draw_cell(plan.robot, plan.q, plan.task.position)
+    figure = draw_cell(plan.robot, plan.q, plan.task.position, beside=campaign.poses.tip)
+    tip, at = np.unique(campaign.poses.tip[:-1].round(2), axis=0, return_inverse=True)
+    labels = [", ".join(str(k + 1) for k in np.flatnonzero(at == place)) for place in range(len(tip))]
+    dots = "the tip at the poses, numbered"
+    if campaign.stands:
+        tip, labels = np.array([stand.place for stand in campaign.stands]), [stand.label for stand in campaign.stands]
+        dots = "the places that are put up"
     figure.add(
-        "scatter3d", x=tip[:, 0], y=tip[:, 1], z=tip[:, 2], mode="markers+text", name="poses",
-        text=[str(k + 1) for k in range(len(tip))], marker={"size": 5, "color": CATEGORIES[1]},
+        "scatter3d", x=1e3 * tip[:, 0], y=1e3 * tip[:, 1], z=1e3 * tip[:, 2], mode="markers+text", name="poses",
+        text=labels, marker={"size": 5, "color": CATEGORIES[1]},
     )  # fmt: skip
-    scene = Chart(figure, "Dots: the tip at the poses, numbered. Line: the path.", 460)
+    scene = Chart(figure, f"Dots: {dots}. Line: the path.", 460)
     sections = [
         Section("What it brings", [brings], "The 95 % band of the true tip on this path."),
         Section("Poses", [scene, _list_poses(campaign)],
@@ -212,14 +218,19 @@ def open_campaign(campaign: PoseCampaign) -> Summary:
     count, floor = np.arange(float(len(choice.rms))), float(campaign.design.floor.max())
     lines = (Curve("at its widest point", count, 1e3 * choice.greatest, "after", "lines+markers"),
              Curve("rms", count, 1e3 * choice.rms, 3, "lines+markers"))  # fmt: skip
-    level = (1e3 * floor, "no pose lowers it below")
+    level = (1e3 * floor, "no pose lowers the widest point below")
     chart = draw_curves(Curves("", "poses measured", "95 % band [mm]", lines, level))
     caption = (
         f"Dashed: {format_length(floor)} remain from force, repeatability and unmodelled errors. Cut and"
         " measure a part for those (compplan learn)."
     )
-    todo = "Measure the poses in the order of the list and fill in campaign.csv. Then: compplan diagnose campaign.csv "
-    todo += "--robot ROBOT --out updated."
+    frames = f" --register {','.join(campaign.equipment.frames)}" if campaign.equipment.frames else ""
+    if campaign.equipment.instrument != "tracker":
+        frames = f" --instrument OUT/instrument.toml{frames}"
+    todo = (
+        "Measure the poses in the order of the list and fill in campaign.csv. Then: compplan diagnose OUT/campaign.csv "
+    )
+    todo += f"--robot ROBOT{frames} --out updated."
     if useful == 0:
         todo = "Load the tool at the poses (--weights-kg, --pull-N), or cut and measure a part: compplan learn JOB "
         todo += "MEASURED.csv --robot ROBOT."

@@ -82,8 +82,8 @@ def render_comparison(comparison: Comparison) -> str:
                 "Distance of the loaded tool tip from the path."),
     ]  # fmt: skip
     return render_page(
-        comparison.name, _open(comparison), sections, kind=f"Strategies compared, {task.robot.name}", notes=notes,
-        provenance=describe_robot(task.robot, facts, assumptions),
+        comparison.name, open_comparison(comparison), sections, kind=f"Strategies compared, {task.robot.name}",
+        notes=notes, provenance=describe_robot(task.robot, facts, assumptions),
     )  # fmt: skip
 
 
@@ -92,7 +92,7 @@ def _list_closest(left: Mapping[str, float], share: float) -> list[str]:
     return [name for name, value in left.items() if value <= share * min(left.values())]
 
 
-def _open(comparison: Comparison) -> Summary:
+def open_comparison(comparison: Comparison) -> Summary:
     """Return the first screen: which strategy to plan with, and what it brings on a robot like this one."""
     drawn, tolerance = comparison.drawn, comparison.task.tolerance
     if drawn is None:  # rms and largest deviation on the robot as modelled, by strategy
@@ -126,7 +126,7 @@ def _open(comparison: Comparison) -> Summary:
     names = [f"{name_strategy(name)}: {format_mm(median)}" for name, (median, _) in found.items()]
     high = [1e3 * max(median, most) for median, most in found.values()]
     series = {"": Bars([1e3 * median for median, _ in found.values()], colour_strategies(found, best), None, high)}
-    chart = draw_bars(names, series, "deviation, rms, mm", level=1e3 * tolerance, hover="%{x:.3g} mm")
+    chart = draw_bars(names, series, "rms, mm", level=1e3 * tolerance, hover="%{x:.3g} mm")
     caption = "Bar: every second robot like yours stays below it; tick: 95 of 100 do. Dashed: the tolerance."
     return Summary(verdict, "good" if within else "unsure", figures, Chart(chart, caption, 90 + 46 * len(found)), todo)
 

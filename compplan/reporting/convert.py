@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.io.palette import CATEGORIES
+from compplan.io.palette import CATEGORIES, NEUTRAL
 from compplan.io.quantities import format_number
 from compplan.reporting.charts import Figure
 from compplan.reporting.page import Chart, DataTable, Provenance, Section, Summary, render_page
@@ -15,8 +15,8 @@ from compplan.robot import Array
 from compplan.toolpath.readers import CamFacts
 from compplan.toolpath.toolpath import Toolpath
 
-#: About how many points of a path are drawn, and the colour of rapid moves.
-POINTS, RAPID = 8000, "#d62728"
+#: About how many points of a path are drawn.
+POINTS = 8000
 
 
 def render_toolpath(toolpath: Toolpath, facts: CamFacts) -> str:
@@ -31,10 +31,10 @@ def render_toolpath(toolpath: Toolpath, facts: CamFacts) -> str:
     figure = Figure(scenes=True)
     styles = [(tool, CATEGORIES[k % len(CATEGORIES)], 5) for k, tool in enumerate(tools)]
     hover, kind = "x %{x:.3f}, y %{y:.3f}, z %{z:.3f} mm", np.where(toolpath.rapid, len(tools), number)
-    add_moves(figure, toolpath.position, kind, [*styles, ("rapid", RAPID, 2)], POINTS, hover)
+    add_moves(figure, toolpath.position, kind, [*styles, ("rapid", NEUTRAL, 2)], POINTS, hover)
     frame_scenes(figure, 1e3 * toolpath.position, size=1.75)
     figure.layout["showlegend"] = True
-    scene = Chart(figure, "The path by tool; rapid moves are red.", 480)
+    scene = Chart(figure, "The path by tool; rapid moves are grey.", 480)
     sides = () if facts.box_mm is None else zip("xyz", *facts.box_mm, strict=True)
     box = [[axis, low, high, high - low] for axis, low, high in sides]
     heads = ["axis", *(f"{title} [mm, 6]" for title in ("least", "greatest", "extent"))]

@@ -215,7 +215,7 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
     ]  # fmt: skip
     if split.small_errors is not None and split.small_errors.groups:
         kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
-        caption = "Small errors in the updated robot, by place and kind."
+        caption = "The gap divided among all errors of the updated robot, named or not, by place and kind."
         blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
     return Section("Where it lies", blocks)
 
@@ -263,10 +263,9 @@ def _show_next(steps: Sequence[Mapping[str, Any]]) -> Section:
         how = str(step.get("how", step.get("kind", ""))) or "–"
         separates = [name_effect(item) if isinstance(item, Mapping) else str(item).replace("_", " ")
                      for item in step.get("separates", [])]  # fmt: skip
-        rows.append([" from ".join(separates), how, len(step.get("poses", [])), len(step.get("wrenches", [])), gain])
+        rows.append([" from ".join(separates), how, len(step.get("poses", [])), gain])
     text = "Poses and loads are in diagnosis.json; all are within joint limits and the loads of this campaign."
-    return Section("What to measure next",
-                   [DataTable(["separates", "how", "poses", "loads", "expected gain"], rows), text])  # fmt: skip
+    return Section("What to measure next", [DataTable(["separates", "how", "poses", "expected gain"], rows), text])
 
 
 def _show_self_test(tested: Mapping[str, Any]) -> Section:
@@ -297,19 +296,21 @@ def _show_calibration(assessment: Assessment) -> Section:
     if assessment.corrections:
         zeros = [c for c in assessment.corrections if c.effect == "joint_offset"]
         others = [c for c in assessment.corrections if c.effect != "joint_offset"]
-        blocks.append(_list_corrections(zeros, "Zeros: add to the position that the controller counts."))
+        blocks += _list_corrections(zeros, "Zeros: add to the position that the controller counts.")
         if shown := [c for c in others if c.named or c.plain]:
             caption = "Lengths, directions, tool and base that differ from the model."
-            blocks.append(_list_corrections(shown, caption))
+            blocks += _list_corrections(shown, caption)
         text = "Every length and direction; lengths in axes of the parent link, tool and base in their own"
         caption = "Intervals hold 95 %. Parameters that these poses do not determine are left out."
-        blocks.append(Fold(text, [_list_corrections(others, caption)]))
+        every = _list_corrections(others, caption)
+        blocks.append(Fold(text, every) if every else "No zero, length or direction is sure enough to be entered.")
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
     return Section("For the controller", [*blocks, _list_frames(assessment.frames)])
 
 
-def _list_corrections(corrections: Sequence[Correction], caption: str) -> DataTable:
+def _list_corrections(corrections: Sequence[Correction], caption: str) -> list[Block]:
+    """List corrections in a table; nothing where all are too small to enter."""
     rows = []
     for c in corrections:
         if abs(c.value) >= UNSEEN * (c.high - c.value):
@@ -317,7 +318,7 @@ def _list_corrections(corrections: Sequence[Correction], caption: str) -> DataTa
             value, low, high = (f"{number:.{DIGITS[c.unit]}f}" for number in (c.value, c.low, c.high))
             tone = "strong" if c.plain else "muted"
             rows.append([what, Cell(value, tone), f"{low} to {high}", c.unit, "named" if c.named else ""])
-    return DataTable(["what", "change", "95 %", "unit", ""], rows, caption, 12)
+    return [DataTable(["what", "change", "95 %", "unit", ""], rows, caption, 12)] if rows else []
 
 
 def _list_frames(frames: Sequence[Pose]) -> DataTable:

@@ -28,6 +28,8 @@ SHOWN = {
     "rad/(N m)": ("urad/(N m)", 1e6), "m/N": ("um/N", 1e6), "rad/N": ("urad/N", 1e6), "m": ("mm", 1e3),
     "rad": ("deg", 180 / np.pi), "1": ("1", 1.0),
 }  # fmt: skip
+#: Lines of compliances that the terminal shows at most.
+LINES = 10
 #: Kinds of parameters that are geometry.
 FRAMES = ("geometry", "base", "tool", "contact")
 
@@ -121,9 +123,9 @@ def _render(summary: Mapping[str, Any]) -> str:
         [entry["parameter"], ", ".join(entry["together_with"]) or None, entry["reason"]]
         for entry in summary["unidentifiable"]
     ] or [["none", None, "every parameter can be determined"]]
-    about = "Identified values with 95 % intervals. What does not help on poses not in the fit is not written."
+    about = "Values with 95 % intervals. What the folder did not have is written if it helps on poses not in the fit."
     sections = [
-        Section("Compliances", [*_chart_changes(compliances), _list_parameters(compliances)], about),
+        Section("Compliances", [_list_parameters(compliances)], about),
         Section("What cannot be determined", [DataTable(["parameter", "together with", "reason"], held, "", 24)],
                 "Held at their nominal values, and why."),
         Section("Gap", [_chart_gap(summary["gap"])],
@@ -161,6 +163,20 @@ def open_identification(summary: Mapping[str, Any]) -> Summary:
     todo = "Plan with it: compplan plan JOB --robot OUT/robot." if better else MEASURE
     picture = (*_chart_changes(_list_compliances(summary)), _chart_gap(summary["gap"]))[0]
     return Summary(verdict, tone, figures, picture, todo)
+
+
+def list_compliances(summary: Mapping[str, Any]) -> list[str]:
+    """Return the lines of the terminal: each compliance before and after, with its 95 % interval, at most `LINES`."""
+    entries, lines = _list_compliances(summary), list[str]()
+    shown = entries if len(entries) <= LINES else entries[: LINES - 1]
+    width = max((len(entry["name"]) for entry in shown), default=0)
+    for entry in shown:
+        before, value, low, high = (
+            "-" if end is None else f"{end:.4g}" for end in (entry["before"], entry["value"], *entry["interval_95"])
+        )
+        apart = "" if entry["written"] else "not written, "
+        lines.append(f"{entry['name']:<{width}}  {before} -> {value} {entry['unit']}, {apart}95 % [{low}, {high}]")
+    return lines if shown is entries else [*lines, f"{len(entries) - len(shown)} more are in the report"]
 
 
 def _list_compliances(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -20,7 +20,7 @@ from compplan.process.learned_force import FILE as PROCESS
 from compplan.process.learned_force import write_learned_force
 from compplan.reporting.charts import draw_curves
 from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, render_page
-from compplan.reporting.plan_page import write_plan_page
+from compplan.reporting.plan_page import name_unknown, write_plan_page
 from compplan.reporting.provenance import describe_robot
 from compplan.reporting.writers.plan import choose_rows, summarise_plan, write_joints, write_programs
 from compplan.reporting.writers.recording import write_deviation
@@ -136,18 +136,17 @@ def _render(update: LearnedPart) -> str:
     )
     figure = draw_curves(Curves("", "along the path [mm]", "95 % band [mm]", lines))
     bands = Chart(figure, "95 % band of the true tip. Dotted: in the directions that were measured alone.", 320)
-    sections = [
-        Section("What explains it", [_list_causes(update), _list_learned(update)]),
-        Section("The next part", [bands], f"{expected}; in the directions that were measured it is {seen}."),
-    ]
+    sections = [Section("The next part", [bands], f"{expected}; in the directions that were measured it is {seen}.")]
+    if model_update.taken:
+        sections.insert(0, Section("What explains it", [_list_causes(update), _list_learned(update)]))
     return render_page(
-        update.after.name, _open(update), sections, kind=f"Measured part, {update.robot.name}",
+        update.after.name, open_update(update), sections, kind=f"Measured part, {update.robot.name}",
         notes=update.notes[1:],
         provenance=describe_robot(update.robot, [("corrected plan", "plan.html")]),
     )  # fmt: skip
 
 
-def _open(update: LearnedPart) -> Summary:
+def open_update(update: LearnedPart) -> Summary:
     """Return the first screen: what the next part may be expected to be."""
     model_update, measured, gathered = update.model_update, update.measured, update.model_update.gathered
     few, at = np.unique(np.linspace(0, len(measured) - 1, 1500).astype(int)), 1e3 * update.length[gathered.row]
@@ -156,30 +155,37 @@ def _open(update: LearnedPart) -> Summary:
     together = model_update.physics + model_update.pushed + model_update.residual
     parts = (("the robot", model_update.physics, 2), ("the force", model_update.pushed, 4),
              ("the path itself", model_update.residual, 3), ("all three together", together, "after"))  # fmt: skip
-    for name, part, role in parts:
+    for name, part, role in parts if model_update.taken else ():
         seen = np.einsum("bij,bj->bi", gathered.counts, part[gathered.row])
         lines.append(Curve(name, at, 1e3 * np.linalg.norm(seen, axis=1), role))
     curves = Curves("", "along the path [mm]", "distance [mm]", tuple(lines))
     caption = "Dots: measured. Lines: what explains it; distances without sign, in the directions that were measured."
+    if not model_update.taken:
+        caption = "The distances that were measured, without sign."
     picture = Chart(draw_curves(curves), caption, 340)
     if not model_update.taken:
         reason = re.sub(r"[:,] the program stays as it is$", "", model_update.reason)
         verdict = f"The program stays as it is: {reason}."
         figures = [(format_mm(model_update.rms), "rms deviation of the measured part")]
-        todo = "Measure more points, or another part, and learn again."
+        todo = "Measure more points or another part, and learn again: compplan learn JOB MEASURED --robot OUT/robot."
         return Summary(verdict, "unsure", figures, picture, todo)
-    change, better = format_mm_change(model_update.rms, model_update.expected), model_update.expected < model_update.rms
+    better, checked = model_update.expected < model_update.rms, model_update.held_out < model_update.rms
+    ends = [float(band.max()) for band in (model_update.band_before, model_update.band_after)]
     verdict = "The new program should make the next part better."
-    if not better:
-        ends = (float(band.max()) for band in (model_update.band_before, model_update.band_after))
+    if not better and ends[1] < ends[0]:
         verdict = f"The part narrows the 95 % band of the next one: {format_mm_change(*ends)}."
+    elif not better:
+        verdict = "The program is corrected by what was measured; the next part may be as far off."
     taken = [
-        (change, "rms deviation, measured on this part and expected of the next", "good" if better else ""),
-        (format_mm(model_update.held_out), "checked: left on stretches not used for the correction"),
+        (format_mm_change(model_update.rms, model_update.held_out),
+         "rms deviation of this part, and left of it on stretches not used for the correction",
+         "good" if checked else ""),
+        (format_mm(model_update.expected),
+         "rms deviation expected of the next part, in all directions and with a force that varies from part to part"),
         (format_mm(float(model_update.band_after.max())), "95 % band of the next part at its widest"),
-    ]
-    todo = "Cut the next part with the new program, measure it, and learn again with --robot OUT/robot."
-    return Summary(verdict, "good", taken, picture, todo)
+    ]  # fmt: skip
+    todo = "Cut the next part with the new program and measure it. Then: compplan learn JOB MEASURED --robot OUT/robot."
+    return Summary(verdict, "good" if better or ends[1] < ends[0] else "unsure", taken, picture, todo)
 
 
 def _list_causes(update: LearnedPart) -> DataTable:
@@ -201,8 +207,7 @@ def _list_learned(update: LearnedPart) -> DataTable:
     for one in update.learned:
         place = Cell("robot folder", "good") if one.kept else Cell("this path", "muted")
         moved, width = (_show_size(one.key, value) for value in (one.value, one.width))
-        name = re.sub(r"_(rad|m)#\d+$", "", one.name).replace("_", " ")
-        rows.append([name, moved, width, one.value / one.width if one.width > 0 else None, place])
+        rows.append([name_unknown(one.name), moved, width, one.value / one.width if one.width > 0 else None, place])
     columns = ["parameter", "change", "known before, ±", "ratio [, 2]", "kept in"]
     caption = "The greatest changes and the standard deviation of each value before."
     return DataTable(columns, rows, caption)

@@ -26,7 +26,7 @@ from compplan.studies.sensitivity import Sensitivity
 #: What groups of uncertainties are called in a sentence.
 GROUPS = {
     "wrench_level": "the level of the process force", "wrench_direction": "the direction of the process force",
-    "robot": "the uncertainty of the robot", "link_share": "the link share", "part": "the place of the part",
+    "robot": "the robot (compplan campaign)", "link_share": "the link share", "part": "the place of the part",
 }  # fmt: skip
 
 
@@ -56,7 +56,8 @@ def _render(result: JobStudy) -> str:
         ("tip computed by", "exact loaded equilibrium of every sample and waypoint to 1 nm, geometry to first order"),
     ]
     notes = [
-        "The uncertainties are assumed unless the job sets them: the ranking holds for such robots and forces only."
+        "The ranking holds for robots and forces as uncertain as these; what robot folder and job do not state of that"
+        " is assumed."
     ]
     if summary["waypoints"] < summary["waypoints_of_path"]:
         thinned = f"{summary['waypoints_of_path']} waypoints; the study uses {summary['waypoints']}"
@@ -102,8 +103,8 @@ def _show_strategies(result: JobStudy, best: str) -> Section:
         rms, most = entry["rms_mm"], entry["max_mm"]
         rows.append(
             [Cell(name_strategy(name), "strong"), Cell(_format_mm(rms["mean"]), "good" if name == best else ""),
-             " – ".join(map(_format_mm, rms["ci95"])), _format_mm(rms["p50"]), _format_mm(rms["p95"]),
-             _format_mm(most["p50"]), _format_mm(most["p95"]),
+             " – ".join(_format_mm(max(end, 0.0)) for end in rms["ci95"]), _format_mm(rms["p50"]),
+             _format_mm(rms["p95"]), _format_mm(most["p50"]), _format_mm(most["p95"]),
              *(format_percent(entry.get(key, float("nan")))
                for key in ("of_uncorrected", "within_tolerance", "waypoints_within_tolerance"))]
         )  # fmt: skip
@@ -131,7 +132,8 @@ def _show_path(run: Run) -> Section:
 
 
 def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
-    rows = [[group, *(float(found.total[name][k]) for name in found.total)] for k, group in enumerate(found.groups)]
+    rows = [[group.replace("_", " "), *(round(float(found.total[name][k]), 6) for name in found.total)]
+            for k, group in enumerate(found.groups)]  # fmt: skip
     heads = ["total index", *(f"{name_strategy(name)} [, 2]" for name in found.total)]
     caption = (
         "Share of the variance of the rms deviation that remains if all but this were exact, with 95 % interval; "

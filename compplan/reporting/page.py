@@ -27,7 +27,7 @@ TEMPLATES = Path(__file__).parent / "templates"
 #: The part of plotly.js that pages draw with; how it was made stands beside it.
 PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 #: A command in a sentence: its options with their values, words in capitals, and files.
-COMMAND = r"compplan [a-z]+(?: --[a-z-]+(?: (?:[\w/.-]*\w))?| [A-Z]{2,}[\w/.]*\b| [\w./-]+\.(?:csv|toml|nc)\b)*"
+COMMAND = r"compplan [a-z]+(?: --[a-z-]+(?: (?:[\w/.,-]*\w))?| [A-Z]{2,}[\w/.]*\b| [\w./-]+\.(?:csv|toml|nc)\b)*"
 #: Significant digits of numbers in a table.
 DIGITS = 3
 
@@ -186,7 +186,10 @@ def _add_origin(provenance: Provenance) -> Provenance:
     origin = describe_origin()
     facts = [("compplan", origin["compplan"])]
     facts += [(f"seed of {name}", str(seed)) for name, seed in origin.get("seeds", {}).items()]
-    facts += [(f"SHA-256 of {Path(file).name}", digest) for file, digest in origin.get("inputs_sha256", {}).items()]
+    facts += [
+        (f"SHA-256 of {'/'.join(Path(file).parts[-2:])}", digest)
+        for file, digest in origin.get("inputs_sha256", {}).items()
+    ]
     return Provenance([*provenance.facts, *facts], provenance.assumptions)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -277,9 +278,14 @@ def show_error_band(band: ErrorBand, stations: Stations, tolerance: float) -> Se
     return Section("95 % band", blocks, _describe_error_band(band, tolerance))
 
 
+def name_unknown(name: str) -> str:
+    """Return the name of an uncertain parameter in words."""
+    return re.sub(r"_(rad|m)#\d+$", "", name).replace("_", " ")
+
+
 def list_leading(leading: Sequence[tuple[str, float]], caption: str = "") -> DataTable:
     """List what would narrow the band, by the share of the tip's variance that it makes."""
-    rows: list[list[Any]] = [[name, format_percent(share)] for name, share in leading]
+    rows: list[list[Any]] = [[name_unknown(name), format_percent(share)] for name, share in leading]
     rows = rows or [["nothing stands out", None]]
     return DataTable(["if this were exact", "the variance of the tip would shrink by"], rows, caption)
 

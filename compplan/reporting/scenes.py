@@ -256,12 +256,12 @@ def add_moves(
 
 def draw_cell(
     robot: Robot, q: Array, path: Array, *, start: int = 0, around: Sequence[Shape] = (),
-    kinds: NDArray[np.int_] | None = None,
+    kinds: NDArray[np.int_] | None = None, beside: Array | None = None,
 ) -> Figure:  # fmt: skip
     """Draw the robot at one waypoint, its path, and what stands around: part, fixture, tool.
 
     q: commanded joints, shape (n, nq); path: nominal path of the tip, base frame, shape (n, 3) [m]; kinds: what the
-    tool does in the move to each waypoint, as numbers of `KINDS`.
+    tool does in the move to each waypoint, as numbers of `KINDS`; beside: further points to leave room for, (k, 3) [m].
     """
     figure, own = Figure(scenes=True), place_shapes(robot, q[start])
     add_shapes(figure, own, robot.name, 1.0)
@@ -270,7 +270,8 @@ def draw_cell(
     carried = locate_links(robot, q[start])[robot.base]
     seen = path @ carried[:3, :3].T + carried[:3, 3] if robot.ground else path
     points = add_moves(figure, seen, np.zeros(len(path), int) if kinds is None else kinds, KINDS)
-    frame_scenes(figure, np.vstack([points, *(1e3 * shape.vertices for shape in (*own, *around))]))
+    room = [] if beside is None else [1e3 * beside]
+    frame_scenes(figure, np.vstack([points, *room, *(1e3 * shape.vertices for shape in (*own, *around))]))
     figure.layout["showlegend"] = kinds is not None
     return figure
 

@@ -122,7 +122,7 @@ def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmP
     for unknown in known.unknowns:
         joint = names.index(unknown.joint) if unknown.joint in names else -1
         one = np.ones(1)
-        if unknown.effect == "joint_stiffness" and joint in own:
+        if unknown.effect == "joint_stiffness" and joint in own and own[joint].compliance > 0.0:
             parts.append(ArmParameter(first, "factor", own[joint].coordinate, one / own[joint].compliance))
         elif unknown.effect == "joint_offset":
             parts.append(ArmParameter(first, "zero", joint, one))

@@ -94,7 +94,7 @@ def test_kinds_of_small_errors_stand_beside_the_names(diagnosed: tuple[Any, Spli
     html = own_part(render_diagnosis(diagnosed[0], split, None, TABLE))
     largest = open_diagnosis({"status": "partly_explained", "effects": [SPRING]}, GAP, "causes", "", "", 0.78)
     assert "Most of the gap is small errors, as of a robot that was not calibrated. A part" in largest.verdict
-    assert "30\u00a0% to 40\u00a0%" in html and "Small errors in the updated robot, by place and kind." in html
+    assert "30\u00a0% to 40\u00a0%" in html and "The gap divided among all errors of the updated robot" in html
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))

@@ -155,6 +155,25 @@ def test_a_drawn_robot_moves_the_tip_as_the_exact_equilibrium_of_its_parameters_
         assert np.linalg.norm((seen - exact)[12:], axis=1).max() < 0.05 * size
 
 
+def test_a_joint_that_was_found_rigid_is_drawn_as_soft_as_its_deviation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A diagnosed folder holds a spring of no compliance, of which a deviation is known."""
+    monkeypatch.setattr("compplan.studies.sampling.ENCODERS", (0.0, 0.0))
+    robot, nominal, options = prepare_job(check_job({**JOB}, "job.toml"))
+    own = own_springs(robot)[1]
+    springs = list(robot.springs)
+    springs[own.spring] = replace(springs[own.spring], compliance=-0.0)
+    soft = Unknown("joint_stiffness", "joint_2", None, ("compliance_change_rad_per_Nm",), np.array([1e-8]))
+    robot = replace(robot, springs=tuple(springs), uncertainty=Uncertainty("measured", "test", (soft,), np.eye(1)))
+    task = build_task(robot, nominal, replace(options, posture=PostureSettings(search=False)))
+    study = prepare_study(task, NoiseTable(**REST), ["none"])
+    z = np.zeros((2, count_coordinates(robot)))
+    z[1, 0] = 1.0
+    rest, moved = tips(study, z)
+    scene = build_path_model(robot, task.q_start, task.wrench, task.step_time)
+    exact = solve_model_poses(vary_model(scene, (soft,), np.array([1e-8]))).position - solve_model_poses(scene).position
+    assert np.allclose(moved - rest, exact, atol=1e-7)
+
+
 def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """A softer joint 2 under less force: samples stand where the exact equilibrium of both has them."""
     monkeypatch.setattr("compplan.studies.sampling.ENCODERS", (0.0, 0.0))

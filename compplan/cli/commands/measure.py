@@ -70,7 +70,7 @@ def run_identify(
     """
     from compplan.identification.campaign import identify_campaign
     from compplan.identification.problem import IdentifyOptions
-    from compplan.reporting.identify import open_identification, write_identification
+    from compplan.reporting.identify import list_compliances, open_identification, write_identification
 
     options = IdentifyOptions(
         register=parse_parts(register), springs=None if springs is None else split_names(springs), add=split_names(add),
@@ -85,7 +85,8 @@ def run_identify(
         found = identify_campaign(robot, campaign, options, progress=progress)
     summary = write_identification(found, folder, list(campaign.notes))
     held = len(summary["unidentifiable"])
-    notes = [f"note: {held} parameters cannot be determined, see the report"] if held else []
+    notes = list_compliances(summary)
+    notes += [f"note: {held} parameters cannot be determined, see the report"] if held else []
     notes += [*(f"note: {note}" for note in summary["notes"]), *list_notes(campaign.notes)]
     files = ["identify.json", "report.html", "robot"]
     return CommandResult(summary, open_identification(summary).format(folder, files, notes))
@@ -242,9 +243,6 @@ def run_campaign(
     if len(campaign.touching):
         poses = ", ".join(str(k + 1) for k in campaign.touching)
         notes.append(f"the way to pose {poses} touches something: go around")
-    more = [] if instrument == "tracker" else [f"--instrument {folder / 'instrument.toml'}"]
-    more += [f"--register {','.join(equipment.frames)}"] if equipment.frames else []
-    notes += [f"diagnose it with {' and '.join(more)}"] if more else []
     return CommandResult(summary, open_campaign(campaign).format(folder, summary["files"], notes))
 
 
@@ -280,13 +278,11 @@ def run_learn(
     Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
     """
     from compplan.api.verbs import learn
-    from compplan.reporting.learn import write_learning
+    from compplan.reporting.learn import open_update, write_learning
 
     with show_progress() as announce:
         update = learn(job, measured, robot_name, progress=announce, **options)
         announce("report")
         summary = write_learning(update, folder)
-    lines = [*str(update).splitlines(), *update.notes[1:], f"wrote {', '.join(summary['files'])} to {folder}"]
-    if update.model_update.taken:
-        lines.append(f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}")
+    lines = open_update(update).format(folder, summary["files"], update.notes)
     return CommandResult(summary, lines, explain_failures([update.after]))

@@ -199,11 +199,13 @@ def run_compare(job: Job, folder: Path) -> CommandResult:
     Example: compplan compare paths/circle_500mm.toml --out out
     """
     from compplan.api.verbs import compare
+    from compplan.reporting.compare import open_comparison
 
     with show_progress() as announce:
         comparison = compare(job, out=folder, progress=announce)
-    wrote = f"wrote compare.json, report.html to {folder}"
-    return CommandResult(comparison.to_dict(), [*str(comparison).splitlines(), wrote])
+    strategies = str(comparison).splitlines()[1:]
+    lines = open_comparison(comparison).format(folder, ["compare.json", "report.html"], strategies)
+    return CommandResult(comparison.to_dict(), lines)
 
 
 @make_job_command(

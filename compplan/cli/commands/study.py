@@ -46,6 +46,7 @@ def run_montecarlo(
     """
     from compplan.io.transaction import lock_folder
     from compplan.reporting.montecarlo import open_study, write_study
+    from compplan.reporting.provenance import explain_grade
     from compplan.studies.job_study import study_job
     from compplan.studies.runner import Settings
     from compplan.studies.workers import Workers
@@ -63,7 +64,7 @@ def run_montecarlo(
         announce("report")
         written = write_study(study, folder)
     files = [str(path.relative_to(folder)) for path in written]
-    note = f"robot model: {study.summary['robot_grade']}; uncertainties as in the report, assumed where none is stated"
+    note = f"robot model: {explain_grade(study.run.study.task.robot)}"
     return CommandResult(study.summary, open_study(study).format(folder, files, [note]))
 
 
