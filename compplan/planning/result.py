@@ -173,13 +173,14 @@ class Plan(Shown):
         failures, start = self.command.failures, self.task.start
         if not failures:
             return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
-        limits, first = sorted({name for text in failures.values() for name in text.split(", ")}), min(failures)
-        word, stops = "cannot be reached within the limits", "; ".join(limits[:LISTED])
-        if start is not None and start.mend:
-            word, stops = "are out of reach", start.mend
-            stops += "; plan.max_correction_mm stops others" if "correction limit" in failures.values() else ""
-        said = (f"{len(failures)} of {len(self.task)} waypoints {word}, the first is waypoint {first} "
-                f"(s = {1e3 * self.task.nominal.arc_length[first]:.0f} mm): {stops}")  # fmt: skip
+        limits = sorted({name for text in failures.values() for name in text.split(", ")})
+        word, stops, rows = "cannot be reached within the limits", "; ".join(limits[:LISTED]), sorted(failures)
+        far = [k for k in rows if failures[k] != "correction limit"]
+        if start is not None and start.mend and far:
+            word, stops, rest, rows = "are out of reach", start.mend, len(rows) - len(far), far
+            stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
+        said = (f"{len(rows)} of {len(self.task)} waypoints {word}, the first is waypoint {rows[0]} "
+                f"(s = {1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm): {stops}")  # fmt: skip
         return said if len(said) <= LONGEST else f"{said[: LONGEST - 3]}..."
 
     def summary(self) -> list[tuple[str, str]]:
