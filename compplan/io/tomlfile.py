@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -30,6 +31,9 @@ class StrictTable(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
 
+
+#: A key of more than fifty parts, which tomllib parses in quadratic time.
+KEY_WITHOUT_END = re.compile(r"\s*\[*\s*(?:[\w-]+\s*\.\s*){50}")
 
 Model = TypeVar("Model", bound=StrictTable)
 
@@ -74,8 +78,12 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         InputError: If the file is missing, or is not TOML (with the line).
 
     """
+    text = read_text(path)
+    long = next((n for n, words in enumerate(text.splitlines(), 1) if KEY_WITHOUT_END.match(words)), None)
+    if long is not None:
+        raise InputError("is not TOML: a key has too many dots", file=path, where=long)
     with guard_parser(path, "is not TOML"):
-        data = tomllib.loads(read_text(path))
+        data = tomllib.loads(text)
     _refuse_huge(data, path, [])
     return data
 
@@ -212,4 +220,7 @@ def _say(details: ErrorDetails, holder: Any, where: str) -> str:
         return str(context.get("error", details["msg"]))
     if kind == "string_unicode":
         return f"is {given}, not UTF-8, which no job can hold; rename it"
-    return f"is {given}, must be {details['msg'].removeprefix('Input should be ').replace('a valid ', 'a ')}"
+    if kind == "too_short":
+        return f"is {given}, must have at least {details['ctx']['min_length']} entry"
+    words = details["msg"].removeprefix("Input should be ").replace("a valid ", "a ").replace("a tuple", "a list")
+    return f"is {given}, must be {words}"

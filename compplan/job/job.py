@@ -145,7 +145,9 @@ class PlaceTable(StrictTable):
     y_mm: Range | None = None
     z_mm: Range | None = None
     step_mm: float = Field(default=100.0, gt=0.0)
-    turn_deg: Annotated[tuple[Annotated[float, Field(ge=-360.0, le=360.0)], ...], Field(strict=False)] = (0.0,)
+    turn_deg: Annotated[tuple[Annotated[float, Field(ge=-360.0, le=360.0)], ...], Field(strict=False, min_length=1)] = (
+        0.0,
+    )
 
 
 class CollisionTable(StrictTable):

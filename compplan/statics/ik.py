@@ -171,7 +171,11 @@ def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iteration
             break
         columns = joint_jacobian(arm.chain, locate_frames(arm.chain, q[busy]))[:, :, arm.arm]
         normal = np.swapaxes(columns, 1, 2) @ columns + damping[busy, None, None] * np.eye(len(arm.arm))
-        step = np.linalg.solve(normal, np.swapaxes(columns, 1, 2) @ error[busy, :, None])[..., 0]
+        wanted = np.swapaxes(columns, 1, 2) @ error[busy, :, None]
+        try:
+            step = np.linalg.solve(normal, wanted)[..., 0]
+        except np.linalg.LinAlgError:  # singular, the damping lost in rounding
+            step = (np.linalg.pinv(normal) @ wanted)[..., 0]
         trial = q[busy]
         trial[:, arm.arm] += step * np.minimum(1.0, 0.7 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
         trial_error = pose_error(arm.chain, trial, position[busy], rotation[busy])

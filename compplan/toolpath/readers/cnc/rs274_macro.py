@@ -180,7 +180,7 @@ class MacroFlow:
             if self._control(bare) or (bare.startswith("#") and self.variables.assign(bare)):
                 return None
             return self.variables.spell_out(line)
-        except (ValueError, OverflowError) as fault:
+        except (ValueError, ArithmeticError) as fault:
             raise InputError(f"{fault}, in {bare[:40]!r}") from None
 
     def _control(self, line: str) -> bool:
