@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from compplan.io.tables import Table
 from compplan.learning.alignment import describe_motion, fit_rigid, sample_cut
-from compplan.measurement.part_points import FARTHEST, SCAN_SIGMA, Surface, find_pasted, is_scanned
+from compplan.measurement.part_points import FARTHEST, SCAN_SIGMA, Surface, find_repeated_points, is_scanned
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 
@@ -114,7 +114,7 @@ def match_points(
     if scanned and sigma is None:
         notes.append(f"no standard deviation of the scan is stated (--sigma-mm): {SCAN_SIGMA * 1e3:g} mm is assumed")
     notes += [] if scanned else _describe_left_out(table, good)
-    left_out, again = int((~good).sum()), find_pasted(table)
+    left_out, again = int((~good).sum()), find_repeated_points(table)
     if again.any() and not scanned:
         notes.append(f"{int(again.sum())} rows are there twice, to the last digit: each counts once.")
         good = good & ~again

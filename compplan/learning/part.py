@@ -25,7 +25,7 @@ from compplan.measurement.distance import band_radius
 from compplan.measurement.part_points import Surface, read_measured_points
 from compplan.planning.checks import state_notes
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
-from compplan.planning.posture.follow import stand_near, turn_about_axis
+from compplan.planning.posture.follow import solve_posture_near, turn_about_axis
 from compplan.planning.posture.kept_posture import read_lock
 from compplan.planning.result import Plan
 from compplan.planning.task import PlanTask
@@ -292,7 +292,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     if task.robot.nq >= 6:
         rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation[:, :, 0], task.nominal.axis)
     arm = build_arm(task.robot)
-    q, rotation, reached = stand_near(arm, near, task.position, rotation, spin_free=task.spin_free)
+    q, rotation, reached = solve_posture_near(arm, near, task.position, rotation, spin_free=task.spin_free)
     return replace(task, q_start=q, rotation=rotation, missed=~reached)
 
 

@@ -91,9 +91,9 @@ def is_scanned(table: Table) -> bool:
     return table.units.get("x") == ""
 
 
-def find_pasted(table: Table) -> NDArray[np.bool_]:
-    """Tell rows that say in every number what one before says; readings of a probe may agree by rounding. Shape (m,)"""
-    if "reading" in table or "distance" in table:
+def find_repeated_points(table: Table) -> NDArray[np.bool_]:
+    """Find points that repeat an earlier row in every number; readings of a probe may agree by rounding. Shape (m,)"""
+    if "reading" in table:
         return np.zeros(len(table), bool)
     values = np.stack([np.nan_to_num(column, nan=np.inf) for column in table.values.values()], axis=1)
     again = np.ones(len(table), bool)

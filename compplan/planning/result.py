@@ -23,7 +23,7 @@ from compplan.planning.evaluate import Evaluation, Margins
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.task import CORRECTION_LIMIT, Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot
@@ -175,7 +175,7 @@ class Plan(Shown):
             return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
         limits = sorted({name for text in failures.values() for name in text.split(", ")})
         word, stops, rows = "cannot be reached within the limits", "; ".join(limits[:LISTED]), sorted(failures)
-        far = [k for k in rows if failures[k] != "correction limit"]
+        far = [k for k in rows if failures[k] != CORRECTION_LIMIT]
         if start is not None and start.mend and far:
             word, stops, rest, rows = "are out of reach", start.mend, len(rows) - len(far), far
             stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""

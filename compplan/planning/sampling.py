@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.follow import stand_near, turn_about_axis
+from compplan.planning.posture.follow import solve_posture_near, turn_about_axis
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -180,7 +180,7 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     fresh &= share[:, 0] > 0
     if fresh.any():
         arm, position = build_arm(task.robot), nominal.position[fresh]
-        q[fresh], rotation[fresh], reached = stand_near(arm, q[fresh], position, rotation[fresh],
+        q[fresh], rotation[fresh], reached = solve_posture_near(arm, q[fresh], position, rotation[fresh],
                                                         spin_free=task.spin_free)  # fmt: skip
         missed[fresh] = ~reached
     compensated = ~nominal.rapid

@@ -27,7 +27,7 @@ ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
 
 
 #: Source of a noise that was found from visits to the same pose.
-MET_AGAIN = "scatter of poses measured again"
+REPEATED_POSES = "scatter of poses measured again"
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def estimate_noise(
         return Noise(float(np.sqrt(variance)), witnesses, source, 0.0, plain)
     if not witnesses and count:
         # nothing but poses met again: they tell the sum of both
-        return Noise(float(np.sqrt(again)), min(count, NOISE.most_witnesses), MET_AGAIN, 0.0, plain)
+        return Noise(float(np.sqrt(again)), min(count, NOISE.most_witnesses), REPEATED_POSES, 0.0, plain)
     variance, source = (variance, source) if witnesses else (ASSUMED_SIGMA[name] ** 2, "assumed")
     witnesses = witnesses or NOISE.assumed
     # of pooled rows the mean is better known than a row: what the robot repeats is weighed against a row
@@ -191,7 +191,7 @@ def _repeatability(
         scatter = min(max(excess, 0.0), NOISE.repeats_like**2 * instrument)
         # poses that do not come back drift or have play: that is a cause, where the robot is said to repeat better
         if not told or scatter + instrument < NOISE.disagree * (told[0][1] + instrument):
-            told.append((MET_AGAIN, scatter, count))
+            told.append((REPEATED_POSES, scatter, count))
     if not told:
         return NOISE.assumed_repeatability**2, NOISE.assumed, ""
     weight = sum(w for _, _, w in told)

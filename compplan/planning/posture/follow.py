@@ -100,7 +100,7 @@ def reach_tip_and_axis(
     return q, np.abs(error).max(axis=1) < CLOSE
 
 
-def stand_near(
+def solve_posture_near(
     arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Put the tool on poses (n, 3), (n, 3, 3) from nearby, q (n, nq) [rad or m].

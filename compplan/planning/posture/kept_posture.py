@@ -13,7 +13,7 @@ import numpy as np
 
 from compplan.errors import CompplanError, InputError
 from compplan.job.job import Job
-from compplan.planning.posture.follow import stand_near
+from compplan.planning.posture.follow import solve_posture_near
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import find_start, name_along
 from compplan.planning.posture.summary import Start, summarise_costs
@@ -69,7 +69,7 @@ def find_kept_start(
         start = find_start(lock, nominal, tool_x, settings)
     except InputError:
         return find_start(robot, nominal, tool_x, settings)
-    kept = _stand_again(robot, start)
+    kept = _solve_again(robot, start)
     lost = np.flatnonzero(kept.missed & ~start.missed)
     if len(lost):
         anew = find_start(robot, nominal, tool_x, settings)
@@ -79,10 +79,12 @@ def find_kept_start(
     return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {source}."))
 
 
-def _stand_again(robot: Robot, start: Start) -> Start:
+def _solve_again(robot: Robot, start: Start) -> Start:
     """Solve the joints of a robot around a start; what it does not reach there is missed."""
     nominal, free = start.nominal, start.settings.free_spin or robot.nq == 5
-    q, rotation, reached = stand_near(build_arm(robot), start.q, nominal.position, start.rotation, spin_free=free)
+    q, rotation, reached = solve_posture_near(
+        build_arm(robot), start.q, nominal.position, start.rotation, spin_free=free
+    )
     missed = ~reached
     words = name_along(robot, q) or start.configuration
     posture_choice = start.posture_choice

@@ -161,7 +161,7 @@ def find_partial(problem: PostureProblem, reason: str) -> Start:
     """
     nominal, found = problem.nominal, choose_partial(problem)
     if found is None:
-        return _stand_near(problem)
+        return _start_nearest(problem)
     if not found.missed.any():
         start = build_start(found, nominal, problem.settings)
         return replace(start, notes=(f"{reason} The posture is that without anything in the way.", *start.notes))
@@ -169,7 +169,7 @@ def find_partial(problem: PostureProblem, reason: str) -> Start:
                                       problem.settings))  # fmt: skip
 
 
-def _stand_near(problem: PostureProblem) -> Start:
+def _start_nearest(problem: PostureProblem) -> Start:
     """Start as near as the arm comes to a path that it reaches beyond the limits of its joints alone.
 
     Raises:
