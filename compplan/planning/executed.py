@@ -1,21 +1,12 @@
-"""Where the controller takes the loaded tip, and the command that leads by the lag of its drives.
+"""Where the controller takes the loaded tip: the executed path of a command.
 
-The third path that is judged, beside joint-linear and straight moves: the lines and arcs that programs hold, blended in
-the zones of their language, at the speed that the controller gives them, followed by drives and bent by the load.
-Where a job asks for no moves of the tool, the drives follow the waypoints at their times.
+The third path that is checked, beside joint-linear and straight moves: the lines and arcs of the programs, blended in
+the zones of their language, at the speed of the controller, followed by its drives and bent by the load. Where a job
+asks for no moves of the tool, the drives follow the waypoints at their times. Zones are made smaller where they would
+leave the path by more than `ROUNDED` of the tolerance.
 
-It decides what is written: zones are made smaller where they would leave the path by more than `ROUNDED` of the
-tolerance.
-
-Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
-(`compplan.controllers.motion.run`). To second order the inverse of it, a delay T of the whole path aside, is
-
-    q_cmd = q + (T1 - T - T1 T') q' + (T2 - T1 T + T^2 / 2) q'',
-
-T such that the tip is not moved along the path: points keep their places and no stop is overrun. It is led where the
-values were identified (a source in controller.toml), the joints stay within their limits, and the model has the tip
-nearer to the path with it, in the 95th percentile and at the farthest. Drives that nobody identified are taken to
-follow: what lags there is not known, and the verdict says so.
+A joint follows a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s), less half the lost motion
+(`compplan.controllers.motion.run`). Drives without identified values are taken to follow exactly; the verdict says so.
 """
 
 from __future__ import annotations
@@ -57,41 +48,27 @@ MOST_PLACES = 200_000
 
 @dataclass(frozen=True)
 class ExecutedPath:
-    """How far the controller leaves the loaded tip beside the path of a cut, the time along it aside."""
+    """Distance of the loaded tip from the path of a cut as the controller executes it, across the path."""
 
-    near: Array  #: Farthest of what is sent, on the moves beside each waypoint. Shape (n,). [m]
-    p95: float  #: 95th percentile of what is sent. [m]
-    most: float  #: Farthest of what is sent. [m]
-    plain: tuple[float, float]  #: The last two of the command that leads by nothing. [m]
-    sent: Array  #: Joint positions that programs hold. Shape (n, nq). [rad or m]
-    leads: bool  #: Whether they lead by the lag.
-    source: str  #: Who says how the drives follow, or "assumed".
-    #: How far before a corner programs let it leave; None where it follows the waypoints.
+    near: Array  #: Greatest distance on the moves beside each waypoint. Shape (n,). [m]
+    p95: float  #: 95th percentile over the executed path. [m]
+    most: float  #: Greatest distance. [m]
+    source: str  #: Where the values of the drives come from, or "assumed".
+    #: How far before a corner a move may blend into the next; None where the drives follow the waypoints.
     zone: BlendZone | None = None
 
     @property
     def known(self) -> bool:
-        """Tell whether somebody identified how the drives follow."""
+        """Tell whether the drives were identified."""
         return self.source != ASSUMED
 
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
-        plain = {"p95": 1e3 * self.plain[0], "max": 1e3 * self.plain[1]}
-        found = {"p95": 1e3 * self.p95, "max": 1e3 * self.most, "lag_led": self.leads, "without_lead": plain,
-                 "source": self.source}  # fmt: skip
+        found = {"p95": 1e3 * self.p95, "max": 1e3 * self.most, "source": self.source}
         if self.zone is None:
             return {**found, "follows": "waypoints"}
         zone = {"zone_mm": 1e3 * self.zone.size, "zone_from": self.zone.source, "blend": "parabola, assumed"}
         return {**found, "follows": "written moves", **zone}
-
-    def say(self) -> str:
-        """Say in a sentence where the drives take the tip, and what programs do about it; "" where none is known."""
-        if not self.known:
-            return ""
-        left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm off the path"
-        if self.leads:
-            return f"{left}: the programs lead by their lag (without that {1e3 * self.plain[1]:.3g} mm)."
-        return f"{left}; a lead by their lag is not written, it does not help or a limit of a joint forbids it."
 
 
 class ReachedPath(NamedTuple):
@@ -125,60 +102,16 @@ def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable
         found = follow(task, q, time, motion)
     except InfeasibleError:  # a line that the arm as its controller believes it cannot follow: the read back says so
         return None
-    plain, source = _measure(task, q, found), motion.source if known else ASSUMED
-    if known and drives[:2].any():
-        led = lead_lag(task, q, time, motion)
-        rate = np.abs(np.diff(led, axis=0)) / np.maximum(np.diff(time), 1e-9)[:, None]
-        inside = (rate <= task.velocity_limits).all() and ((led >= task.robot.lower) & (led <= task.robot.upper)).all()
-        ahead = follow(task, led, time, motion)
-        left = _measure(task, q, ahead)
-        if inside and left[1] < plain[1] and left[2] < plain[2]:
-            return ExecutedPath(*left, plain[1:], led, True, source, zone)
-    return ExecutedPath(*plain, plain[1:], q, False, source, zone)
-
-
-def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Array:
-    """Return the command that leads by the lag of the drives, across the path alone.
-
-    At rests and in rapid moves it is the command itself.
-    """
-    led = q.copy()
-    for first, last in task.runs:
-        run = slice(first, last + 1)
-        if last - first < 3 or not task.nominal.steps[first:last].any():
-            continue
-        rate = _rates(q[run], time[run])
-        push = np.gradient(rate, time[run], axis=0)
-        delay = _move_along(task, q[run], motion.lag * rate) / np.maximum(_move_along(task, q[run], rate), 1e-9)
-        late = np.clip(delay, motion.lag.min(), motion.lag.max())[:, None]
-        lead = (motion.lag - late - motion.lag * np.gradient(late, time[run], axis=0)) * rate
-        lead += (motion.acceleration_lag - motion.lag * late + 0.5 * late**2) * push
-        led[run] = q[run] + lead - _move_along(task, q[run], lead)[:, None] * np.gradient(q[run], axis=0)
-        led[[first, last]] = q[[first, last]]
-    return led
-
-
-def _move_along(task: PlanTask, q: Array, change: Array) -> Array:
-    """Return how far small changes of the joints move the tip along its way, in steps from row to row. Shape (n,)."""
-    small = 1e-6
-    ahead, back = (locate_frames(task.chain, q + sign * small * change).tcp_position for sign in (1.0, -1.0))
-    way = np.gradient(locate_frames(task.chain, q).tcp_position, axis=0)
-    moved = ((ahead - back) / (2.0 * small) * way).sum(axis=1)
-    return np.asarray(moved / np.maximum((way**2).sum(axis=1), 1e-16))
-
-
-def _rates(q: Array, time: Array) -> Array:
-    """Return rates of a run from rest to rest. Shape (k, nq)."""
-    rate = np.gradient(q, time, axis=0)
-    rate[[0, -1]] = 0.0
-    return np.asarray(rate)
+    return ExecutedPath(*_measure(task, q, found), motion.source if known else ASSUMED, zone)
 
 
 def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
     """Let the drives follow the waypoints at their times."""
     rate = np.zeros_like(q)
     for first, last in cutting_runs(np.zeros(len(q), bool), task.rests):
-        rate[first : last + 1] = _rates(q[first : last + 1], time[first : last + 1])
+        run = slice(first, last + 1)
+        rate[run] = np.gradient(q[run], time[run], axis=0)
+        rate[[first, last]] = 0.0
     at = np.arange(0.0, float(time[-1]) + motion.cycle, motion.cycle)
     reached = follow_command(CubicHermiteSpline(time, q, rate)(np.minimum(at, time[-1])), motion)
     when = np.clip(at - float(motion.lag.mean()), 0.0, time[-1])

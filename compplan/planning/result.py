@@ -115,11 +115,6 @@ class Plan(Shown):
         moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
         return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
 
-    @property
-    def sent(self) -> Array:
-        """Joint positions that native programs hold: the command, or what leads by the drives' lag. (n, nq)."""
-        return self.q if self.executed is None else self.executed.sent
-
     @cached_property
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""

@@ -102,14 +102,13 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
-    sent = np.vstack([way.q, plan.sent, back.q])
     program = program or make_program(plan)
     none = np.zeros((len(rows), 3))
     corner_distance = none[:, 0] if program.corner is None else program.corner
     programmed = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        sent[rows], time[rows], 1e3 * feed[rows], standstill, free, programmed, corner_distance, corner,
+        q[rows], time[rows], 1e3 * feed[rows], standstill, free, programmed, corner_distance, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
     tool = job.tool or ToolTable()
@@ -277,7 +276,6 @@ def note_programs(plan: Plan) -> Plan:
     program = make_program(plan)
     posts = {language: make_post(plan.job, language) for language in plan.job.output.programs}
     notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
-    notes += [note] if plan.executed is not None and (note := plan.executed.say()) else []
     return plan.add_checks(state_notes(notes))
 
 
@@ -299,7 +297,7 @@ def make_program(plan: Plan) -> Program:
     up = start + plan.timing.time[-1] + np.cumsum(plan.retract.key_gap)
     time = np.r_[down, start + plan.timing.time, up]
     program = build_program(
-        plan.robot, np.vstack([above, plan.sent, below]), feed, rapid, time=time, comments=_head(plan), exact=exact,
+        plan.robot, np.vstack([above, plan.q, below]), feed, rapid, time=time, comments=_head(plan), exact=exact,
         name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
         part=None if plan.job is None else plan.job.T_base_part,
         events=place_events(plan.task.nominal.events, before, len(plan.task), after),
@@ -346,8 +344,6 @@ def _head(plan: Plan) -> list[str]:
         f"compplan: {plan.name}",
         f"robot {plan.robot.name}, robot model: {plan.robot.grade}, strategy {plan.strategy}",
     ]
-    if plan.executed is not None and plan.executed.leads:
-        lines.append("joints lead by the lag of the drives, as compplan trace identified it")
     return [*lines, *head_of_status(plan), *plan.verdict.head]
 
 
