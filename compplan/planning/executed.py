@@ -1,9 +1,8 @@
 """Where the controller takes the loaded tip: the executed path of a command.
 
 The third path that is checked, beside joint-linear and straight moves: the lines and arcs of the programs, blended in
-the zones of their language, at the speed of the controller, followed by its drives and bent by the load. Where a job
-asks for no moves of the tool, the drives follow the waypoints at their times. Zones are made smaller where they would
-leave the path by more than `ROUNDED` of the tolerance.
+the zones of their language, at the speed of the controller, followed by its drives and bent by the load. Zones are made
+smaller where they would leave the path by more than `ROUNDED` of the tolerance.
 
 A joint follows a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s), less half the lost motion
 (`compplan.controllers.motion.run`). Drives without identified values are taken to follow exactly; the verdict says so.
@@ -11,12 +10,10 @@ A joint follows a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s), less ha
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from compplan.controllers.motion.align import find_nearest
 from compplan.controllers.motion.geometry import build_moves, build_path, follow_path
@@ -30,7 +27,7 @@ from compplan.controllers.writers.zones import BlendZone, find_zones
 from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
-from compplan.planning.task import PlanTask, attain_rows, cutting_runs
+from compplan.planning.task import PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -54,8 +51,7 @@ class ExecutedPath:
     p95: float  #: 95th percentile over the executed path. [m]
     most: float  #: Greatest distance. [m]
     source: str  #: Where the values of the drives come from, or "assumed".
-    #: How far before a corner a move may blend into the next; None where the drives follow the waypoints.
-    zone: BlendZone | None = None
+    zone: BlendZone  #: How far before a corner a move may blend into the next.
 
     @property
     def known(self) -> bool:
@@ -64,94 +60,67 @@ class ExecutedPath:
 
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
-        found = {"p95": 1e3 * self.p95, "max": 1e3 * self.most, "source": self.source}
-        if self.zone is None:
-            return {**found, "follows": "waypoints"}
-        zone = {"zone_mm": 1e3 * self.zone.size, "zone_from": self.zone.source, "blend": "parabola, assumed"}
-        return {**found, "follows": "written moves", **zone}
+        return {
+            "p95": 1e3 * self.p95,
+            "max": 1e3 * self.most,
+            "source": self.source,
+            "zone_mm": 1e3 * self.zone.size,
+            "zone_from": self.zone.source,
+            "blend": "parabola, assumed",
+        }
 
 
-class ReachedPath(NamedTuple):
-    """What a controller makes of a command."""
+def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None) -> ExecutedPath | None:
+    """Execute the moves that programs write for a command (n, nq) at its times (n,) [s], as the controller does.
 
-    q: Array  #: Joints that the drives reach. Shape (k, nq). [rad or m]
-    place: Array  #: The place of each in the waypoints. Shape (k,).
-
-
-def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
-    """Follow a command (n, nq) at its times (n,) [s] as the controller of the robot folder does.
-
-    Returns None where no moves of the tool are written and nobody states how the drives follow, or the controller
-    steers tip and part together. `output`: what programs the job asks for, if it is known.
+    None where a job asks for no lines and arcs of the tool, or the controller steers tip and part together.
     """
-    motion = load_motion(task.robot)[0]
+    languages = () if output is None else tuple(name for name in output.programs if name != "csv")
+    if output is None or not languages or output.form == "joint" or task.robot.carrying or not task.cut.any():
+        return None
+    motion, zone = load_motion(task.robot)[0], widest_zone(languages)
     drives = np.abs([motion.lag, motion.acceleration_lag, motion.lost_motion])
     known = motion.source != ASSUMED and bool(drives.any())
-    if not task.cut.any():
-        return None
-    languages = () if output is None else tuple(name for name in output.programs if name != "csv")
-    follow: Callable[[PlanTask, Array, Array, ServoMotion], ReachedPath] = _follow_waypoints
-    zone: BlendZone | None = None
-    if output is None or not languages or output.form == "joint" or task.robot.carrying:
-        if not known:
-            return None
-    else:
-        zone = widest_zone(languages)
-        follow = _write_follower(output, zone, known=known)
     try:
-        found = follow(task, q, time, motion)
-    except InfeasibleError:  # a line that the arm as its controller believes it cannot follow: the read back says so
+        found = _follow_program(task, q, time, output, zone, motion, known=known)
+    except InfeasibleError:  # a line that the arm as its controller believes it cannot follow: the read-back says so
         return None
-    return ExecutedPath(*_measure(task, q, found), motion.source if known else ASSUMED, zone)
+    return ExecutedPath(*_measure(task, q, *found), motion.source if known else ASSUMED, zone)
 
 
-def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
-    """Let the drives follow the waypoints at their times."""
-    rate = np.zeros_like(q)
-    for first, last in cutting_runs(np.zeros(len(q), bool), task.rests):
-        run = slice(first, last + 1)
-        rate[run] = np.gradient(q[run], time[run], axis=0)
-        rate[[first, last]] = 0.0
-    at = np.arange(0.0, float(time[-1]) + motion.cycle, motion.cycle)
-    reached = follow_command(CubicHermiteSpline(time, q, rate)(np.minimum(at, time[-1])), motion)
-    when = np.clip(at - float(motion.lag.mean()), 0.0, time[-1])
-    return ReachedPath(reached, np.interp(when, time, np.arange(len(time))))
+def _follow_program(
+    task: PlanTask, q: Array, time: Array, output: OutputTable, zone: BlendZone, motion: ServoMotion, *, known: bool
+) -> tuple[Array, Array]:
+    """Follow the lines and arcs of the written program; drives that nobody identified follow them exactly.
 
-
-def _write_follower(
-    output: OutputTable, zone: BlendZone, *, known: bool
-) -> Callable[[PlanTask, Array, Array, ServoMotion], ReachedPath]:
-    """Return what follows the lines and arcs of written programs; drives that nobody knows follow them exactly."""
-
-    def follow(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
-        believed, nominal = believed_robot(task.robot), task.nominal
-        exact = task.rests.copy()
-        exact[0] |= not nominal.rapid[0]  # an approach ends there
-        program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
-                                exact=exact, events=nominal.events)  # fmt: skip
-        tolerance = output.bound_fit(task.tolerance)
-        program = replace(program, tolerance=tolerance, cycle=motion.cycle, free=task.lead,
-                          form=output.form, arc_of=nominal.arc, asked=1e3 * nominal.feed,
-                          **bound_zones(task, motion))  # fmt: skip
-        assert program.tcp is not None and program.corner is not None
-        shift = find_corner_shifts(nominal, program.tcp[:, :3, 3], program.corner)
-        fitted = fit_moves(replace(program, corner_shift=shift))
-        arm = build_arm(believed)
-        zones = find_zones(fitted.program, zone)[0]
-        nodes, rows = build_moves(fitted, q, arm, zones)
-        path = build_path(nodes, arm, motion.blend_share)
-        step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)
-        length = np.r_[0.0, np.cumsum(step + 1e-9)]
-        reached, s = path.q, path.s
-        if known:
-            driven = schedule_path(path, motion).s
-            reached = follow_command(follow_path(path, driven), motion)
-            s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), driven][: len(reached)]
-        some = slice(None, None, -(-len(s) // MOST_PLACES))
-        along = np.interp(s[some], path.ends, length[rows])
-        return ReachedPath(reached[some], np.interp(along, length, np.arange(len(q))))
-
-    return follow
+    Returns the joints reached, shape (k, nq) [rad or m], and their places, waypoints counted from 0. Shape (k,).
+    """
+    believed, nominal = believed_robot(task.robot), task.nominal
+    exact = task.rests.copy()
+    exact[0] |= not nominal.rapid[0]  # an approach ends there
+    program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
+                            exact=exact, events=nominal.events)  # fmt: skip
+    tolerance = output.bound_fit(task.tolerance)
+    program = replace(program, tolerance=tolerance, cycle=motion.cycle, free=task.lead,
+                      form=output.form, arc_of=nominal.arc, asked=1e3 * nominal.feed,
+                      **bound_zones(task, motion))  # fmt: skip
+    assert program.tcp is not None and program.corner is not None
+    shift = find_corner_shifts(nominal, program.tcp[:, :3, 3], program.corner)
+    fitted = fit_moves(replace(program, corner_shift=shift))
+    arm = build_arm(believed)
+    zones = find_zones(fitted.program, zone)[0]
+    nodes, rows = build_moves(fitted, q, arm, zones)
+    path = build_path(nodes, arm, motion.blend_share)
+    step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)
+    length = np.r_[0.0, np.cumsum(step + 1e-9)]
+    reached, s = path.q, path.s
+    if known:
+        driven = schedule_path(path, motion).s
+        reached = follow_command(follow_path(path, driven), motion)
+        s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), driven][: len(reached)]
+    some = slice(None, None, -(-len(s) // MOST_PLACES))
+    along = np.interp(s[some], path.ends, length[rows])
+    return reached[some], np.interp(along, length, np.arange(len(q)))
 
 
 def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
@@ -160,9 +129,8 @@ def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
     return {"corner": corner, "blend_share": motion.blend_share, "smoothing": motion.smoothing}
 
 
-def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, float, float]:
+def _measure(task: PlanTask, q: Array, reached: Array, place: Array) -> tuple[Array, float, float]:
     """Return how far the executed loaded tip is across the path of the cut: beside each waypoint, 95 %, at most. [m]"""
-    reached, place = followed
     every, effect = np.arange(len(q)), np.zeros((len(q), 3))
     if task.robot.effects:  # what they move the tip by at the waypoints, they move it by beside them
         effect = attain_rows(task, q, every, slope=False).position

@@ -134,8 +134,7 @@ class Plan(Shown):
             left = np.maximum(left, self.executed.near)
         if task.nominal.rounded is not None:
             left = left + task.nominal.rounded
-        followed = self.executed is not None and self.executed.zone is not None  # as written: that counts already
-        if output is not None and output.programs and output.form != "joint" and not followed:
+        if output is not None and output.programs and output.form != "joint" and self.executed is None:
             bow += output.bound_fit(task.tolerance)
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:

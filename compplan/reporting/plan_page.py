@@ -129,8 +129,7 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:
         drives = "drives as identified" if plan.executed.known else "drives not known"
-        way = "programs" if plan.executed.zone else "waypoints"
-        planned[f"as the controller executes the {way}, {drives}"] = format_length(plan.executed.most)
+        planned[f"as the controller executes the programs, {drives}"] = format_length(plan.executed.most)
     allowed = format_set_length(task.max_correction)
     planned["largest correction"] = f"{format_length(plan.margins.max_correction)} of {allowed}"
     for name, values, limits in rates:
