@@ -12,7 +12,6 @@ where e_c, e_w and e_q are independent errors of each elastic coordinate (relati
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +23,6 @@ from compplan.statics.quality import natural_length
 from compplan.uncertainty.posture_errors import PostureErrors
 
 CHUNK = 4096
-#: Samples of the errors for a 95 % value; fixed, so that postures compare alike.
-SAMPLES = 512
 #: Least level of squared sensitivity that presets are scaled with: 0.1 um, far below any robot. [mm^2]
 LEAST_LEVEL = 1e-8
 
@@ -161,9 +158,3 @@ def measure_dexterity(joint_columns: Array, length: float) -> Array:
     gram += (1e-14 * trace)[:, None, None] * np.eye(6)
     inverse = np.trace(np.linalg.inv(gram), axis1=1, axis2=2)
     return np.asarray(6.0 / np.sqrt(np.maximum(trace * inverse, 36.0)))
-
-
-@cache
-def draw_errors(errors: int, samples: int = SAMPLES) -> Array:
-    """Draw standard normal errors, the same ones every time. Shape (errors, samples)."""
-    return np.random.default_rng(0).standard_normal((errors, samples))

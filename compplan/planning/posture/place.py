@@ -62,10 +62,10 @@ class PlaceResult:
 
     @property
     def ratio(self) -> float:
-        """Remaining deviation (95 %) there as a share of that at the job's own place; NaN where that is not known."""
+        """Remaining deviation (rms) there as a share of that at the job's own place; NaN where that is not known."""
         if self.before is None:
             return float("nan")
-        return self.posture_choice.costs["sensitivity_p95_mm"] / max(self.before.costs["sensitivity_p95_mm"], 1e-12)
+        return self.posture_choice.costs[RANK] / max(self.before.costs[RANK], 1e-12)
 
 
 def place_part(
@@ -130,13 +130,8 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
             "rotation_deg": list(_turned_rotation(job, result.turn)),
             "turn_deg": float(np.degrees(result.turn)),
         },
-        "sensitivity_mm": {
-            "expected_rms": result.posture_choice.costs["sensitivity_rms_mm"],
-            "p95": result.posture_choice.costs["sensitivity_p95_mm"],
-        },
-        "sensitivity_here_mm": None
-        if before is None
-        else {"expected_rms": before.costs["sensitivity_rms_mm"], "p95": before.costs["sensitivity_p95_mm"]},
+        "sensitivity_mm": {"expected_rms": result.posture_choice.costs[RANK]},
+        "sensitivity_here_mm": None if before is None else {"expected_rms": before.costs[RANK]},
         "ratio": None if before is None else result.ratio,
         **result.posture_choice.describe_errors(),
     }

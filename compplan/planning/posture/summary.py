@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.costs import ASSUMED, CHUNK, draw_errors, error_columns, measure_dexterity
+from compplan.planning.posture.costs import ASSUMED, CHUNK, error_columns, measure_dexterity
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
@@ -70,22 +70,16 @@ class PostureSummary(PostureTrace):
         }
 
 
-def measure_remaining(problem: PostureProblem, q: Array) -> tuple[float, float]:
-    """Measure the deviation that postures (n, nq) leave over the cut, under the stated uncertainty: rms and 95 %. [mm]
-
-    Errors hold for the whole path; the 95 % value is taken over samples of the errors and waypoints together.
-    """
+def measure_remaining(problem: PostureProblem, q: Array) -> float:
+    """Return the rms deviation that postures (n, nq) leave over the cut after correction, as expected. [mm]"""
     share = cut_shares(problem.nominal)
     rows = np.flatnonzero(share > 0)
     if not len(rows):
-        return 0.0, 0.0
+        return 0.0
     rows = pick_even(rows, 400)
     spread = error_columns(problem.chain, q[rows], problem.wrench[rows], problem.settings.known, problem.settings.axes)
     weight = share[rows] / share[rows].sum()
-    expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
-    lengths = np.linalg.norm(spread @ draw_errors(spread.shape[2]), axis=1)
-    weights = np.repeat(weight[:, None], lengths.shape[1], axis=1)
-    return 1e3 * expected, 1e3 * float(np.quantile(lengths, 0.95, weights=weights, method="inverted_cdf"))
+    return 1e3 * float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
 
 
 def cut_shares(nominal: Toolpath) -> Array:
@@ -100,7 +94,6 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     chain, robot, nominal = problem.chain, problem.robot, problem.nominal
     length, parts = natural_length(chain, robot.arm_limits), np.array_split(q, len(q) // CHUNK + 1)
     dexterity = (measure_dexterity(joint_jacobian(chain, locate_frames(chain, part)), length) for part in parts)
-    expected, p95 = measure_remaining(problem, q)
     revolute = ~robot.prismatic
     room = np.minimum(q - robot.lower, robot.upper - q)[:, revolute & ~robot.carriers]
     steps = np.diff(q, axis=0)
@@ -108,8 +101,7 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     feed = np.where(nominal.rapid[1:] | (nominal.feed[1:] <= 0), np.inf, nominal.feed[1:])
     time = np.maximum(nominal.steps / feed, (np.abs(steps) / robot.velocity_limits).max(axis=1))
     return {
-        "sensitivity_rms_mm": expected,
-        "sensitivity_p95_mm": p95,
+        "sensitivity_rms_mm": measure_remaining(problem, q),
         "limit_distance_deg": float(np.degrees(room.min())) if room.size else float("inf"),
         "dexterity_min": min(float(part.min()) for part in dexterity),
         "joint_travel_deg": float(np.degrees(travel)),
