@@ -43,8 +43,7 @@ def list_notes(
     if conflict := command.nlp.get("conflict"):
         last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     last.append(describe_depth_limit(task, command.q))
-    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task)]
-    return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
+    return (*state_notes(filter(None, first)), *_check_inertia(task, bending, job), *state_notes(filter(None, last)))
 
 
 def _check_inertia(task: PlanTask, bending: Bending, job: Job | None) -> list[Check]:
@@ -59,23 +58,6 @@ def _check_inertia(task: PlanTask, bending: Bending, job: Job | None) -> list[Ch
     sentence = (f"The inertia of the motion bends the arm by up to {1e3 * bending.inertia:.2g} mm "
                 f"(masses: {bending.masses}); the plan does not compensate it{said}.")  # fmt: skip
     return [Check("inertia not compensated, m", bending.inertia, WORTH_A_NOTE * task.tolerance, sentence, REMARK)]
-
-
-def _check_limit_margin(task: PlanTask) -> list[Check]:
-    """The posture keeps the distance from joint limits that was asked for."""
-    choice = None if task.start is None else task.start.posture_choice
-    turning = np.flatnonzero(~task.robot.prismatic & ~task.robot.carriers)
-    if choice is None or not len(turning):
-        return []
-    room = np.stack([task.q_start - task.robot.lower, task.robot.upper - task.q_start])[:, :, turning]
-    side, row, column = np.unravel_index(int(room.argmin()), room.shape)
-    kept, asked = float(room[side, row, column]), choice.settings.limit_margin
-    reason = ("the way found keeps it at its stations, not between them." if choice.keeps_margin
-              else "no way along the path keeps it.")  # fmt: skip
-    sentence = (f"The posture comes within {np.degrees(kept):.3g} deg of the {('lower', 'upper')[side]} limit of "
-                f"{task.robot.joint_names[turning[column]]} at waypoint {row}; posture.limit_margin_deg asks for "
-                f"{np.degrees(asked):.3g}: {reason}")  # fmt: skip
-    return [Check("joint limit nearer than asked for, rad", asked - kept, 0.01 * asked, sentence, REMARK)]
 
 
 def describe_spindle(task: PlanTask, job: Job) -> list[str]:

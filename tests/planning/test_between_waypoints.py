@@ -274,16 +274,6 @@ def test_a_point_that_stands_twice_in_a_path_puts_no_load_on_the_arm(tmp_path):
     assert np.abs(evaluated).max() < 1e-3
 
 
-def test_a_margin_of_the_joint_limits_that_is_not_kept_is_told_with_the_limit(tmp_path):
-    job = three_points(tmp_path, CONSTANT, plan={}, posture={"limit_margin_deg": 170.0})
-    plan = cp.plan_job(job)
-    said = [note for note in plan.notes if note.startswith("The posture comes within")]
-    assert len(said) == 1 and "limit_margin_deg asks for 170" in said[0]
-    room = np.degrees(np.minimum(plan.task.q_start - plan.robot.lower, plan.robot.upper - plan.task.q_start).min())
-    assert f"within {room:.3g} deg" in said[0]
-    assert not any("comes within" in note for note in cp.plan_job(three_points(tmp_path, CONSTANT, plan={})).notes)
-
-
 def test_standing_while_the_force_comes_and_goes_does_not_lower_the_one_feed_of_a_cut(tmp_path):
     job = three_points(tmp_path, CONSTANT | {"ramp_mm": 0.0}, feed={"mode": "constant"})
     rows = ["-60,0,20,0,1", "-60,0,0,0,1", "-30,0,0,40,0", "0,0,0,40,0", "0,0,20,0,1"]

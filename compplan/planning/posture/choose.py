@@ -149,7 +149,7 @@ def _choose_at(
     posture_choice = PostureSummary(
         **vars(trace), configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())],
         changes=_list_changes(chosen, stations), settings=settings,
-        costs=summarise_costs(problem, trace.q), keeps_margin=keeps,
+        costs=summarise_costs(problem, trace.q),
     )  # fmt: skip
     return posture_choice, np.flatnonzero(bad)
 

@@ -38,7 +38,6 @@ class PostureSummary(PostureTrace):
     changes: tuple[tuple[int, str, str], ...]
     settings: PostureSettings  #: What was asked for.
     costs: dict[str, float]  #: What the posture costs, by criterion, with the unit in the key.
-    keeps_margin: bool = True  #: Whether some way along the path keeps the asked distance from joint limits.
     plain: bool = False  #: Whether it is the plain posture in place of the graph's way.
     #: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
     compared: Mapping[str, float] = field(default_factory=dict)
