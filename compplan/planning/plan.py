@@ -22,7 +22,6 @@ from compplan.planning.deflection import choose_smoothing, follow_links, measure
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
-    measure_margins,
 )
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
@@ -150,15 +149,14 @@ def plan_task(
     after = evaluate_run(task, command.q, bench.cell, bias=bench.bias)
     uncorrected = task.q_uncorrected
     before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
-    progress("margins, approach and retract")
-    margins = measure_margins(task, command.q, timing)
+    progress("checks, approach and retract")
     bending = measure_bending(task, command.q, timing)
     checks = run_checks(task, command, timing, found.between, after, bench, job=job, bending=bending, executed=executed)
     told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
     told += list_notes(task, command, timing, bending, job)
     return Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
-        margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
+        checks=checks + told, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
         executed=executed,
     )  # fmt: skip

@@ -19,7 +19,7 @@ from compplan.job.job import Job
 from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
 from compplan.planning.deflection import Bending
-from compplan.planning.evaluate import Evaluation, Margins
+from compplan.planning.evaluate import Evaluation
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
@@ -52,7 +52,6 @@ class Plan(Shown):
     timing: Timing  #: Times, joint rates and feeds of the command.
     before: Evaluation  #: The uncorrected command (`task.q_start`) in the cell as modelled.
     after: Evaluation  #: The command in the cell as modelled.
-    margins: Margins  #: Distance of the command from its limits.
     approach: Passage  #: The way to the first waypoint, where the toolpath has no rapid start.
     retract: Passage  #: The way from the last waypoint, where the toolpath ends in a cut.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
@@ -119,6 +118,18 @@ class Plan(Shown):
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
+
+    @property
+    def max_correction(self) -> float:
+        """Greatest correction in the cut. [m]"""
+        return float(np.linalg.norm(self.correction[self.task.compensated], axis=1).max(initial=0.0))
+
+    @property
+    def limit_room(self) -> tuple[float, str]:
+        """Least distance of a joint from its position limits, negative beyond, and the joint. [rad or m]"""
+        room = np.minimum(self.q - self.robot.lower, self.robot.upper - self.q).min(axis=0)
+        room = np.where(self.robot.lower == self.robot.upper, np.inf, room)  # held where the job wants it
+        return float(room.min()), self.robot.joint_names[int(room.argmin())]
 
     @cached_property
     def error_band(self) -> ErrorBand | None:
@@ -223,65 +234,61 @@ class Plan(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what plan.json holds."""
-        return summarise_plan(self)
-
-
-def summarise_plan(plan: Plan) -> dict[str, Any]:
-    """Return the content of plan.json."""
-    failures, margins, between = plan.command.failures, plan.margins, plan.between
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
-    learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
-    summary: dict[str, Any] = {
-        "schema": 1,
-        "status": plan.status,
-        "verdict": plan.verdict.describe(),
-        "strategy": plan.strategy,
-        "name": plan.name,
-        "robot": plan.robot.name,
-        "robot_grade": plan.robot.grade,
-        "robot_sources": dict(plan.robot.sources),
-        **({} if plan.job is None else {"part_frame": "touched_off" if plan.job.touched_off else "absolute"}),
-        "waypoints": len(plan.task),
-        "configuration": dict(plan.task.configuration),
-        "solve_time_s": round(plan.command.solve_time, 4),
-        **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
-        "error_before_mm": plan.before.figures,
-        "error_after_mm": plan.after.figures,
-        "between_waypoints_mm": {"max": between.max_deviation * 1e3}
-        | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
-        **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
-        **plan.bending.describe(),
-        **summarise_band(plan.error_band),
-        "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
-        "within_tolerance": plan.after.share_within(plan.task.tolerance),
-        "correction_mm": {"max": margins.max_correction * 1e3},
-        "margins": {
-            "position_limit_deg": float(np.degrees(margins.position)),
-            "position_limit_joint": plan.robot.joint_names[margins.joint],
-            "velocity_ratio": margins.velocity_ratio,
-            "acceleration_ratio": margins.acceleration_ratio,
-        },
-        "duration_s": float(plan.timing.time[-1]),
-        "judge": EXACT_EVALUATION,
-        "checks": [check.describe() for check in plan.checks if check.severity == STOP],
-        "notes": [*plan.reasons, *plan.notes],
-        "stops": list_stops([*plan.reasons, *plan.notes]),
-        "made_by": describe_origin(),
-    }  # fmt: skip
-    if learned is not None:
-        turn = np.degrees(learned.turn).tolist()
-        summary["process_force"] = {"level": learned.level, "turn_deg": turn, "source": learned.source}
-    start = plan.task.start
-    if start is not None and start.posture_choice is not None:
-        program = {} if start.program is None else {"program": dict(start.program)}
-        summary["posture"] = {**start.posture_choice.describe(), **program}
-    if plan.clearance is not None:
-        summary["clearance"] = summarise_clearance(plan.clearance, None if start is None else start.settings.scene)
-    if failures:
-        summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
-    if plan.status != "solved":
-        summary["failure"] = plan.explain_failures()
-    return summary
+        failures, between, (room, nearest) = self.command.failures, self.between, self.limit_room
+        ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
+        learned = None if self.task.law is None else self.task.law.learned  # what measured parts said of the force
+        summary: dict[str, Any] = {
+            "schema": 1,
+            "status": self.status,
+            "verdict": self.verdict.describe(),
+            "strategy": self.strategy,
+            "name": self.name,
+            "robot": self.robot.name,
+            "robot_grade": self.robot.grade,
+            "robot_sources": dict(self.robot.sources),
+            **({} if self.job is None else {"part_frame": "touched_off" if self.job.touched_off else "absolute"}),
+            "waypoints": len(self.task),
+            "configuration": dict(self.task.configuration),
+            "solve_time_s": round(self.command.solve_time, 4),
+            **({"nlp": self.command.nlp} if self.command.nlp else {}),
+            "error_before_mm": self.before.figures,
+            "error_after_mm": self.after.figures,
+            "between_waypoints_mm": {"max": between.max_deviation * 1e3}
+            | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
+            **({} if self.executed is None else {"executed_mm": self.executed.describe()}),
+            **self.bending.describe(),
+            **summarise_band(self.error_band),
+            "tilt_after_deg": {"max": float(np.degrees(self.after.max_tilt))},
+            "within_tolerance": self.after.share_within(self.task.tolerance),
+            "correction_mm": {"max": self.max_correction * 1e3},
+            "margins": {
+                "position_limit_deg": float(np.degrees(room)),
+                "position_limit_joint": nearest,
+                "velocity_ratio": self.timing.velocity_ratio,
+                "acceleration_ratio": self.timing.acceleration_ratio,
+            },
+            "duration_s": float(self.timing.time[-1]),
+            "judge": EXACT_EVALUATION,
+            "checks": [check.describe() for check in self.checks if check.severity == STOP],
+            "notes": [*self.reasons, *self.notes],
+            "stops": list_stops([*self.reasons, *self.notes]),
+            "made_by": describe_origin(),
+        }  # fmt: skip
+        if learned is not None:
+            turn = np.degrees(learned.turn).tolist()
+            summary["process_force"] = {"level": learned.level, "turn_deg": turn, "source": learned.source}
+        start = self.task.start
+        if start is not None and start.posture_choice is not None:
+            program = {} if start.program is None else {"program": dict(start.program)}
+            summary["posture"] = {**start.posture_choice.describe(), **program}
+        if self.clearance is not None:
+            scene = None if start is None else start.settings.scene
+            summary["clearance"] = summarise_clearance(self.clearance, scene)
+        if failures:
+            summary["failures"] = [{"waypoint": k, "limit": limit} for k, limit in sorted(failures.items())]
+        if self.status != "solved":
+            summary["failure"] = self.explain_failures()
+        return summary
 
 
 def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
@@ -319,51 +326,3 @@ def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
 def worst_status(plans: Sequence[Plan]) -> str:
     """Return the status of several plans as one: the worst."""
     return max((plan.status for plan in plans), key=STATUSES.index)
-
-
-def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
-    """Return what plan.json says of the plans of a job of several tools: the worst of every figure, and each tool."""
-    parts = [summarise_plan(plan) for plan in plans]
-    verdicts, labels = [part["verdict"] for part in parts], ["" if p.job is None else p.job.label for p in plans]
-
-    def worst(table: str, *keys: str) -> dict[str, float]:
-        return {key: max(float(part[table][key]) for part in parts) for key in keys}
-
-    kept = ("schema", "strategy", "robot", "robot_grade", "configuration", "judge", "made_by")
-    whole: dict[str, Any] = {
-        **{key: parts[0][key] for key in kept},
-        "name": name,
-        "status": worst_status(plans),
-        "verdict": max(verdicts, key=lambda one: (VERDICTS.index(one["word"]), one["beyond_share"] or 0.0)),
-        "waypoints": sum(part["waypoints"] for part in parts),
-        "solve_time_s": round(sum(part["solve_time_s"] for part in parts), 4),
-        "duration_s": sum(part["duration_s"] for part in parts),
-        **{key: worst(key, "rms", "mean", "max") for key in ("error_before_mm", "error_after_mm")},
-        **{key: worst(key, "max") for key in ("between_waypoints_mm", "correction_mm")},
-        "margins": {
-            "position_limit_deg": min(part["margins"]["position_limit_deg"] for part in parts),
-            **worst("margins", "velocity_ratio", "acceleration_ratio"),
-        },
-        "notes": list(dict.fromkeys(
-            note if note in plan.task.nominal.notes else type(note)(f"{label}: {note}")
-            for plan, label in zip(plans, labels, strict=True) for note in (*plan.reasons, *plan.notes)
-        )),
-        "tools": [_summarise_operation(plan, part, label)
-                  for plan, part, label in zip(plans, parts, labels, strict=True)],
-    }  # fmt: skip
-    if all("error_band_mm" in part for part in parts):
-        whole["error_band_mm"] = worst("error_band_mm", "p95_max")
-    failing = [f"{label}: {part['failure']}" for part, label in zip(parts, labels, strict=True) if "failure" in part]
-    if failing:
-        whole["failure"] = "; ".join(failing)
-    return whole
-
-
-def _summarise_operation(plan: Plan, part: dict[str, Any], label: str) -> dict[str, Any]:
-    """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
-    kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
-    length = 1e3 * float(np.linalg.norm(plan.robot.joints[-1].placement[:3, 3]))
-    return {
-        "operation": None if plan.job is None else plan.job.cam.operation, "label": label, "folder": label,
-        "length_mm": round(length, 6), **{key: part[key] for key in (*kept, "error_band_mm") if key in part},
-    }  # fmt: skip

@@ -131,7 +131,7 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
         drives = "drives as identified" if plan.executed.known else "drives not known"
         planned[f"as the controller executes the programs, {drives}"] = format_length(plan.executed.most)
     allowed = format_set_length(task.max_correction)
-    planned["largest correction"] = f"{format_length(plan.margins.max_correction)} of {allowed}"
+    planned["largest correction"] = f"{format_length(plan.max_correction)} of {allowed}"
     for name, values, limits in rates:
         share = np.abs(values) / limits
         joint = plan.robot.joint_names[int(np.argmax(share.max(axis=0)))]

@@ -103,7 +103,7 @@ def test_the_milling_force_is_that_of_the_feed_that_is_driven_and_vanishes_at_co
     assert timing.feed[engaged].min() < 0.05 * timing.feed.max()
     assert ratio == pytest.approx(ratio[0], rel=1e-6)  # force over the speed at the waypoint is constant
     assert plan.status == "solved" and plan.after.max_deviation < 1e-8
-    assert plan.margins.acceleration_ratio <= 1.0 and plan.margins.velocity_ratio <= 1.0
+    assert plan.timing.acceleration_ratio <= 1.0 and plan.timing.velocity_ratio <= 1.0
 
 
 def test_milling_above_the_stock_and_straight_down_carries_no_lateral_force(tmp_path):
@@ -165,7 +165,7 @@ def test_a_path_without_a_clear_posture_is_planned_within_the_correction_limit_a
     tool = {"position_mm": [0.0, 0.0, 300.0]}
     plan = cp.plan_job(three_points(tmp_path, CONSTANT, tool=tool, collision={"fixture": "slab.stl"}))
     assert plan.status == "infeasible" and "clearance" in plan.explain_failures()
-    assert plan.margins.max_correction < 2e-3
+    assert plan.max_correction < 2e-3
     assert any("without anything in the way" in note for note in plan.notes)
 
 

@@ -22,7 +22,7 @@ from compplan.job.frames import ToolTable
 from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones
-from compplan.planning.result import Plan, summarise_plan
+from compplan.planning.result import Plan
 from compplan.reporting.writers.recording import write_recording
 from compplan.robot import Array
 from compplan.statics.stiffness import attain_pose
@@ -74,7 +74,7 @@ def write_beside(plan: Plan, part: Path) -> None:
 
     write_recording(plan, part, tabulate_joints(plan), choose_rows(plan))
     write_plan_page(plan, part / "report.html")
-    write_json(part / "plan.json", summarise_plan(plan), indent=2)
+    write_json(part / "plan.json", plan.to_dict(), indent=2)
 
 
 def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
