@@ -161,7 +161,7 @@ def test_a_plan_tells_its_stages_in_order_and_ends_where_it_is_cancelled():
 
     cp.plan_job(job, progress=progress)
     stages = ["robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell"]
-    assert list(dict.fromkeys(told)) == [*stages, "margins, approach and retract"]
+    assert list(dict.fromkeys(told)) == [*stages, "checks, approach and retract"]
     for stop in ("posture", "compensation"):
         told.clear()
         with pytest.raises(CancelledError):
