@@ -27,9 +27,8 @@ from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
 from compplan.planning.notes import list_notes
-from compplan.planning.posture.kept_posture import find_kept_start, read_lock
 from compplan.planning.posture.settings import PostureSettings, read_settings
-from compplan.planning.posture.start import check_clearance
+from compplan.planning.posture.start import check_clearance, find_kept_start, read_lock
 from compplan.planning.posture.summary import Start
 from compplan.planning.redundancy import PathRequest
 from compplan.planning.result import Plan
