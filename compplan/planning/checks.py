@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from compplan.io.notes import Stop
 from compplan.job.job import Job
-from compplan.planning.deflection import FOLLOWED, Bending
+from compplan.planning.deflection import FOLLOWED
 from compplan.planning.evaluate import Evaluation, find_part
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
@@ -44,6 +44,7 @@ from compplan.simulation.simulated_robot import (
 from compplan.simulation.vibration import build_dynamics
 from compplan.statics.inertia import smooth_loads
 from compplan.toolpath.toolpath import pick_even
+from compplan.uncertainty.motion import Motion, greatest_shift
 
 #: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
 ROUNDING, ROUNDED = 1.001, 1.002
@@ -133,11 +134,11 @@ def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
 
 def run_checks(
     task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, bench: Bench, *,
-    job: Job | None = None, bending: Bending | None = None, executed: ExecutedPath | None = None,
+    job: Job | None = None, motion: Motion | None = None, executed: ExecutedPath | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
     """Run all checks of a command with its run and what was measured of it.
 
-    `bench` is the second reading of robot and tool; checks of files need the job, that of inertia `bending`, that of
+    `bench` is the second reading of robot and tool; checks of files need the job, that of inertia `motion`, that of
     the executed path `executed`.
     """
     q, time = command.q, timing.time
@@ -150,8 +151,8 @@ def run_checks(
     if bench.folder is None or job is None:
         return tuple(checks)
     checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job), _check_feed(task, time)]
-    if bending is not None and bench.moving is not None:
-        checks.append(_check_inertia(task, time, bending, bench.moving))
+    if bench.moving is not None:
+        checks.append(_check_inertia(task, time, motion, bench.moving))
     return tuple(checks)
 
 
@@ -293,17 +294,17 @@ def _check_feed(task: PlanTask, time: Array) -> Check:
     return Check("way beyond the programmed feed, m", float(faster[k]), 1e-7, sentence)
 
 
-def _check_inertia(task: PlanTask, time: Array, bending: Bending, moving: ExactRobot) -> Check:
+def _check_inertia(task: PlanTask, time: Array, motion: Motion | None, moving: ExactRobot) -> Check:
     """What the plan says that inertia moves the tip is what Pinocchio's inverse dynamics says."""
     rows, most = _find_moving(task, time), 0.0
-    known = bool(np.isfinite(bending.at_once)) and len(rows) > 0
-    if known:
+    own = 0.0
+    if motion is not None and len(rows):
+        own = greatest_shift(motion.static)
         q, cutting = task.q_links, np.r_[False, ~task.nominal.rapid[1:]]
         push = np.linalg.norm(fit_parabolas(q, time, rows)[1], axis=1)
         rows = np.sort(rows[np.argsort(push)[-LOOKED_AT // 2 :]])
         loads = load_springs(moving, q, time, cutting, task.rests, rows)
         most = float(np.linalg.norm(shift_tip(moving, q[rows], loads[rows]), axis=1).max())
-    own = bending.at_once if known else 0.0
     sentence = (f"inertia moves the tip by {1e3 * own:.3g} mm in the plan, by {1e3 * most:.3g} mm in Pinocchio's "
                 "inverse dynamics")  # fmt: skip
     limit = INERTIA_LEAST + INERTIA_SHARE * max(most, own)

@@ -12,12 +12,12 @@ from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.planning.checks import REMARK, Check, state_notes
-from compplan.planning.deflection import Bending
 from compplan.planning.stability import describe_depth_limit
 from compplan.planning.task import Command, PlanTask, cutting_runs, group_waypoints
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot
 from compplan.robot.mounting import name_axis, outward_axis
+from compplan.uncertainty.motion import Motion, greatest_shift
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
@@ -26,7 +26,7 @@ TURNING = ("milling", "end_mill", "drill")
 
 
 def list_notes(
-    task: PlanTask, command: Command, timing: Timing, bending: Bending, job: Job | None
+    task: PlanTask, command: Command, timing: Timing, motion: Motion | None, job: Job | None
 ) -> tuple[Check, ...]:
     """Return what a user should know of a plan, as checks that failed."""
     first = [*task.nominal.notes, "" if task.law is None else task.law.note]
@@ -43,21 +43,22 @@ def list_notes(
     if conflict := command.nlp.get("conflict"):
         last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     last.append(describe_depth_limit(task, command.q))
-    return (*state_notes(filter(None, first)), *_check_inertia(task, bending, job), *state_notes(filter(None, last)))
+    return (*state_notes(filter(None, first)), *_check_inertia(task, motion, job), *state_notes(filter(None, last)))
 
 
-def _check_inertia(task: PlanTask, bending: Bending, job: Job | None) -> list[Check]:
+def _check_inertia(task: PlanTask, motion: Motion | None, job: Job | None) -> list[Check]:
     """Inertia that the plan does not compensate bends the arm by a small share of the tolerance."""
-    if task.inertia or not np.isfinite(bending.inertia):
+    if task.inertia or motion is None:
         return []
-    said = ", the 95 % band counts it"
+    inertia = greatest_shift(motion.answer[task.cut])
+    said, masses = ", the 95 % band counts it", task.robot.sources.get("masses", "not stated in the folder")
     if task.missed.any():
         said = ", parts of the path are out of reach"
     elif job is not None and not job.plan.inertia:
         said = ", with [plan] inertia = true it does"
-    sentence = (f"The inertia of the motion bends the arm by up to {1e3 * bending.inertia:.2g} mm "
-                f"(masses: {bending.masses}); the plan does not compensate it{said}.")  # fmt: skip
-    return [Check("inertia not compensated, m", bending.inertia, WORTH_A_NOTE * task.tolerance, sentence, REMARK)]
+    sentence = (f"The inertia of the motion bends the arm by up to {1e3 * inertia:.2g} mm "
+                f"(masses: {masses}); the plan does not compensate it{said}.")  # fmt: skip
+    return [Check("inertia not compensated, m", inertia, WORTH_A_NOTE * task.tolerance, sentence, REMARK)]
 
 
 def describe_spindle(task: PlanTask, job: Job) -> list[str]:

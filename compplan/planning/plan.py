@@ -18,7 +18,7 @@ from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
 from compplan.planning.checks import find_failures, run_checks, set_up_bench, state_notes
-from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending
+from compplan.planning.deflection import choose_smoothing, follow_links, measure_motion
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
@@ -37,6 +37,7 @@ from compplan.planning.stability import explain_buckling
 from compplan.planning.task import SMOOTHING, PlanTask, count_equations
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
+from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import Chain, build_chain
 from compplan.toolpath.contact import check_tool_x
 from compplan.toolpath.toolpath import Toolpath, check_toolpath, pick_even
@@ -149,14 +150,14 @@ def plan_task(
     uncorrected = task.q_uncorrected
     before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
     progress("checks, approach and retract")
-    bending = measure_bending(task, command.q, timing)
-    checks = run_checks(task, command, timing, found.between, after, bench, job=job, bending=bending, executed=executed)
+    motion = measure_motion(task, timing.time, build_dynamics(task.robot))
+    checks = run_checks(task, command, timing, found.between, after, bench, job=job, motion=motion, executed=executed)
     told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
-    told += list_notes(task, command, timing, bending, job)
+    told += list_notes(task, command, timing, motion, job)
     return Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         checks=checks + told, job=job, approach=plan_approach(task, command.q),
-        retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
+        retract=plan_retract(task, command.q), between=found.between, motion=motion, clearance=clearance,
         executed=executed,
     )  # fmt: skip
 

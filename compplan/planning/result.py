@@ -18,7 +18,6 @@ from compplan.io.quantities import format_length, format_number
 from compplan.job.job import Job
 from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
-from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
@@ -30,7 +29,7 @@ from compplan.robot import Array, Robot
 from compplan.simulation.simulated_robot import EXACT_EVALUATION
 from compplan.statics.chain import locate_frames
 from compplan.uncertainty.band import ErrorBand, estimate_band
-from compplan.uncertainty.motion import read_placement, shift_part
+from compplan.uncertainty.motion import Motion, greatest_shift, read_placement, shift_part
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.uncertainty.touch_off import read_touch, touch_part
 
@@ -55,7 +54,7 @@ class Plan(Shown):
     approach: Passage  #: The way to the first waypoint, where the toolpath has no rapid start.
     retract: Passage  #: The way from the last waypoint, where the toolpath ends in a cut.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
-    bending: Bending  #: What bends the arm along the path, cause by cause.
+    motion: Motion | None  #: What the motion of the arm adds to the band; None without masses on springs.
     checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
     clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
     job: Job | None = None  #: The job, or None.
@@ -119,6 +118,11 @@ class Plan(Shown):
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
 
+    @cached_property
+    def inertia(self) -> float:
+        """Greatest displacement of the tip in the cut by the inertia of the motion; NaN without masses. [m]"""
+        return float("nan") if self.motion is None else greatest_shift(self.motion.answer[self.task.cut])
+
     @property
     def max_correction(self) -> float:
         """Greatest correction in the cut. [m]"""
@@ -157,7 +161,7 @@ class Plan(Shown):
             touchable = touch_part(task.robot, task.nominal, task.rotation, task.q_start, read_touch(self.job))
         try:
             return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
-                                between=bow, motion=self.bending.motion, part=part, touched=task.touched,
+                                between=bow, motion=self.motion, part=part, touched=task.touched,
                                 touchable=touchable, uncorrected=self.before.deviation,
                                 written=left - self.after.distance, tolerance=task.tolerance)  # fmt: skip
         except ConvergenceError:
@@ -167,7 +171,7 @@ class Plan(Shown):
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
         return check_tolerance(
-            self.task, self.status, self.error_band, left=self.after.distance, inertia=self.bending.inertia,
+            self.task, self.status, self.error_band, left=self.after.distance, inertia=self.inertia,
             failures=self.command.failures, failure=self.explain_failures(),
             compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
@@ -256,7 +260,8 @@ class Plan(Shown):
             "between_waypoints_mm": {"max": between.max_deviation * 1e3}
             | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
             **({} if self.executed is None else {"executed_mm": self.executed.describe()}),
-            **self.bending.describe(),
+            **({} if self.motion is None else {
+                "inertia_mm": {"max": 1e3 * self.inertia, "compensated": self.task.inertia}}),
             **summarise_band(self.error_band),
             "tilt_after_deg": {"max": float(np.degrees(self.after.max_tilt))},
             "within_tolerance": self.after.share_within(self.task.tolerance),

@@ -205,9 +205,9 @@ def test_a_path_that_would_need_too_many_waypoints_is_refused_with_the_waypoint(
 def test_the_inertia_of_the_motion_is_compensated_and_judged_unless_a_job_says_no(tmp_path):
     plain = cp.plan_job(three_points(tmp_path, MILLING, plan={"rotate_about_tool_axis": False, "inertia": False}))
     plan = cp.plan_job(three_points(tmp_path, MILLING, plan={"rotate_about_tool_axis": False}))
-    assert plain.bending.inertia > 2e-5 and not plain.bending.compensated
-    assert plan.status == "solved" and plan.bending.compensated and plan.bending.inertia > 2e-5
-    assert plan.after.max_deviation < 0.2 * plan.bending.inertia  # the judge takes masses and motion by itself
+    assert plain.inertia > 2e-5 and not plain.task.inertia
+    assert plan.status == "solved" and plan.task.inertia and plan.inertia > 2e-5
+    assert plan.after.max_deviation < 0.2 * plan.inertia  # the judge takes masses and motion by itself
     moving = set_up_bench(plan.task, plan.timing, None).bias
     loaded = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False, torque_bias=moving).position
     off = np.linalg.norm(loaded - plan.task.position, axis=1)[plan.task.cut]

@@ -18,7 +18,6 @@ from compplan.errors import ShapeError
 from compplan.io.quantities import format_length
 from compplan.planning.approach import Passage
 from compplan.planning.compare import Comparison
-from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation
 from compplan.planning.result import Plan
 from compplan.planning.sampling import Between
@@ -82,7 +81,7 @@ def make_plan(n: int = 400, name: str = "kuka_kr270") -> Plan:
         name="Circle <test>", task=task, strategy="nlp", command=Command(q), timing=timing, before=before, after=after,
         approach=nowhere, retract=nowhere,
         between=Between(*np.zeros((2, n - 1))),
-        bending=Bending(1e-3, 0.0, np.nan, False, np.full(2, np.nan), "assumed"),
+        motion=None,
     )  # fmt: skip
 
 
