@@ -66,14 +66,11 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
     above, top = _above(task, free, end)
     if len(above):
         legs.append((above[0], free, point + top, point, np.zeros(6), np.zeros(6), DOWN_ROWS))
-    key = [*above]
     cross = cross_first(task) if end == 0 else np.zeros(nq)
     if np.abs(loaded + cross - free).max() > 1e-9:
         legs.append((free, loaded + cross, point, point, np.zeros(6), task.wrench[end], LOADING_ROWS))
-        key.append(free)
     if cross.any():
         legs.append((loaded + cross, loaded, point, point, task.wrench[end], task.wrench[end], LOADING_ROWS))
-        key.append(loaded + cross)
     if not legs:
         return nothing
     parts = [_leg(task, *leg) for leg in legs]
@@ -81,7 +78,7 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
     q_rows, position, wrench, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
     key_gap = np.array([float(part[3].sum()) for part in parts[:-1]])
     key_gap[-1] += DWELL
-    return Passage(np.array(key).reshape(-1, nq), key_gap, q_rows, position, wrench, gap)
+    return Passage(np.array([leg[0] for leg in legs]), key_gap, q_rows, position, wrench, gap)
 
 
 def _leg(

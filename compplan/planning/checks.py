@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.notes import Stop
+from compplan.io.quantities import state_mm
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED
 from compplan.planning.evaluate import Evaluation, find_part
@@ -372,8 +373,3 @@ def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:
         int(move) + 1: f"jump of {task.robot.joint_names[int(step[move].argmax())]} (change of branch in the cut)"
         for move in np.flatnonzero(jumps)
     }
-
-
-def state_mm(length: float) -> str:
-    """Write a length in mm with three digits at most."""
-    return f"{1e3 * length:.3g} mm"

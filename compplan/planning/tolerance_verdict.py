@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.checks import state_mm
+from compplan.io.quantities import state_mm
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
