@@ -171,7 +171,7 @@ class Plan(Shown):
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
         return check_tolerance(
-            self.task, self.status, self.error_band, left=self.after.distance, inertia=self.inertia,
+            self.task, self.status, self.error_band, left=self.after.distance, known=self.motion is not None,
             failures=self.command.failures, failure=self.explain_failures(),
             compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
@@ -197,12 +197,10 @@ class Plan(Shown):
         band, nominal = self.error_band, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
-        missing = "not known: a robot within the stated widths has no equilibrium"
-        missing = NO_BAND if self.status == "infeasible" else missing
-        widest = missing if band is None else (
-            f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; the robot "
-            f"is {band.known.grade}"
-        )  # fmt: skip
+        widest = NO_BAND if self.status == "infeasible" else "not known: a robot within it has no equilibrium"
+        if band is not None:
+            widest = (f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; "
+                      f"the robot is {band.known.grade}")  # fmt: skip
         stops = self.explain_failures()
         return [
             ("plan", f"{self.name}: {self.status.replace('_', ' ')}, {self.strategy}, {self.robot.name}"),

@@ -57,7 +57,7 @@ def test_a_plan_that_leaves_the_limits_never_keeps() -> None:
     assert "No 95 % band is stated, waypoints are out of reach." in plan.verdict.sentence
     assert plan.error_band is None and plan.verdict.band is None
     assert "error_band_mm" not in plan.to_dict() and plan.to_dict()["verdict"]["band_mm"] is None
-    assert dict(plan.summary())["95 % band"] == "no 95 % band is stated, waypoints are out of reach"
+    assert dict(plan.summary())["95 % band"] == "No 95 % band is stated, waypoints are out of reach"
 
 
 def test_a_job_that_leaves_inertia_alone_says_so_and_so_does_the_basis_of_a_robot_that_nobody_measured() -> None:
@@ -68,7 +68,7 @@ def test_a_job_that_leaves_inertia_alone_says_so_and_so_does_the_basis_of_a_robo
     measured = plan_compensation(replace(robot, uncertainty=known), nominal, options).verdict
     assert plain.word == measured.word == "keeps"
     assert plain.sentence.endswith(
-        "along the whole cut (robot and force are assumed, not measured)."
+        "along the whole cut (the robot is assumed, not measured; the force is assumed)."
         " Inertia is not compensated: [plan] inertia = false."
     )
     assert "(the robot is measured; the force is assumed)" in measured.sentence
