@@ -22,6 +22,8 @@ SCALE = {"revolute": 2e-4, "prismatic": 1e-4}
 CAME_FROM_BELOW = -0.5
 #: Less lost motion is none (assumed). [rad or m]
 LEAST_PLAY = 1e-6
+#: A joint stands where it differs by less: rounding does not choose the row at which it turns. [rad or m]
+STANDS = 1e-9
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
@@ -67,6 +69,25 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
         follower = min(max(follower, value - half), value + half)
         result.append(follower - value)
     return np.asarray(np.sign(width) * np.array(result))
+
+
+def find_sides(position: Array, swing: float, first: float) -> Array:
+    """Return on which side a joint is pushed at every row: 1 rising, -1 falling. Shape (n,).
+
+    A joint turns at the farthest row before it goes back by more than a swing [rad or m]; that row is still pushed from
+    before. `first` is the side at the first row.
+    """
+    sides, side, far = np.empty(len(position)), first, 0
+    values = position.tolist()
+    begin, most = 0, values[0] if values else 0.0
+    for row, value in enumerate(values):
+        if side * (value - most) >= -STANDS:
+            far, most = row, max(value, most) if side > 0.0 else min(value, most)
+        elif side * (most - value) > swing:
+            sides[begin : far + 1] = side
+            begin, side, far, most = far + 1, -side, row, value
+    sides[begin:] = side
+    return sides
 
 
 def is_play(entry: Mapping[str, Any]) -> bool:

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.task import PlanTask, cutting_runs
 from compplan.planning.timing import Timing, parameter_steps, time_command
 from compplan.robot import Array
+from compplan.simulation.torque import TorqueRules
 
 
 @dataclass(frozen=True)

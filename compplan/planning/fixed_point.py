@@ -24,7 +24,6 @@ from compplan.planning.deflection import follow_links, plan_loads
 from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.lost_motion import find_crossings, without_play
-from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.sampling import (
     MOST_PIECES,
     Between,
@@ -40,6 +39,7 @@ from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
 from compplan.simulation.exact import load_by_motion
+from compplan.simulation.torque import TorqueRules
 from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import Chain
 from compplan.statics.inertia import build_moving_chain

@@ -12,14 +12,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.effects.backlash import CAME_FROM_BELOW, is_play, list_plays, width_of
+from compplan.effects.backlash import CAME_FROM_BELOW, find_sides, is_play, list_plays, width_of
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 
 #: Swings of a link that turn no side: this share of the play, and at least so much (assumed). [1, rad or m]
 SWING, LEAST = 0.02, 1e-6
-#: A joint stands where it differs by less: rounding does not choose the row at which it turns. [rad or m]
-STANDS = 1e-9
 
 
 def without_play(task: PlanTask) -> PlanTask:
@@ -77,22 +75,3 @@ def lead_play(task: PlanTask, links: Array) -> Array:
 def find_crossings(q: Array, links: Array) -> NDArray[np.bool_]:
     """Tell which moves cross lost motion: a command leads its links by another amount than before. Shape (n - 1,)."""
     return np.asarray((np.abs(np.diff(q - links, axis=0)) > 0.5 * LEAST).any(axis=1))
-
-
-def find_sides(position: Array, swing: float, first: float) -> Array:
-    """Return on which side a joint is pushed at every row: 1 rising, -1 falling. Shape (n,).
-
-    A joint turns at the farthest row before it goes back by more than a swing [rad or m]; that row is still pushed from
-    before. `first` is the side at the first row.
-    """
-    sides, side, far = np.empty(len(position)), first, 0
-    values = position.tolist()
-    begin, most = 0, values[0] if values else 0.0
-    for row, value in enumerate(values):
-        if side * (value - most) >= -STANDS:
-            far, most = row, max(value, most) if side > 0.0 else min(value, most)
-        elif side * (most - value) > swing:
-            sides[begin : far + 1] = side
-            begin, side, far, most = far + 1, -side, row, value
-    sides[begin:] = side
-    return sides

@@ -91,16 +91,6 @@ def describe_frames(task: PlanTask, job: Job) -> list[str]:
     return [*notes, *look_at_spindle(task.nominal.axis, job)]
 
 
-def describe_part_frame(job: Job) -> str:
-    """Return in a sentence how the part frame was found, and what deviations are relative to."""
-    if not job.touched_off:
-        return "absolute in the robot base ([part] touched_off = false)"
-    points = job.part.touched_points
-    where = "three corners of the box around the toolpath" if points is None else f"the {len(points)} points of [part]"
-    return (f"touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
-            "to it (if the part is not touched off, set [part] touched_off = false)")  # fmt: skip
-
-
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
     """Ask about a tool that leaves the flange sideways without a mesh of it, is very long, or has a guessed frame."""
     if job.tool is None:
