@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.notes import Stop
 from compplan.io.quantities import state_mm
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED
@@ -61,8 +60,8 @@ JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 LEAN = float(np.radians(0.05))
 #: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
-#: Severities: the plan is not confirmed; it has to be settled before the machine moves; a remark.
-STOP, SETTLE, REMARK = "stop", "settle", "note"
+#: Severities: a failed check keeps the plan from being confirmed, or is noted.
+STOP, NOTE = "stop", "note"
 
 
 class Check(NamedTuple):
@@ -71,20 +70,13 @@ class Check(NamedTuple):
     name: str  #: What is checked.
     value: float  #: What was found, in the unit of the limit; NaN where a sentence has no figure.
     limit: float  #: Greatest value that passes.
-    sentence: str  #: What a failed check says.
-    #: "stop" where a failed check keeps the plan from being confirmed, "settle" where it has to be settled before the
-    #: machine moves, "note" otherwise.
-    severity: str = STOP
+    sentence: str  #: What a failed check says; a `Stop` where it has to be settled before the machine moves.
+    severity: str = STOP  #: `STOP` or `NOTE`.
 
     @property
     def fails(self) -> bool:
         """Tell whether the value is beyond the limit."""
         return not self.value <= self.limit
-
-    @property
-    def note(self) -> str:
-        """Its sentence, as a note of its severity (`compplan.io.notes`)."""
-        return Stop(self.sentence) if self.severity == SETTLE else self.sentence
 
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
@@ -93,7 +85,7 @@ class Check(NamedTuple):
 
 def state_notes(notes: Iterable[str]) -> tuple[Check, ...]:
     """Return checks without a figure that say given notes."""
-    return tuple(Check("note", np.nan, 0.0, str(text), SETTLE if isinstance(text, Stop) else REMARK) for text in notes)
+    return tuple(Check("note", np.nan, 0.0, text, NOTE) for text in notes)
 
 
 def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
@@ -107,9 +99,9 @@ class Bench:
 
     cell: SimulatedRobot  #: The robot as modelled.
     bias: Array | None = None  #: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
-    #: The robot folder that was read; None for robots and paths in memory, whose other checks are left out.
-    folder: Path | None = None
-    moving: ExactRobot | None = None  #: The robot as read, with all masses and no weight.
+    #: The robot as read, with all masses and no weight; None for robots and paths in memory, whose other checks are
+    #: left out.
+    moving: ExactRobot | None = None
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
@@ -117,14 +109,14 @@ def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
     if job is None or task.robot.folder is None or job.context.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
-    tool = job.model_dump(by_alias=True, exclude_unset=True).get("tool")
-    cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(Path(task.robot.folder), tool))
-    moving = read_exact_robot(Path(task.robot.folder), tool, moving=True)
+    tool, folder = job.model_dump(by_alias=True, exclude_unset=True).get("tool"), Path(task.robot.folder)
+    cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(folder, tool))
+    moving = read_exact_robot(folder, tool, moving=True)
     if task.touched is not None:
-        believed = read_exact_robot(Path(task.robot.folder), tool, geometry="controller.urdf")
+        believed = read_exact_robot(folder, tool, geometry="controller.urdf")
         cell = touch_cell(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
     bias = _load_springs(task, moving, timing.time) if task.inertia else None
-    return Bench(cell, bias, Path(task.robot.folder), moving)
+    return Bench(cell, bias, moving)
 
 
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
@@ -149,11 +141,9 @@ def run_checks(
         _check_correction(task, position), *([] if executed is None else [_check_executed(task, executed)]),
         _check_holes(task), *_check_joints(task, q, time),
     ]  # fmt: skip
-    if bench.folder is None or job is None:
-        return tuple(checks)
-    checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job), _check_feed(task, time)]
-    if bench.moving is not None:
-        checks.append(_check_inertia(task, time, motion, bench.moving))
+    if bench.moving is not None and job is not None:
+        checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job),
+                   _check_feed(task, time), _check_inertia(task, time, motion, bench.moving)]  # fmt: skip
     return tuple(checks)
 
 

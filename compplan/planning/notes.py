@@ -11,7 +11,7 @@ from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
-from compplan.planning.checks import REMARK, Check, state_notes
+from compplan.planning.checks import Check, state_notes
 from compplan.planning.stability import describe_depth_limit
 from compplan.planning.task import Command, PlanTask, cutting_runs, group_waypoints
 from compplan.planning.timing import Timing
@@ -29,50 +29,47 @@ def list_notes(
     task: PlanTask, command: Command, timing: Timing, motion: Motion | None, job: Job | None
 ) -> tuple[Check, ...]:
     """Return what a user should know of a plan, as checks that failed."""
-    first = [*task.nominal.notes, "" if task.law is None else task.law.note]
+    notes = [*task.nominal.notes, "" if task.law is None else task.law.note]
     if job is not None:
-        first += [*describe_spindle(task, job), *describe_frames(task, job)]
+        notes += [describe_spindle(task, job), "" if job.part.fit is None else job.part.fit.tell()]
+        if job.tool is not None:
+            notes += ask_about_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
+        notes.append(look_at_spindle(task.nominal.axis, job))
         if job.tool is not None and job.tool.mass_kg is None:
-            first.append("The weight of the tool is unknown ([tool] has no mass_kg) and left out.")
-    scene = None if task.start is None else task.start.settings.scene
-    last = [*(() if scene is None else scene.notes), describe_causes(task, timing)]
-    if job is not None:
-        last.append(describe_outside(job))
+            notes.append("The weight of the tool is unknown ([tool] has no mass_kg) and left out.")
+    notes.append(describe_inertia(task, motion, job))
+    if task.start is not None and task.start.settings.scene is not None:
+        notes += task.start.settings.scene.notes
+    notes += [describe_causes(task, timing), "" if job is None else describe_outside(job)]
     if not np.isfinite(task.robot.acceleration_limits).any():
-        last.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
+        notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     if conflict := command.nlp.get("conflict"):
-        last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
-    last.append(describe_depth_limit(task, command.q))
-    return (*state_notes(filter(None, first)), *_check_inertia(task, motion, job), *state_notes(filter(None, last)))
+        notes.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
+    return state_notes(filter(None, [*notes, describe_depth_limit(task, command.q)]))
 
 
-def _check_inertia(task: PlanTask, motion: Motion | None, job: Job | None) -> list[Check]:
-    """Inertia that the plan does not compensate bends the arm by a small share of the tolerance."""
-    if task.inertia or motion is None:
-        return []
-    inertia = greatest_shift(motion.answer[task.cut])
+def describe_inertia(task: PlanTask, motion: Motion | None, job: Job | None) -> str:
+    """Say how far inertia bends the arm where the plan does not compensate it; "" for a small share of the tolerance"""
+    inertia = 0.0 if task.inertia or motion is None else greatest_shift(motion.answer[task.cut])
+    if inertia <= WORTH_A_NOTE * task.tolerance:
+        return ""
     said, masses = ", the 95 % band counts it", task.robot.sources.get("masses", "not stated in the folder")
     if task.missed.any():
         said = ", parts of the path are out of reach"
     elif job is not None and not job.plan.inertia:
         said = ", with [plan] inertia = true it does"
-    sentence = (f"The inertia of the motion bends the arm by up to {1e3 * inertia:.2g} mm "
-                f"(masses: {masses}); the plan does not compensate it{said}.")  # fmt: skip
-    return [Check("inertia not compensated, m", inertia, WORTH_A_NOTE * task.tolerance, sentence, REMARK)]
+    return (f"The inertia of the motion bends the arm by up to {1e3 * inertia:.2g} mm (masses: {masses}); the plan "
+            f"does not compensate it{said}.")  # fmt: skip
 
 
-def describe_spindle(task: PlanTask, job: Job) -> list[str]:
-    """Say that nothing turns the spindle of a cut that comes from a CAM file."""
-    if job.process.model not in TURNING or not isinstance(job.toolpath, str) or job.output.templates:
-        return []
-    if job.toolpath.lower().endswith(".csv"):
-        return []
-    if any(event.kind in ("spindle_cw", "spindle_ccw") for event in task.nominal.events):
-        return []
-    return [
-        Stop("The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
-             "or write lines that do into a template ([output] templates).")
-    ]  # fmt: skip
+def describe_spindle(task: PlanTask, job: Job) -> str:
+    """Say that nothing turns the spindle of a cut that comes from a CAM file; "" where something does."""
+    turned = any(event.kind in ("spindle_cw", "spindle_ccw") for event in task.nominal.events)
+    read = isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
+    if job.process.model not in TURNING or not read or turned or job.output.templates:
+        return ""
+    return Stop("The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
+                "or write lines that do into a template ([output] templates).")  # fmt: skip
 
 
 #: Angle between tool and flange from which on the tool is asked about. [deg]
@@ -83,18 +80,9 @@ SHORT = 0.02
 LONG = 0.5
 
 
-def describe_frames(task: PlanTask, job: Job) -> list[str]:
-    """Ask about a tool across the flange or too long and a spindle below the part; say how a part frame was fitted."""
-    notes = [] if job.part.fit is None else [job.part.fit.tell()]
-    if job.tool is not None:
-        notes += ask_about_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
-    return [*notes, *look_at_spindle(task.nominal.axis, job)]
-
-
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
     """Ask about a tool that leaves the flange sideways without a mesh of it, is very long, or has a guessed frame."""
-    if job.tool is None:
-        return []
+    assert job.tool is not None
     pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
     length, notes = float(np.linalg.norm(pose[:3, 3])), list[str]()
     pendant = locate_pendant(robot) if job.tool.frame == "pendant" else None
@@ -118,15 +106,12 @@ def ask_about_tool(job: Job, robot: Robot) -> list[str]:
     return notes
 
 
-def look_at_spindle(axis: Array, job: Job) -> list[str]:
+def look_at_spindle(axis: Array, job: Job) -> str:
     """Ask about a path whose spindle stands on the side of -z of the part all along. axis: base axes, shape (n, 3)."""
-    up = job.T_base_part[:3, 2]
-    if not len(axis) or float((axis @ up).max()) > -np.cos(np.radians(SIDEWAYS)):
-        return []
-    return [
-        Stop("The spindle is on the side of -z of the part frame all along. Is z of the part reversed, or i j k of the "
-             "toolpath?")
-    ]  # fmt: skip
+    if not len(axis) or float((axis @ job.T_base_part[:3, 2]).max()) > -np.cos(np.radians(SIDEWAYS)):
+        return ""
+    return Stop("The spindle is on the side of -z of the part frame all along. Is z of the part reversed, or i j k of "
+                "the toolpath?")  # fmt: skip
 
 
 def _angle(a: Array, b: Array) -> float:

@@ -80,7 +80,7 @@ class Plan(Shown):
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves."""
-        return tuple(check.note for check in self.checks if check.fails and check.severity != STOP)
+        return tuple(check.sentence for check in self.checks if check.fails and check.severity != STOP)
 
     @property
     def reasons(self) -> tuple[Stop, ...]:
