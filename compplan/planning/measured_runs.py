@@ -9,12 +9,12 @@ the band, halved in between what takes too long and what does not:
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from compplan.errors import ConvergenceError
 from compplan.planning.deflection import measure_motion
@@ -30,8 +30,6 @@ from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import band_radius, linearise_path, split_covariance
 from compplan.uncertainty.motion import spread_draws
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, pick_rows
-
-LOG = logging.getLogger(__name__)
 
 #: Shortest windows of smoothing, as a share of those that plans have.
 SHORT = 0.7
@@ -145,8 +143,6 @@ def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynam
 
 def _widen(use: Array, time: Array, reach: float) -> Array:
     """Return the greatest value within a reach of time [s] on either side, its steps smoothed. Shape (n,)."""
-    from scipy.ndimage import maximum_filter1d, uniform_filter1d
-
     span = time[-1] - time[0]
     if not (span > 0.0 and reach > 0.0):
         return use
@@ -166,9 +162,6 @@ def ease_run(preset: str, run: TimedStart, base: TimedStart, request: PathReques
     for window in windows:
         eased = measure_runs(run.start, request, window=window, beside=beside, known=run)
         runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
-    for each in runs:
-        LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", run.origin, ", program" if run.shaped else "",
-                  base.time, each.time, 1e3 * base.band, 1e3 * each.band)  # fmt: skip
     return choose_run(preset, runs, base)
 
 

@@ -13,7 +13,7 @@ from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.planning.checks import Check, state_notes
 from compplan.planning.stability import describe_depth_limit
-from compplan.planning.task import Command, PlanTask, cutting_runs, group_waypoints
+from compplan.planning.task import Command, PlanTask, cutting_runs
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot
 from compplan.robot.mounting import name_axis, outward_axis
@@ -162,8 +162,8 @@ def describe_causes(task: PlanTask, timing: Timing) -> str:
         top = find_top_feed(task, timing)
         short = "in a cut this short, between speeding up and slowing down"
         return "" if top is None else f"The programmed feed is not reached: at most {1e3 * top:.3g} mm/s {short}."
-    spans, least = group_waypoints(slow.tolist()), int(slow[timing.share[slow].argmin()])
-    listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
+    spans, least = np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1), int(slow[timing.share[slow].argmin()])
+    listed = ", ".join(f"{span[0]}-{span[-1]}" for span in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
     reached = {(int(timing.limiting[k]), bool(timing.by_velocity[k])) for k in slow if timing.limiting[k] >= 0}
     causes = [f"by the {'velocity' if fast else 'acceleration'} limit of {task.robot.joint_names[joint]}"
               for joint, fast in sorted(reached)]  # fmt: skip

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -230,12 +229,6 @@ def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = Non
     breaks = np.flatnonzero(new)
     firsts, lasts = np.r_[moves[0], moves[breaks + 1]], np.r_[moves[breaks], moves[-1]]
     return [(int(first) - 1, int(last)) for first, last in zip(firsts, lasts, strict=True)]
-
-
-def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
-    """Group waypoints into spans (first, last)."""
-    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
-    return [(waypoints[a], waypoints[b - 1]) for a, b in pairwise(breaks) if b > a]
 
 
 def pick_worst(rows: NDArray[np.int_], score: Array, most: int) -> NDArray[np.int_]:

@@ -13,7 +13,6 @@ from commandline import run_command
 
 from compplan.job.job import check_job
 from compplan.planning.plan import plan_compensation, plan_job, prepare_job
-from compplan.planning.task import group_waypoints
 from compplan.planning.tolerance_verdict import share_length
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import widen_to_path
@@ -97,10 +96,6 @@ def test_the_share_of_a_cut_goes_by_length() -> None:
     apart = np.array([True, True, False, True])  # the moves over waypoint 2 are no cut
     assert share_length(length, apart, np.array([True, False, False, False])) == pytest.approx(0.5)
     assert share_length(np.zeros(4), cut, np.array([True, False, False, False])) == pytest.approx(0.25)
-
-
-def test_stretches_are_the_runs_beyond() -> None:
-    assert group_waypoints([1, 2, 4]) == [(1, 2), (4, 4)] and group_waypoints([]) == []
 
 
 def test_the_whole_path_is_never_promised_less_than_its_widest_point() -> None:
