@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.follow import reach_tip_and_axis
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
 from compplan.statics.chain import Chain
 from compplan.statics.elastic import locate_loaded
-from compplan.statics.ik import build_arm
+from compplan.statics.ik import build_arm, reach_tip_and_axis
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm

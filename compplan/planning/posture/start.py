@@ -16,14 +16,21 @@ from compplan.job.job import Job
 from compplan.planning.posture.choose import choose_partial, choose_plain, choose_posture_path
 from compplan.planning.posture.clearance import ClearanceProfile, measure_clearance
 from compplan.planning.posture.collision_scene import describe_contact
-from compplan.planning.posture.follow import follow_path, reach_tip_and_axis, solve_posture_near
+from compplan.planning.posture.follow import follow_path, solve_posture_near
 from compplan.planning.posture.lattice import stretch_arm
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import find_robot_folder
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CONFIGURATIONS, build_arm, middle_of_limits, name_configuration, solve_branches
+from compplan.statics.ik import (
+    CONFIGURATIONS,
+    build_arm,
+    middle_of_limits,
+    name_configuration,
+    reach_tip_and_axis,
+    solve_branches,
+)
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import Toolpath, pick_even
 
