@@ -178,10 +178,8 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         message = f"robot {robot.name!r} has {chain.nq} joints, the path needs {equations}"
         raise InputError(message, file=file, where="robot" if file else None)
     tool_x, settings = np.asarray(options.tool_x, float), options.posture
-    try:
+    with name_file(file):
         start = find_kept_start(robot, nominal, tool_x, settings, options.lock)
-    except InputError as error:
-        raise InputError(error.message, file=file, where=error.where if file else None) from None
     if options.lock is None and settings.search:
         request = PathRequest(
             robot, nominal, tool_x, options.feed, options.force or read_force_spread(None),
@@ -198,28 +196,16 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
     compensated[find_contacts(nominal.rapid)] = True
     few = pick_even(start.q, 5)
     task = PlanTask(
-        robot=robot,
-        chain=chain,
-        nominal=nominal,
-        rotation=start.rotation,
-        wrench=np.zeros((len(nominal), 6)),
-        compensated=compensated,
-        q_start=start.q,
-        configuration=start.configuration,
-        missed=start.missed,
-        step_time=programmed_times(nominal),
-        velocity_limits=robot.velocity_limits * options.velocity_scale,
+        robot=robot, chain=chain, nominal=nominal, rotation=start.rotation, wrench=np.zeros((len(nominal), 6)),
+        compensated=compensated, q_start=start.q, configuration=start.configuration, missed=start.missed,
+        step_time=programmed_times(nominal), velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
-        max_correction=options.max_correction,
-        tolerance=options.tolerance,
-        spin_free=options.spin_free,
-        start=start,
-        law=options.law,
-        inertia=options.inertia,
+        max_correction=options.max_correction, tolerance=options.tolerance, spin_free=options.spin_free, start=start,
+        law=options.law, inertia=options.inertia,
         smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.pace is None else start.pace.window),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
         touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
-    )
+    )  # fmt: skip
     task = state_sides(replace(task, wrench=predict_loads(task)))
     turns = options.law is not None and options.law.turns_with_travel
     return prepare_sampling(task, rest_at_corners=turns or not options.feed.constant)

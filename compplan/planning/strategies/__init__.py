@@ -37,6 +37,3 @@ def command_path(task: PlanTask, strategy: str) -> Command:
     if strategy not in STRATEGIES:
         raise UnknownNameError("strategy", strategy, list(STRATEGIES))
     return STRATEGIES[strategy].command_path(task)
-
-
-__all__ = ["STRATEGIES", "command_path"]

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.backlash import list_plays
-from compplan.planning.dense import KEPT, PathSolution, correct_pose, miss_pose, size_of, solve_path
+from compplan.planning.dense import KEPT, correct_pose, miss_pose, size_of, solve_path
 from compplan.planning.lost_motion import lead_play, without_play
 from compplan.planning.task import OUT_OF_REACH, Command, PlanTask, check_limits, name_failures
 from compplan.robot import Array
@@ -59,6 +59,3 @@ def _finish(task: PlanTask, q: Array, command: Command) -> Command:
         failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}
     failures |= check_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
     return replace(command, q=q, lead=lead, status="infeasible" if failures else "solved", failures=failures)
-
-
-__all__ = ["PathSolution", "command_path", "correct_command", "words"]
