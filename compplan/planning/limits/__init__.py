@@ -5,12 +5,9 @@ A new limit is one file with a class derived from `Limit`, one import here, and 
 """
 
 from compplan.planning.limits.acceleration import AccelerationLimit
-from compplan.planning.limits.clearance import ClearanceLimit
 from compplan.planning.limits.correction import CorrectionLimit
 from compplan.planning.limits.joint_range import JointRange
 from compplan.planning.limits.pose import PoseEquation
-from compplan.planning.limits.torque import TorqueLimit
 from compplan.planning.limits.velocity import VelocityLimit
 
-__all__ = ["AccelerationLimit", "ClearanceLimit", "CorrectionLimit", "JointRange", "PoseEquation", "TorqueLimit",
-           "VelocityLimit"]  # fmt: skip
+__all__ = ["AccelerationLimit", "CorrectionLimit", "JointRange", "PoseEquation", "VelocityLimit"]

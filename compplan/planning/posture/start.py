@@ -39,8 +39,6 @@ FOUR_JOINTS = (
     "The robot has four joints: it cannot choose where its tool points. The tip is corrected; what the load leans the"
     " tool stays (tilt_after_deg in plan.json), and points of the tool above the tip are aside by it."
 )
-
-
 #: Waypoints that are looked at where none is reached within the limits.
 LOOKED_AT = 20
 #: Two folders whose joints stand nearer than this are of one machine (assumed: measured geometry differs by
@@ -72,33 +70,35 @@ def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: Posture
     return followed or find_partial(problem, reason)
 
 
+def _follow(problem: PostureProblem, start: Array | None, notes: tuple[str, ...]) -> Start:
+    """Follow the path from joint positions `start` (nq,), searched if None: every waypoint by least motion."""
+    robot, nominal, settings = problem.robot, problem.nominal, problem.settings
+    q, missed = follow_path(problem.arm, nominal, tool_axes(nominal, problem.tool_x), start=start,
+                            spin_free=robot.nq == 5 or settings.free_spin, most_step=settings.most_step)  # fmt: skip
+    return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, name_along(robot, q), missed, settings,
+                 notes=notes)  # fmt: skip
+
+
 def _follow_few_joints(problem: PostureProblem) -> Start:
     """Follow the path with an arm of four or five joints, along one branch."""
-    robot, nominal, settings = problem.robot, problem.nominal, problem.settings
-    free, rotation = robot.nq == 5 or settings.free_spin, tool_axes(nominal, problem.tool_x)
-    q, missed = follow_path(problem.arm, nominal, rotation, spin_free=free, most_step=settings.most_step)
-    if missed.all():
+    robot = problem.robot
+    followed = _follow(problem, None, (FOUR_JOINTS,) if robot.nq < 5 else ())
+    if followed.missed.all():
         least = ", which keep the tool where it points" if robot.nq < 5 else ""
         raise InputError(
             f"robot {robot.name!r} of {robot.nq} joints{least}: reaches no waypoint of the path in one configuration; "
             "move the part, or check the frames"
         )
-    note = (FOUR_JOINTS,) if robot.nq < 5 else ()
-    return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, {}, missed, settings, notes=note)
+    return followed
 
 
 def _follow_start(problem: PostureProblem) -> Start | None:
-    """Go on from the job's start by the least motion of all joints; None where that does not lead along the path."""
-    robot, nominal, settings = problem.robot, problem.nominal, problem.settings
-    if settings.start is None or settings.scene is not None:
-        return None
-    q, missed = follow_path(problem.arm, nominal, tool_axes(nominal, problem.tool_x), spin_free=settings.free_spin,
-                            most_step=settings.most_step, start=settings.start)  # fmt: skip
-    if missed.any():
+    """Follow the path from the job's start; None where that does not lead along the whole path."""
+    if problem.settings.start is None or problem.settings.scene is not None:
         return None
     told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
-    return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, name_along(robot, q), missed, settings,
-                 notes=(told,))  # fmt: skip
+    followed = _follow(problem, problem.settings.start, (told,))
+    return None if followed.missed.any() else followed
 
 
 def check_start(robot: Robot, start: Array | None) -> None:
