@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.planning.lost_motion import cross_first
+from compplan.effects.backlash import lead_play
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import ease, ease_duration
 from compplan.robot import Array
@@ -66,7 +66,8 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
     above, top = _above(task, free, end)
     if len(above):
         legs.append((above[0], free, point + top, point, np.zeros(6), np.zeros(6), DOWN_ROWS))
-    cross = cross_first(task) if end == 0 else np.zeros(nq)
+    # from the other side of each lost motion the command pushes the links to where the path begins
+    cross = -2.0 * lead_play(task.robot, task.q_start[:1])[0] if end == 0 else np.zeros(nq)
     if np.abs(loaded + cross - free).max() > 1e-9:
         legs.append((free, loaded + cross, point, point, np.zeros(6), task.wrench[end], LOADING_ROWS))
     if cross.any():

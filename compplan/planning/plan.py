@@ -11,6 +11,7 @@ import numpy as np
 
 from compplan.controllers.writers import check_languages
 from compplan.effects import robot_effects
+from compplan.effects.backlash import state_sides
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
 from compplan.job.loading import load_path, name_file, refuse_unsettled
@@ -25,7 +26,6 @@ from compplan.planning.evaluate import (
 )
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
-from compplan.planning.lost_motion import state_sides
 from compplan.planning.notes import list_notes
 from compplan.planning.posture.settings import PostureSettings, read_settings
 from compplan.planning.posture.start import check_clearance, find_kept_start, read_lock
@@ -206,7 +206,8 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
         touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
     )  # fmt: skip
-    task = state_sides(replace(task, wrench=predict_loads(task)))
+    sided = robot if nominal.rapid[0] else state_sides(robot, start.q)  # a rapid move takes the joints along
+    task = replace(task, wrench=predict_loads(task), robot=sided)
     turns = options.law is not None and options.law.turns_with_travel
     return prepare_sampling(task, rest_at_corners=turns or not options.feed.constant)
 

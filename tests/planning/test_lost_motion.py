@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.effects.backlash import find_sides, list_plays, lost_motion
+from compplan.effects.backlash import find_crossings, find_sides, list_plays, lost_motion
 from compplan.job.job import load_job
-from compplan.planning.lost_motion import find_crossings
 from compplan.planning.plan import PlanOptions, plan_compensation, plan_job
 from compplan.planning.sampling import measure_between
 from compplan.planning.task import attain_rows
