@@ -48,8 +48,6 @@ MANY = 1000
 CALM = 0.5
 #: Most waypoints of a path whose starts are compared: the measures of a longer one cost more than they bring.
 LONGEST = 8000
-#: Postures that a program starts from, in words.
-ORIGINS = {"search": "the posture of the search", "programmed": "one configuration with x of the tool as programmed"}
 #: What the program weighs by preset; a preset that is not here keeps the posture of the search.
 PRICES = {"fast": Prices(band=0.0), **dict.fromkeys(("accurate", "error_band", ""), Prices())}
 
@@ -190,10 +188,8 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     built = build_start(chosen, nominal, start.settings)
     most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
     eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
-    eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
-    head = f"Posture and speed are of one program ({', '.join(shaped.names)} free)"
-    if not shaped.iterations:
-        head = f"Posture and speed are chosen together ({ORIGINS[run.origin]})"
-    note = (f"{head}: run {first.time:.4g} -> {run.time:.4g} s (the programmed feed takes {least:.4g} s), widest 95 % "
-            f"band {1e3 * first.band:.3g} -> {1e3 * run.band:.3g} mm, before correction{eased}.")  # fmt: skip
+    how = f"of one program ({', '.join(shaped.names)} free)" if shaped.iterations else "chosen together"
+    note = (f"Posture and speed are {how}: run {first.time:.4g} -> {run.time:.4g} s (the programmed feed takes "
+            f"{least:.4g} s), widest 95 % band {1e3 * first.band:.3g} -> {1e3 * run.band:.3g} mm, before correction"
+            f"{eased}.")  # fmt: skip
     return replace(built, program=program, aside=run.start.aside, pace=pace, notes=(*built.notes, note))
