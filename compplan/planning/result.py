@@ -101,19 +101,6 @@ class Plan(Shown):
         return "not_confirmed" if self.command.status == "solved" and self.breaches else self.command.status
 
     @cached_property
-    def command_feed(self) -> Array:
-        """Feed of the move that ends at each waypoint; where the wanted tip stays, that of the commanded one. [m/s].
-
-        Shape (n,).
-        """
-        feed, still = self.timing.feed.copy(), np.r_[True, self.task.nominal.steps <= 0] & ~self.task.nominal.rapid
-        tip = np.vstack([locate_frames(self.task.chain, q).tcp_position for q in (self.approach.key_q[-1:], self.q)])
-        tip = np.vstack([tip[:1], tip])[-len(feed) - 1 :]
-        step = np.r_[self.approach.key_gap[-1:] if len(self.approach.key_gap) else 1.0, np.diff(self.timing.time)]
-        moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
-        return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
-
-    @cached_property
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position

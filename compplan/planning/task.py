@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
-from compplan.effects.backlash import list_plays
+from compplan.effects.transmission_error import weigh_joints
 from compplan.planning.posture.summary import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
@@ -38,10 +38,6 @@ AT_CORRECTION = 1e-6
 CORRECTION_LIMIT = "correction limit"
 #: What stops a waypoint that stands at no limit.
 OUT_OF_REACH = "reach of the arm"
-#: Postures whose levers are looked at; least and greatest weight of a joint against the mean one.
-LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
-#: Amplitude of the gear error of a joint, lost motion where none is stated (assumed) [rad], and gear periods a turn.
-GEAR_ERROR, GEAR_PERIODS = float(np.radians(0.002)), 60.0
 
 
 @dataclass(frozen=True)
@@ -241,25 +237,6 @@ def pick_worst(rows: NDArray[np.int_], score: Array, most: int) -> NDArray[np.in
 def count_equations(chain: Chain, *, spin_free: bool) -> int:
     """Count the pose equations of a waypoint: tip, tool axis where the arm chooses it, spin where it is not free."""
     return (3 if chain.nq < 5 else 5) + (not spin_free)
-
-
-def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
-    """Weigh joints by the error that their motion makes at the tip.
-
-    A joint of lever r turns with a gear error of amplitude a and n periods a turn, and with lost motion b. Over a
-    period of the gear the tip is off by r a / sqrt(2) and r b / 2, so that a radian costs
-
-        w = r^2 [ (a n)^2 / 2 + (b n / (4 pi))^2 ]
-
-    with the lost motion of the folder where it states one, else an assumed one; in shares of the mean. Shape (nq,).
-    """
-    some = pick_even(q, LOOKED_AT)
-    columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
-    lever = np.einsum("nij,nij->j", columns, columns) / len(some)
-    stated = list_plays(robot)
-    width = np.where(stated > 0.0, stated, GEAR_ERROR)
-    cost = lever * (0.5 * (GEAR_ERROR * GEAR_PERIODS) ** 2 + (width * GEAR_PERIODS / (4.0 * np.pi)) ** 2)
-    return np.clip(cost / max(float(cost.mean()), 1e-300), LEAST, MOST)
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan
 from compplan.reporting.writers.recording import write_recording
 from compplan.robot import Array
+from compplan.statics.chain import locate_frames
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.events import ENDING, Event, find_halts
@@ -96,7 +97,7 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     time = _list_times(plan)
     ahead, behind = (_find_rows(part.key_q, part.q) for part in (way, back))
     rows = np.r_[ahead, first + np.arange(n), last + behind]
-    feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
+    feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, command_feed(plan)), np.zeros(len(back.q))]
     q = np.vstack([way.q, plan.q, back.q])
     standstill = _mark_standstills(plan, len(ahead), len(behind))
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
@@ -291,7 +292,7 @@ def make_program(plan: Plan) -> Program:
     exact[before] = before > 0  # the tool stands where the cut begins
     exact[before : before + len(plan.task)] |= plan.task.rests
     free = np.r_[np.zeros(before, bool), plan.task.lead, np.zeros(after, bool)]
-    feed = np.r_[np.zeros(before), plan.command_feed, np.zeros(after)]
+    feed = np.r_[np.zeros(before), command_feed(plan), np.zeros(after)]
     start = float(plan.approach.key_gap.sum())
     down = np.r_[0.0, np.cumsum(plan.approach.key_gap)][:before]
     up = start + plan.timing.time[-1] + np.cumsum(plan.retract.key_gap)
@@ -324,6 +325,20 @@ def make_program(plan: Plan) -> Program:
         cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines,
         **zones,
     )  # fmt: skip
+
+
+def command_feed(plan: Plan) -> Array:
+    """Return the feed of the move that ends at each waypoint; where the wanted tip stays, that of the commanded one.
+
+    Shape (n,). [m/s]
+    """
+    task = plan.task
+    feed, still = plan.timing.feed.copy(), np.r_[True, task.nominal.steps <= 0] & ~task.nominal.rapid
+    tip = np.vstack([locate_frames(task.chain, q).tcp_position for q in (plan.approach.key_q[-1:], plan.q)])
+    tip = np.vstack([tip[:1], tip])[-len(feed) - 1 :]
+    step = np.r_[plan.approach.key_gap[-1:] if len(plan.approach.key_gap) else 1.0, np.diff(plan.timing.time)]
+    moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
+    return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:
