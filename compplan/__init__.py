@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from compplan.measurement.campaign import Campaign
     from compplan.measurement.reading import read_campaign
     from compplan.planning.compare import Comparison
-    from compplan.planning.evaluate import Evaluation, evaluate_run
+    from compplan.planning.evaluate import evaluate_run
     from compplan.planning.plan import Plan, PlanOptions, plan_compensation, plan_job
     from compplan.planning.posture.place import place_part
     from compplan.reporting.compare import write_comparison
@@ -57,7 +57,12 @@ if TYPE_CHECKING:
     from compplan.reporting.writers.plan import write_plan
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.simulation.predict import Prediction, predict_campaign
-    from compplan.simulation.simulated_robot import SimulatedRobot, build_simulated_robot, run_simulated_robot
+    from compplan.simulation.simulated_robot import (
+        Evaluation,
+        SimulatedRobot,
+        build_simulated_robot,
+        run_simulated_robot,
+    )
     from compplan.studies.job_study import JobStudy, compare_job, study_job
     from compplan.studies.runner import Settings
     from compplan.studies.study import prepare_study as prepare_study

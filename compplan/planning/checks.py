@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from compplan.io.quantities import state_mm
 from compplan.job.job import Job
 from compplan.planning.deflection import FOLLOWED
-from compplan.planning.evaluate import Evaluation, find_part
+from compplan.planning.evaluate import find_part
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
@@ -36,6 +36,7 @@ from compplan.simulation.inertia import (
 )
 from compplan.simulation.simulated_robot import (
     AS_MODELLED,
+    Evaluation,
     SimulatedRobot,
     build_simulated_robot,
     run_simulated_robot,

@@ -13,7 +13,7 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length
 from compplan.job.job import Job
 from compplan.measurement.distance import LEVEL
-from compplan.planning.evaluate import Evaluation, evaluate_run
+from compplan.planning.evaluate import evaluate_run
 from compplan.planning.strategies import command_path
 from compplan.planning.strategies.online import ONLINE, hold_robot, list_strategies, prepare_answers
 from compplan.planning.task import Command, PlanTask
@@ -21,6 +21,7 @@ from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
     AS_MODELLED,
     EXACT_EVALUATION,
+    Evaluation,
     SimulatedRobot,
     build_simulated_robot,
     standard_variants,

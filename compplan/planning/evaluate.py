@@ -2,62 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.planning.task import PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
+    Evaluation,
     SimulatedRobot,
     SimulatedRun,
     run_simulated_robot,
     touch_cell,
 )
 from compplan.statics.stiffness import attain_pose
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """A run in a cell against its path; n waypoints, base frame. Figures are of the waypoints of the cut."""
-
-    position: Array  #: Attained tip. Shape (n, 3). [m]
-    rotation: Array  #: Attained orientation of the TCP frame. Shape (n, 3, 3).
-    deviation: Array  #: Attained minus nominal tip. Shape (n, 3). [m]
-    tilt: Array  #: Angle between attained and nominal tool axis. Shape (n,). [rad]
-    cut: NDArray[np.bool_]  #: Waypoints that are compensated and evaluated. Shape (n,).
-
-    @cached_property
-    def distance(self) -> Array:
-        """Distance of the attained tip from the nominal one. Shape (n,). [m]"""
-        return np.asarray(np.linalg.norm(self.deviation, axis=1))
-
-    @property
-    def rms_deviation(self) -> float:
-        """Root mean square distance over the cut. [m]"""
-        return float(np.sqrt(np.mean(self.distance[self.cut] ** 2)))
-
-    @property
-    def max_deviation(self) -> float:
-        """Greatest distance over the cut. [m]"""
-        return float(self.distance[self.cut].max())
-
-    @property
-    def max_tilt(self) -> float:
-        """Greatest angle between attained and nominal tool axis over the cut. [rad]"""
-        return float(self.tilt[self.cut].max())
-
-    @property
-    def figures(self) -> dict[str, float]:
-        """Deviation over the cut as files hold it: rms, mean and max. [mm]"""
-        sizes = {"rms": self.rms_deviation, "mean": float(self.distance[self.cut].mean()), "max": self.max_deviation}
-        return {name: value * 1e3 for name, value in sizes.items()}
-
-    def share_within(self, tolerance: float) -> float:
-        """Return the share of the cut's waypoints within a distance [m] of the path."""
-        return float((self.distance[self.cut] <= tolerance).mean())
 
 
 def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +17,6 @@ from compplan.io.quantities import format_length, format_number
 from compplan.job.job import Job
 from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
-from compplan.planning.evaluate import Evaluation
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
@@ -26,16 +24,13 @@ from compplan.planning.task import CORRECTION_LIMIT, Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot
-from compplan.simulation.simulated_robot import EXACT_EVALUATION
+from compplan.simulation.simulated_robot import EXACT_EVALUATION, Evaluation
 from compplan.statics.chain import locate_frames
 from compplan.uncertainty.band import ErrorBand, estimate_band
 from compplan.uncertainty.motion import Motion, greatest_shift, read_placement, shift_part
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.uncertainty.touch_off import read_touch, touch_part
 
-#: Words from the best to the worst.
-STATUSES = ("solved", "not_confirmed", "infeasible")
-VERDICTS = ("keeps", "not_known", "may_not_keep")
 #: Limits that a sentence lists, and its letters at most.
 LISTED, LONGEST = 3, 300
 
@@ -311,8 +306,3 @@ def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
             "assumed": list(error_band.assumed),
         },
     }  # fmt: skip
-
-
-def worst_status(plans: Sequence[Plan]) -> str:
-    """Return the status of several plans as one: the worst."""
-    return max((plan.status for plan in plans), key=STATUSES.index)

@@ -61,15 +61,6 @@ class ToleranceVerdict:
         plain = {name: value for name, value in vars(self).items() if name not in ("tolerance", "band")}
         return {**plain, **{name: None if value is None else 1e3 * value for name, value in lengths.items()}}
 
-    @property
-    def head(self) -> tuple[str, ...]:
-        """Short lines for the head of a program."""
-        words = {KEEPS: "keeps", MAY_NOT_KEEP: "MAY NOT KEEP", NOT_KNOWN: "NOT KNOWN if it keeps"}
-        lines = [f"verdict: {words[self.word]} {state_mm(self.tolerance)}"]
-        lines += [] if self.band is None else [f"true tip within {state_mm(self.band)}, 95 %"]
-        lines += [f"beyond: {_percent(self.beyond_share)} of the cut"] if self.beyond_share else []
-        return tuple(lines)
-
 
 def check_tolerance(
     task: PlanTask, status: str, error_band: ErrorBand | None, *, left: Array, known: bool,
@@ -119,7 +110,7 @@ def check_tolerance(
         change = find_change(error_band, cause, compensates=compensates)
         worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
         off = (f"May not keep {wanted}: the tip may be up to {state_mm(error_band.whole)} off the path (95 %). Beyond "
-               f"the tolerance: {_percent(share)} of the cut, worst at {worst}. Largest cause: {cause}."
+               f"the tolerance: {state_percent(share)} of the cut, worst at {worst}. Largest cause: {cause}."
                )  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
@@ -192,6 +183,7 @@ def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_
     return float(weight[chosen].sum() / max(weight.sum(), 1e-300))
 
 
-def _percent(share: float) -> str:
+def state_percent(share: float) -> str:
+    """Write a share of the cut in percent, in ASCII, for messages and programs."""
     percent = 100.0 * share
     return "below 0.1 %" if percent < 0.1 else "all" if percent > 99.95 else f"{percent:.3g} %"

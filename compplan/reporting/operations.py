@@ -23,12 +23,15 @@ from compplan.io.palette import BAND, BEFORE
 from compplan.io.quantities import format_length, format_mm, format_mm_change
 from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
-from compplan.planning.result import VERDICTS, Plan, worst_status
+from compplan.planning.result import Plan
 from compplan.reporting.charts import Bars, draw_bars
 from compplan.reporting.page import Cell, Chart, DataTable, Provenance, Section, Summary, render_page
 from compplan.reporting.plan_summary import TONES
 from compplan.reporting.writers.plan import head_of_status, make_program, write_beside, write_moves
 
+#: Words from the best to the worst.
+STATUSES = ("solved", "not_confirmed", "infeasible")
+VERDICTS = ("keeps", "not_known", "may_not_keep")
 #: Time between the last row of a tool and the first of the next in joints.csv: the change is not timed. [s]
 CHANGE = 1.0
 
@@ -69,6 +72,11 @@ def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> 
         write_json(part / "plan.json", summary, indent=2)
         names = list_files(part)
     return read, [Path(folder) / name for name in names]
+
+
+def worst_status(plans: Sequence[Plan]) -> str:
+    """Return the status of several plans as one: the worst."""
+    return max((plan.status for plan in plans), key=STATUSES.index)
 
 
 def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:

@@ -18,7 +18,6 @@ from compplan.errors import ShapeError
 from compplan.io.quantities import format_length
 from compplan.planning.approach import Passage
 from compplan.planning.compare import Comparison
-from compplan.planning.evaluate import Evaluation
 from compplan.planning.result import Plan
 from compplan.planning.sampling import Between
 from compplan.planning.task import Command, PlanTask
@@ -31,7 +30,7 @@ from compplan.reporting.plan_page import mark_force, write_plan_page
 from compplan.reporting.provenance import describe_robot
 from compplan.reporting.scenes import draw_cell, locate_links, place_meshes, place_shapes
 from compplan.robot import load_robot
-from compplan.simulation.simulated_robot import EXACT_EVALUATION, build_simulated_robot
+from compplan.simulation.simulated_robot import EXACT_EVALUATION, Evaluation, build_simulated_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 from compplan.toolpath.toolpath import Toolpath

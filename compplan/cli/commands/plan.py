@@ -79,7 +79,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
 
 def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
     """Return which waypoints and limits stop plans that are not solved; None where all are."""
-    from compplan.planning.result import worst_status
+    from compplan.reporting.operations import worst_status
 
     failing = [plan for plan in plans if plan.status != "solved"]
     if not failing:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers import Program
 from compplan.controllers.writers.program import Post
+from compplan.io.quantities import state_mm
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.frames import ToolTable
@@ -23,6 +24,7 @@ from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan
+from compplan.planning.tolerance_verdict import ToleranceVerdict, state_percent
 from compplan.reporting.writers.recording import write_recording
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -359,7 +361,15 @@ def _head(plan: Plan) -> list[str]:
         f"compplan: {plan.name}",
         f"robot {plan.robot.name}, robot model: {plan.robot.grade}, strategy {plan.strategy}",
     ]
-    return [*lines, *head_of_status(plan), *plan.verdict.head]
+    return [*lines, *head_of_status(plan), *head_of_verdict(plan.verdict)]
+
+
+def head_of_verdict(verdict: ToleranceVerdict) -> list[str]:
+    """Return the lines of the verdict."""
+    words = {"keeps": "keeps", "may_not_keep": "MAY NOT KEEP", "not_known": "NOT KNOWN if it keeps"}
+    lines = [f"verdict: {words[verdict.word]} {state_mm(verdict.tolerance)}"]
+    lines += [] if verdict.band is None else [f"true tip within {state_mm(verdict.band)}, 95 %"]
+    return lines + ([f"beyond: {state_percent(verdict.beyond_share)} of the cut"] if verdict.beyond_share else [])
 
 
 def head_of_status(plan: Plan) -> list[str]:
