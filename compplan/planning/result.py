@@ -31,8 +31,8 @@ from compplan.uncertainty.motion import Motion, greatest_shift, read_placement, 
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.uncertainty.touch_off import read_touch, touch_part
 
-#: Limits that a sentence lists, and its letters at most.
-LISTED, LONGEST = 3, 300
+#: Limits that a sentence lists.
+LISTED = 3
 
 
 @dataclass(frozen=True, repr=False)
@@ -170,9 +170,8 @@ class Plan(Shown):
         if start is not None and start.mend and far:
             word, stops, rest, rows = "are out of reach", start.mend, len(rows) - len(far), far
             stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
-        said = (f"{len(rows)} of {len(self.task)} waypoints {word}, the first is waypoint {rows[0]} "
+        return (f"{len(rows)} of {len(self.task)} waypoints {word}, the first is waypoint {rows[0]} "
                 f"(s = {1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm): {stops}")  # fmt: skip
-        return said if len(said) <= LONGEST else f"{said[: LONGEST - 3]}..."
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the figures that a person asks for first."""

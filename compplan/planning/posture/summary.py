@@ -71,7 +71,8 @@ class PostureSummary(PostureTrace):
 
 def measure_remaining(problem: PostureProblem, q: Array) -> float:
     """Return the rms deviation that postures (n, nq) leave over the cut after correction, as expected. [mm]"""
-    share = cut_shares(problem.nominal)
+    steps = np.where(problem.nominal.rapid[1:], 0.0, problem.nominal.steps)
+    share = np.r_[steps, 0.0] + np.r_[0.0, steps]
     rows = np.flatnonzero(share > 0)
     if not len(rows):
         return 0.0
@@ -79,13 +80,6 @@ def measure_remaining(problem: PostureProblem, q: Array) -> float:
     spread = error_columns(problem.chain, q[rows], problem.wrench[rows], problem.settings.known, problem.settings.axes)
     weight = share[rows] / share[rows].sum()
     return 1e3 * float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
-
-
-def cut_shares(nominal: Toolpath) -> Array:
-    """Return the share of the cut that each waypoint stands for. Shape (n,)."""
-    steps = np.where(nominal.rapid[1:], 0.0, nominal.steps)
-    share = 0.5 * (np.r_[steps, 0.0] + np.r_[0.0, steps])
-    return np.asarray(share / max(share.sum(), 1e-300))
 
 
 def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
