@@ -13,9 +13,9 @@ from benchmarks.redundant_jobs import JOBS, write_job
 from benchmarks.results.chart import Chart
 from benchmarks.results.findings import Findings, Settings, draw_table
 from compplan.job.job import Job, check_job
-from compplan.planning.deflection import measure_bending
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
+from compplan.planning.inertia import measure_bending
 from compplan.planning.measured_runs import BAND_ROWS, ease_run, measure_runs, spread_tip
 from compplan.planning.plan import PlanOptions, _state_task, build_task, prepare_job
 from compplan.planning.redundancy import PathRequest

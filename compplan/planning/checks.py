@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from compplan.io.quantities import state_mm
 from compplan.job.job import Job
-from compplan.planning.deflection import FOLLOWED
 from compplan.planning.evaluate import find_part
 from compplan.planning.executed import ExecutedPath
+from compplan.planning.inertia import FOLLOWED
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
 from compplan.planning.timing import Timing

@@ -21,9 +21,9 @@ from scipy.ndimage import maximum_filter1d
 
 from compplan.effects.backlash import find_crossings
 from compplan.job.output import OutputTable
-from compplan.planning.deflection import follow_links, plan_loads
 from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.feed import FeedRequest, time_run
+from compplan.planning.inertia import follow_links, plan_loads
 from compplan.planning.sampling import (
     MOST_PIECES,
     Between,

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from compplan.errors import ConvergenceError
-from compplan.planning.deflection import measure_motion
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
+from compplan.planning.inertia import measure_motion
 from compplan.planning.posture.summary import Easing, Start
 from compplan.planning.redundancy import Measured, PathRequest, Shaped
 from compplan.planning.task import PlanTask
@@ -28,7 +28,7 @@ from compplan.robot import Array
 from compplan.simulation.vibration import Dynamics, build_dynamics
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import band_radius, linearise_path, split_covariance
-from compplan.uncertainty.motion import spread_draws
+from compplan.uncertainty.motion import greatest_shift, spread_draws
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, pick_rows
 
 #: Shortest windows of smoothing, as a share of those that plans have.
@@ -138,7 +138,7 @@ def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynam
     motion = measure_motion(task, time, dynamics)
     if motion is None:
         return np.zeros((len(rows), 3, 3)), 0.0
-    return spread_draws(motion.error[:, rows]), float(np.linalg.norm(motion.static[rows], axis=1).max(initial=0.0))
+    return spread_draws(motion.error[:, rows]), greatest_shift(motion.static[rows])
 
 
 def _widen(use: Array, time: Array, reach: float) -> Array:

@@ -19,13 +19,13 @@ from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
 from compplan.planning.checks import find_failures, run_checks, set_up_bench, state_notes
-from compplan.planning.deflection import choose_smoothing, follow_links, measure_motion
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
 )
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
+from compplan.planning.inertia import choose_smoothing, follow_links, measure_motion
 from compplan.planning.notes import list_notes
 from compplan.planning.posture.settings import PostureSettings, read_settings
 from compplan.planning.posture.start import check_clearance, find_kept_start, read_lock

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compplan.errors import ConvergenceError, InfeasibleError
-from compplan.planning.deflection import DAMPING
+from compplan.planning.inertia import DAMPING
 from compplan.planning.task import PlanTask
 from compplan.process.force_models.end_mill import EndMillProcess
 from compplan.robot import Array

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import compplan.job.loading as loading
-import compplan.planning.deflection as bending
+import compplan.planning.inertia as bending
 import compplan.planning.posture.lattice as lattice
 from compplan.job.job import Job, ToolTable, load_job
 from compplan.planning import plan as planning

@@ -20,7 +20,7 @@ import compplan
 from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable
 from compplan.measurement.distance import band_radius, calibrate_band
-from compplan.planning.deflection import find_inside
+from compplan.planning.inertia import find_inside
 from compplan.planning.plan import plan_job
 from compplan.robot import load_robot
 from compplan.robot.pose import fit_displacement

@@ -118,19 +118,19 @@ def build_scene(
         solids.append(Solid(name, link, body.get(link, 0), geometry, local, centre, radius, box))
         roles.append(role)
 
+    def add_tool(name: str, link: str, mesh_or_shape: Any, mesh: Any, placement: Array | None = None) -> None:
+        add(name, link, mesh_or_shape, "tool", placement)
+        cut = cut_tip(mesh, _tip_in(robot, link), tip_zone)
+        if cut is not None:
+            add(f"{name} (above the tip)", link, cut, "shank")
+
     for shape in (shape for entry in bodies for shape in entry.shapes):
         if shape.link in behind:
-            add(shape.name, shape.link, shape.form, "tool", shape.placement)
-            cut = cut_tip(shape.mesh(), _tip_in(robot, shape.link), tip_zone)
-            if cut is not None:
-                add(f"{shape.name} (above the tip)", shape.link, cut, "shank")
+            add_tool(shape.name, shape.link, shape.form, shape.mesh(), shape.placement)
         else:
             add(shape.name, shape.link, shape.form, "arm", shape.placement)
     if tool is not None:
-        add("tool", robot.flange, tool, "tool")
-        cut = cut_tip(tool, _tip_in(robot, robot.flange), tip_zone)
-        if cut is not None:
-            add("tool (above the tip)", robot.flange, cut, "shank")
+        add_tool("tool", robot.flange, tool, tool)
     for name, mesh in (("part", part), ("fixture", fixture)):
         if mesh is not None:
             given.append((name, "", mesh.copy().apply_transform(pose)))
