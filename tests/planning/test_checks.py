@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import compplan.job.loading as loading
-import compplan.planning.inertia as bending
+import compplan.planning.inertia as inertia
 import compplan.planning.posture.lattice as lattice
 from compplan.job.job import Job, ToolTable, load_job
 from compplan.planning import plan as planning
@@ -136,8 +136,8 @@ def _without_last(path: Toolpath) -> Toolpath:
 
 
 def _heavy(patch: pytest.MonkeyPatch) -> None:
-    true = bending.load_motion
-    patch.setattr(bending, "load_motion", lambda *words: 2.0 * true(*words))
+    true = inertia.load_motion
+    patch.setattr(inertia, "load_motion", lambda *words: 2.0 * true(*words))
 
 
 MISTAKES: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], str]] = {
