@@ -1,7 +1,7 @@
-"""How the tool comes to the path and leaves it, where the toolpath does not say.
+"""Approach to the first waypoint and retract from the last one, where the toolpath has none.
 
-From above, along the tool axis, the unloaded tool goes to the first point; there the correction is brought in while the
-force grows, so that it never runs ahead of the force into the part. The way out is the same, backwards.
+The unloaded tool goes along its axis to the first point; there the correction grows with the force, so that the tool
+does not move into the part ahead of it. The retract is the same, backwards.
 """
 
 from __future__ import annotations
@@ -24,16 +24,15 @@ from compplan.toolpath.toolpath import select_waypoints
 APPROACH = 0.05
 #: Rows that the way down and the loading are written in, even in time.
 DOWN_ROWS, LOADING_ROWS = 48, 16
-#: The tool stands this long where the cut begins or ends. [s]
+#: Time at rest where the cut begins or ends. [s]
 DWELL = 0.02
 
 
 @dataclass(frozen=True)
 class Passage:
-    """The way to the first waypoint, or from the last one, that waypoint not counted; k rows in order of time."""
+    """Rows before the first waypoint, or after the last one, in order of time."""
 
-    #: Joint positions that a program goes through: above, and the unloaded tool at the point. Shape (k', nq), k' from 0
-    #: to 3: the third lies on the other side of lost motion.
+    #: Positions of a program: above, the unloaded tool at the point, and the other side of lost motion. Shape (k', nq).
     key_q: Array
     key_gap: Array  #: Time from each of them to the next, the waypoint's own included. Shape (k',). [s]
     q: Array  #: Joint positions of the rows. Shape (k, nq). [rad or m]

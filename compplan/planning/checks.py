@@ -1,9 +1,9 @@
 """Checks of a plan, as one list: name, value, limit, sentence and severity of each.
 
 Status, notes, terminal, page and plan.json come from this list (`compplan.planning.result.Plan`). The independent check
-reads the robot folder by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest at and
-between waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints
-by engines of their own. Sentences without a figure, such as a remark of a reader, are checks that failed.
+reads the robot folder by itself (`compplan.simulation.exact_model`) and solves the loaded equilibrium at and between
+waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints, not
+with the planner's code. A sentence without a figure, such as a note of a reader, is a check that failed.
 """
 
 from __future__ import annotations
@@ -47,19 +47,19 @@ from compplan.statics.inertia import smooth_loads
 from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.motion import Motion, greatest_shift
 
-#: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
+#: Factor on limits that allows for rounding: of the planner's differences, and of other ways to differentiate.
 ROUNDING, ROUNDED = 1.001, 1.002
 #: Moves and loads that are checked where there are more: the worst by the planner's model, and even ones.
 LOOKED_INTO = 3000
 #: Planner and check place the loaded tip within a micrometre and this share of the tolerance; waypoints compared.
 AGREED, AGREED_SHARE, COMPARED = 1e-6, 0.02, 400
-#: How readers note drilling cycles that they do not cut.
+#: Note of readers on drilling cycles that they leave out.
 LEFT_OUT = "left out: the tool moves rapidly above the holes"
 #: A joint that moves more than this in one move of a cut changes its branch. [rad, m]
 JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
-#: The tool may lean this much besides what loads bend. [rad]
+#: Allowed tilt of the tool besides that due to the load. [rad]
 LEAN = float(np.radians(0.05))
-#: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
+#: Rows at which the displacement by inertia is checked, and its allowed difference: share, and least. [1, 1, m]
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
 #: Severities: a failed check keeps the plan from being confirmed, or is noted.
 STOP, NOTE = "stop", "note"
@@ -96,7 +96,7 @@ def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
 
 @dataclass(frozen=True)
 class Bench:
-    """What a plan is checked with, of its own reading."""
+    """The robot as the independent check reads it."""
 
     cell: SimulatedRobot  #: The robot as modelled.
     bias: Array | None = None  #: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
@@ -106,7 +106,7 @@ class Bench:
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
-    """Read the robot a second time; a robot or a path in memory is taken as it is."""
+    """Read the robot folder a second time; take a robot or a path in memory as it is."""
     if job is None or task.robot.folder is None or job.context.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
@@ -121,7 +121,7 @@ def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
 
 
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
-    """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
+    """Return the load of inertia on the springs, smoothed as the plan compensates it. Shape (n, s). [N m or N]"""
     loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], task.rests)
     return smooth_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
 
@@ -130,11 +130,7 @@ def run_checks(
     task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, bench: Bench, *,
     job: Job | None = None, motion: Motion | None = None, executed: ExecutedPath | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
-    """Run all checks of a command with its run and what was measured of it.
-
-    `bench` is the second reading of robot and tool; checks of files need the job, that of inertia `motion`, that of
-    the executed path `executed`.
-    """
+    """Check a command and its run; without a job, or with a robot in memory, those of files are left out."""
     q, time = command.q, timing.time
     position, rotation = solve_rigid(bench.cell.exact_robot, q)
     checks = [
@@ -202,14 +198,14 @@ def _check_executed(task: PlanTask, executed: ExecutedPath) -> Check:
 
 
 def _check_holes(task: PlanTask) -> Check:
-    """All cuts of the file are in the path: a plan without them is not the plan of the file."""
+    """The path has all cuts of the file."""
     count = sum(LEFT_OUT in note for note in task.nominal.notes)
     sentence = 'holes of the file are not cut, [cam] cycles = "skip" leaves them out; write cycles = "expand"'
     return Check("cycles left out", float(count), 0.0, sentence)
 
 
 def _check_axis(task: PlanTask, after: Evaluation, stiff: Array) -> Check:
-    """The loaded tool's axis lies along the path's, but for what loads bend."""
+    """The axis of the loaded tool is that of the path, but for the tilt due to the load."""
     bent = _angle(after.rotation[:, :, 2], stiff[:, :, 2])
     beyond = np.where(after.cut, after.tilt - 1.5 * bent, -1.0)
     worst = int(beyond.argmax())
@@ -219,7 +215,7 @@ def _check_axis(task: PlanTask, after: Evaluation, stiff: Array) -> Check:
 
 
 def _check_spin(task: PlanTask, q: Array, after: Evaluation, stiff: Array, job: Job) -> Check:
-    """The loaded tool's x points where the job has it, where the spin is not free, but for what loads bend."""
+    """The x axis of the loaded tool is that of the job where the spin is not free, but for the turn due to the load."""
     name = "rotation about the tool axis, rad"
     if task.spin_free or q.shape[1] < 6:
         return Check(name, 0.0, LEAN, "")
@@ -287,7 +283,7 @@ def _check_feed(task: PlanTask, time: Array) -> Check:
 
 
 def _check_inertia(task: PlanTask, time: Array, motion: Motion | None, moving: ExactRobot) -> Check:
-    """What the plan says that inertia moves the tip is what Pinocchio's inverse dynamics says."""
+    """Plan and Pinocchio's inverse dynamics agree on the displacement of the tip by inertia."""
     rows, most = _find_moving(task, time), 0.0
     own = 0.0
     if motion is not None and len(rows):
@@ -304,9 +300,9 @@ def _check_inertia(task: PlanTask, time: Array, motion: Motion | None, moving: E
 
 
 def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
-    """Bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
+    """Solve the loaded tip halfway between waypoints, at the mean of joint positions and wrench.
 
-    Returns the greatest distance from the moves [m], and where that move starts.
+    Returns the greatest distance from the moves [m], and the waypoint where that move starts.
     """
     moves = judged_moves(task)
     moves = pick_worst(moves, between.most[moves], LOOKED_INTO)
@@ -329,8 +325,8 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
 
 
 def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[int, str]) -> dict[int, str]:
-    """Find the waypoints of a command that fail and the limits that stop them; `near`: those that come too near."""
-    lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
+    """Find the waypoints of a command that fail and their limits; `near`: those without clearance, in words."""
+    lost = task.missed | np.r_[False, task.missed[:-1]]  # jumps to and from waypoints out of reach do not count
     jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
     stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
     for waypoint, limit in command.failures.items():
@@ -339,8 +335,8 @@ def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[
 
 
 def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
-    """Find waypoints whose static load is beyond the effort of a joint, and name the joint and both torques."""
-    efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # nobody states what lies on a positioner
+    """Find waypoints whose static load is beyond the effort limit of a joint, and name the joint."""
+    efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # the load of a positioner is unknown
     if not np.isfinite(efforts).any():
         return {}
     rows = np.flatnonzero(task.compensated)

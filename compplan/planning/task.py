@@ -59,7 +59,7 @@ class PlanTask:
     spin_free: bool  #: Whether the rotation about the tool axis is free.
     start: Start | None = None  #: How q_start was found, or None.
     law: ForceLaw | None = None  #: The law of the wrench, or None where the path carries it.
-    #: Waypoints, the wanted tip at rest, along which the correction grows at a contact or fades after a cut. Shape (n,).
+    #: Waypoints, the tip at rest, along which the correction grows at a contact or fades after a cut. Shape (n,).
     lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     #: Waypoints within a cut at which the tool comes to rest. Shape (n,).
     rests: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
@@ -156,7 +156,7 @@ class PlanTask:
 
     @property
     def q_links(self) -> Array:
-        """Joint positions of the links, without what drives lead for inertia and lost motion. Shape (n, nq). [rad or m]"""
+        """Joint positions of the links; commands lead them by inertia and lost motion. Shape (n, nq). [rad or m]"""
         return self.q_start if self.links is None else self.links
 
     @property
