@@ -39,7 +39,7 @@ COMMANDS = {
     "predict": "what the measuring instrument should see of a campaign",
     "campaign": "the measurements that narrow a path's 95 % band most",
     "learn": "the next program from the measured deviations of a cut part",
-    "calibration": "a controller's own calibration, read into a robot folder or written from one",
+    "calibration": "a UR controller's own calibration, read into a robot folder",
     "convert": "a CAM file becomes a toolpath table",
     "post": "from a CAM file to the corrected robot program, in one command",
     "execute": "what the robot's controller makes of a program",
