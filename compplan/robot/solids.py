@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,17 +32,6 @@ class UrdfShape:
     def mesh(self) -> Any:
         """The shape as a mesh in the frame of the link."""
         return as_mesh(self.form).apply_transform(self.placement)
-
-
-def read_colour(element: ElementTree.Element) -> tuple[float, float, float, float] | None:
-    """Return red, green, blue, alpha (0 to 1) of a <color>, or None."""
-    try:
-        numbers = [float(word) for word in element.attrib.get("rgba", "0.6 0.6 0.6 1").split()]
-    except ValueError:
-        return None
-    if len(numbers) != 4 or not all(0.0 <= number <= 1.0 for number in numbers):
-        return None
-    return numbers[0], numbers[1], numbers[2], numbers[3]
 
 
 def as_mesh(form: Any) -> Any:
