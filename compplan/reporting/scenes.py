@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from compplan.errors import ShapeError
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
 from compplan.io.quantities import format_length
 from compplan.reporting.along_path import FLOOR
 from compplan.reporting.charts import SEQUENTIAL, Figure, mark_decades, thin_path
-from compplan.robot import Array, Joint, Robot
+from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
-from compplan.robot.pose import move_joint
+from compplan.robot.pose import follow_joints
 from compplan.robot.shapes import load_form
 from compplan.robot.solids import as_mesh, triangulate_rod
 from compplan.robot.urdf import Colour, read_urdf
@@ -78,20 +78,6 @@ def carry_links(robot: Robot, chain: Collection[str]) -> dict[str, tuple[str, Ar
     """Find the link of the chain that carries each link, as `Urdf.carriers`; a job's tool replaces the folder's."""
     mounted = robot.flange if robot.tcp == "tool_tcp" else ""
     return read_urdf(robot.urdf, Path(robot.name) / "robot.urdf").carriers(chain, mounted)
-
-
-def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, ArrayLike]) -> dict[str, Array]:
-    """Locate the links of a chain from its base; value: positions of actuated joints by name, shape (...) [rad or m].
-
-    Returns poses by link, shape (..., 4, 4), or (4, 4) where no joint moves the link. [m]
-    """
-    poses: dict[str, Array] = {base: np.eye(4)}
-    for joint in joints:
-        position = np.asarray(value.get(joint.name, 0.0))
-        if joint.mimic is not None:
-            position = joint.mimic.multiplier * np.asarray(value[joint.mimic.joint]) + joint.mimic.offset
-        poses[joint.child] = poses[joint.parent] @ joint.placement @ move_joint(joint, position)
-    return poses
 
 
 def place_shapes(robot: Robot, q: Array) -> list[Shape]:

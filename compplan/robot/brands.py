@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.robot.model import Array, Joint
-from compplan.robot.pose import move_joint
+from compplan.robot.pose import follow_joints
 
 #: Rounding of a URDF: greatest angle [deg] and distance [m].
 ANGLE, DISTANCE = 1.0, 1e-3
@@ -122,12 +122,7 @@ class _Arm:
 
     def locate(self, q: Mapping[str, float]) -> dict[str, Array]:
         """Return the pose of each link at joint positions that default to 0. [rad]"""
-        pose = np.eye(4)
-        poses = {self.joints[0].parent: pose}
-        for joint in self.joints:
-            pose = pose @ joint.placement @ move_joint(joint, q.get(joint.name, 0.0))
-            poses[joint.child] = pose
-        return poses
+        return follow_joints(self.joints[0].parent, self.joints, q)
 
     def axis(self, k: int, poses: Mapping[str, Array] | None = None) -> Array:
         """Return the direction of an axis, 1 to 6. Shape (3,)."""

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.io.tables import is_plain
 from compplan.robot.model import Array, Joint, Robot
-from compplan.robot.pose import build_pose
+from compplan.robot.pose import build_pose, follow_joints
 
 KEYS = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
@@ -128,14 +128,9 @@ def find_type(nominal: Robot) -> Array:
 
 def find_zero_pose(robot: Robot) -> ZeroPose:
     """Return axes and flange of a robot."""
-    pose, frames, flange = np.eye(4), [], np.eye(4)
-    for joint in robot.joints:
-        pose = pose @ joint.placement
-        if joint.actuated:
-            frames.append((pose[:3, :3] @ joint.axis, pose[:3, 3]))
-        if joint.child == robot.flange:
-            flange = pose
-    return ZeroPose(np.array([axis for axis, _ in frames]), np.array([point for _, point in frames]), flange)
+    poses, moving = follow_joints(robot.base, robot.joints, {}), robot.actuated
+    direction = np.array([poses[joint.child][:3, :3] @ joint.axis for joint in moving])
+    return ZeroPose(direction, np.array([poses[joint.child][:3, 3] for joint in moving]), poses[robot.flange])
 
 
 def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:

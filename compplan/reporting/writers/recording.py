@@ -22,12 +22,12 @@ from compplan.reporting.scenes import (
     MESH_COLOURS,
     Shape,
     carry_links,
-    follow_joints,
     locate_links,
     place_shapes,
     simplify_mesh,
 )
 from compplan.robot import Array, Robot
+from compplan.robot.pose import follow_joints
 from compplan.robot.solids import triangulate_box
 
 if TYPE_CHECKING:
