@@ -28,7 +28,6 @@ from compplan.reporting.scenes import (
 )
 from compplan.robot import Array, Robot
 from compplan.robot.pose import follow_joints
-from compplan.robot.solids import triangulate_box
 
 if TYPE_CHECKING:
     from compplan.planning.plan import Plan
@@ -112,7 +111,9 @@ def _place_cell(plan: Plan) -> list[Shape]:
     if plan.job is None or stock is None:
         return shapes
     if stock.block_mm is not None:
-        corners, faces = triangulate_box(*(1e-3 * np.asarray(stock.block_mm, float)))
+        import trimesh
+
+        corners, faces = simplify_mesh(trimesh.creation.box(bounds=1e-3 * np.asarray(stock.block_mm, float)))
     else:
         from compplan.io.meshes import load_mesh
 
