@@ -66,12 +66,12 @@ class Remark:
 
 
 def examine_installation() -> list[Remark]:
-    """Check that each engine solves a small problem whose answer is known."""
+    """Check that the solver solves a small problem and the other engines can be imported."""
     python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}, compplan {VERSION}"
     engines: dict[str, tuple[str, Callable[[], bool]]] = {
         "casadi": ("solver of the plans (IPOPT)", _try_ipopt),
-        "pinocchio": ("independent check of the plans", _try_pinocchio),
-        "eaik": ("inverse kinematics", lambda: importlib.import_module("eaik.IK_URDF") is not None),
+        "pinocchio": ("independent check of the plans", lambda: bool(importlib.import_module("pinocchio"))),
+        "eaik": ("inverse kinematics", lambda: bool(importlib.import_module("eaik.IK_URDF"))),
     }
     remarks = [Remark("fine", "python", python)]
     for name, (purpose, attempt) in engines.items():
@@ -95,16 +95,6 @@ def _try_ipopt() -> bool:
     quiet = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes"}
     answer = casadi.nlpsol("trial", "ipopt", {"x": x, "f": (x - 2.0) ** 2}, quiet)(x0=0.0)
     return abs(float(answer["x"]) - 2.0) < 1e-6
-
-
-def _try_pinocchio() -> bool:
-    """Compute the torque of a level pendulum of 1 kg at 1 m, 9.81 N m."""
-    pin = importlib.import_module("pinocchio")
-    model, zero = pin.Model(), np.zeros(1)
-    joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "swing")
-    bob = pin.Inertia(1.0, np.array([1.0, 0.0, 0.0]), np.zeros((3, 3)))
-    model.appendBodyToJoint(joint, bob, pin.SE3.Identity())
-    return abs(abs(float(pin.rnea(model, model.createData(), zero, zero, zero)[0])) - 9.81) < 1e-6
 
 
 def examine_robot(robot: Robot) -> list[Remark]:

@@ -17,7 +17,7 @@ from pydantic import Field
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.tables import escape_bytes, read_text, write_text
 from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, read_toml_model
-from compplan.robot.elasticity import ElasticityTable, build_links, build_springs, read_elasticity
+from compplan.robot.elasticity import ElasticityTable, build_links, build_springs
 from compplan.robot.model import Array, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
@@ -99,7 +99,7 @@ def read_robot_folder(folder: Path) -> Robot:
     for file in (urdf_file, elasticity_file):
         if not file.is_file():
             raise InputError(f"no {file.name} in this robot folder", file=folder)
-    robot = _assemble(read_text(urdf_file), read_elasticity(elasticity_file), folder)
+    robot = _assemble(read_text(urdf_file), read_toml_model(ElasticityTable, elasticity_file), folder)
     effects = folder / EFFECTS
     return replace(
         robot,

@@ -257,9 +257,8 @@ def _read_names(elements: Sequence[ElementTree.Element], kind: str, file: Path) 
     names: dict[str, None] = {}
     for element in elements:
         name = element.get("name", "")
-        if not name.strip() or len(name) > LONGEST_NAME:
-            fault = f"a name of {len(name)} letters" if name.strip() else "no name"
-            raise InputError(f"a {kind} has {fault}, expected 1 to {LONGEST_NAME} letters", file=file)
+        if not 0 < len(name.strip()) <= LONGEST_NAME:
+            raise InputError(f"a {kind} has a name of {len(name)} letters, expected 1 to {LONGEST_NAME}", file=file)
         if name in names:
             raise InputError(f"{kind} {name!r} occurs twice", file=file)
         names[name] = None

@@ -42,9 +42,9 @@ def test_an_engine_that_answers_wrongly_or_not_at_all_is_odd(monkeypatch):
         raise RuntimeError("no ipopt")
 
     monkeypatch.setattr(doctor, "_try_ipopt", fails)
-    monkeypatch.setattr(doctor, "_try_pinocchio", lambda: False)
-    said = odd(examine_installation())
-    assert "no ipopt" in said and "a wrong answer" in said
+    assert "no ipopt" in odd(examine_installation())
+    monkeypatch.setattr(doctor, "_try_ipopt", lambda: False)
+    assert "a wrong answer" in odd(examine_installation())
 
 
 def test_compliances_without_their_exponent_bend_the_arm_by_metres(tmp_path):
