@@ -67,7 +67,7 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
         InputError: If the folder cannot be written, or another run is writing into it; nothing has changed then.
     """
     folder = Path(folder)
-    check_results(folder)
+    check_folder(folder)
     place = folder.resolve()
     with _describe_faults(folder), lock_folder(folder):
         part = place / f"{HIDDEN}{uuid4().hex[:8]}{PART}"
@@ -143,12 +143,8 @@ def check_file(path: Path) -> None:
         _check_parent(path)
 
 
-def check_results(path: Path, names: Iterable[str] = ()) -> None:
-    """Refuse a folder that cannot be made or written to, or in which a foreign file has the name of a result.
-
-    Args:
-        path: The folder; it may be missing.
-        names: Names of results known before the computation.
+def check_folder(path: Path) -> None:
+    """Refuse a folder that cannot be made or written to, or whose manifest another program wrote.
 
     Raises:
         InputError: With the file in the way.
@@ -157,8 +153,7 @@ def check_results(path: Path, names: Iterable[str] = ()) -> None:
         if path.exists() and not path.is_dir():
             raise InputError("cannot be written: is a file; name a folder", file=path)
         _check_parent(path if path.exists() else path.resolve())
-        if path.is_dir():
-            _refuse_foreign([MANIFEST, *names], path.resolve(), path)
+        _refuse_foreign([MANIFEST], path.resolve(), path)
 
 
 def _check_parent(path: Path) -> None:
