@@ -199,7 +199,7 @@ def locate_link(robot: Robot, q: Array, link: str) -> Array:
 
 
 def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Array]:
-    """Return the poses of the frames of some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
+    """Return the poses of the frames of the base and some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
 
     Raises:
         InputError: If the chain has no such link.
@@ -207,7 +207,7 @@ def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Arra
     poses = follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q.T, strict=True)))
     if missing := [link for link in links if link not in poses]:
         raise InputError(f"no link named {missing[0]!r}, choose from {[joint.child for joint in robot.joints]}")
-    return {link: np.broadcast_to(poses[link], (len(q), 4, 4)) for link in links}
+    return {link: np.broadcast_to(poses[link], (len(q), 4, 4)) for link in (robot.base, *links)}
 
 
 def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
