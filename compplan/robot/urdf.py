@@ -50,35 +50,28 @@ class UrdfNode:
         """Return an attribute, or None."""
         return None if self.element is None else self.element.get(key)
 
-    def number(self, key: str, default: float | None = None) -> float:
-        """Return a finite number; the default where it is left out.
+    def numbers(self, key: str, default: str | None, count: int, expected: str) -> Array:
+        """Return the finite numbers of an attribute; the default where it is left out. Shape (count,).
 
         Raises:
-            InputError: If it is no such number, or left out without a default.
+            InputError: If they are no such numbers, or left out without a default.
         """
-        assert self.element is not None
-        text = self.element.get(key)
+        tag = "" if self.element is None else f"{self.element.tag} "
+        text = default if self.element is None else self.element.get(key, default)
         if text is None:
-            if default is None:
-                raise self.fault(f"{self.element.tag} has no {key}")
-            return default
-        value = _parse(text)
-        if not abs(value) <= GREATEST:
-            raise self.fault(f"{self.element.tag} {key} is {text!r}, expected a finite number up to {GREATEST:g}")
-        return value
+            raise self.fault(f"{tag}has no {key}")
+        values = [_parse(word) for word in text.split()]
+        if len(values) != count or not all(abs(value) <= GREATEST for value in values):
+            raise self.fault(f"{tag}{key} is {text!r}, expected {expected} up to {GREATEST:g}")
+        return np.array(values)
+
+    def number(self, key: str, default: str | None = None) -> float:
+        """Return a finite number, see `numbers`."""
+        return float(self.numbers(key, default, 1, "a finite number")[0])
 
     def vector(self, key: str, default: str) -> Array:
-        """Return three finite numbers of an attribute. Shape (3,).
-
-        Raises:
-            InputError: If they are not three finite numbers.
-        """
-        text = default if self.element is None else self.element.get(key, default)
-        values = [_parse(word) for word in text.split()]
-        if len(values) != 3 or not all(abs(value) <= GREATEST for value in values):
-            tag = "" if self.element is None else f"{self.element.tag} "
-            raise self.fault(f"{tag}{key} is {text!r}, expected three numbers up to {GREATEST:g}")
-        return np.array(values)
+        """Return three finite numbers, see `numbers`. Shape (3,)."""
+        return self.numbers(key, default, 3, "three numbers")
 
     def placement(self) -> Array:
         """Return the pose of an <origin>. Shape (4, 4). [m]
@@ -232,9 +225,9 @@ def read_urdf(text: str, file: Path) -> Urdf:
         raise InputError(f"holds {len(elements)} links, at most {MOST_LINKS} are read", file=file)
     links = _read_names(elements, "link", file)
     moving = root.findall("joint")
-    joints = [_read_joint(element, name, file) for element, name in zip(moving, _read_names(moving, "joint", file),
-                                                                         strict=True)]  # fmt: skip
-    _check_tree(links, joints, file)
+    names = _read_names(moving, "joint", file)
+    joints = [_read_joint(element, name, file) for element, name in zip(moving, names, strict=True)]
+    roots = _find_roots(links, joints, file)
     masses: list[Body] = []
     shapes: list[LinkShape] = []
     paints = {element.attrib["name"]: _read_colour(UrdfNode(element, file, None)) for element in
@@ -243,7 +236,10 @@ def read_urdf(text: str, file: Path) -> Urdf:
         body = _read_body(UrdfNode(element, file, f"link {link!r}"), link)
         masses += [] if body is None else [body]
         shapes += _read_shapes(element, file, paints)
-    return Urdf(file, tuple(joints), tuple(links), tuple(masses), tuple(shapes))
+    urdf = Urdf(file, tuple(joints), tuple(links), tuple(masses), tuple(shapes))
+    if loop := sorted(set(links) - set(urdf.carriers(roots)), key=links.index):
+        raise InputError(f"the joints above link {loop[0]!r} form a loop", file=file)
+    return urdf
 
 
 def _parse(word: str) -> float:
@@ -310,7 +306,7 @@ def _read_limits(limit: UrdfNode, kind: str) -> dict[str, float]:
         velocity = limits["velocity"] = limit.number("velocity")
         if not 0.0 < velocity <= FASTEST:
             raise limit.fault(f"limit velocity is {velocity:g} {unit}/s, expected more than 0 and at most {FASTEST:g}")
-    effort = limit.number("effort", 0.0)
+    effort = limit.number("effort", "0")
     if effort < 0.0:
         raise limit.fault(f"limit effort is {effort:g}, expected 0 or more")
     return {**limits, "effort": effort} if effort else limits  # ROS-Industrial writes 0 for unknown
@@ -322,11 +318,11 @@ def _read_mimic(mimic: UrdfNode, own: str) -> Mimic | None:
     leader = mimic.element.get("joint", "")
     if not leader or leader == own:
         raise mimic.fault(f"mimic names the joint {leader!r}, expected another joint")
-    return Mimic(leader, mimic.number("multiplier", 1.0), mimic.number("offset", 0.0))
+    return Mimic(leader, mimic.number("multiplier", "1"), mimic.number("offset", "0"))
 
 
-def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> None:
-    """Refuse joints without a link, links with two parents, loops, and unconnected links."""
+def _find_roots(links: Sequence[str], joints: Sequence[Joint], file: Path) -> list[str]:
+    """Return the base link, or no link of a loop; refuse joints without a link, two parents, unconnected links."""
     known = set(links)
     parents: dict[str, Joint] = {}
     for joint in joints:
@@ -341,15 +337,7 @@ def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> No
     if len(roots) > 1:
         message = f"links {roots[:5]} have no parent joint, expected one base link and joints to all others"
         raise InputError(message, file=file)
-    reached = set(roots)
-    waiting = list(roots)
-    while waiting:
-        above = waiting.pop()
-        below = [joint.child for joint in joints if joint.parent == above]
-        reached.update(below)
-        waiting += below
-    if loop := [link for link in links if link not in reached]:
-        raise InputError(f"the joints above link {loop[0]!r} form a loop", file=file)
+    return roots
 
 
 def _read_body(node: UrdfNode, link: str) -> Body | None:
@@ -365,7 +353,7 @@ def _read_body(node: UrdfNode, link: str) -> Body | None:
         raise node.fault(f"mass is {value:g} kg, expected 0 to {HEAVIEST:g} kg")
     for i, j in zip(*np.triu_indices(3), strict=True) if inertia.element is not None else ():
         key = f"i{'xyz'[i]}{'xyz'[j]}"
-        tensor[i, j] = tensor[j, i] = inertia.number(key, None if i == j else 0.0)
+        tensor[i, j] = tensor[j, i] = inertia.number(key, None if i == j else "0")
         if i == j and tensor[i, i] < 0.0:
             raise node.fault(f"inertia {key} is {tensor[i, i]:g}, expected 0 or more")
     place = inertial.child("origin").placement()
