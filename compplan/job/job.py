@@ -329,13 +329,12 @@ def _holds_key(table: Any, key: list[str]) -> bool:
     return wanted and (len(key) == 1 or _holds_key(inner, key[1:]))
 
 
-def load_job(path: str | Path, robot: str | None = None, keep: str | None = None, changes: Sequence[str] = ()) -> Job:
+def load_job(path: str | Path, robot: str | None = None, changes: Sequence[str] = ()) -> Job:
     """Read a job file.
 
     Args:
         path: The file.
         robot: Robot folder or shipped robot in place of the job's; relative to the working directory.
-        keep: Replaces [plan] keep.
         changes: Keys in place of the file's, such as "plan.tolerance_mm=0.05" (--set).
 
     Raises:
@@ -353,8 +352,6 @@ def load_job(path: str | Path, robot: str | None = None, keep: str | None = None
     own = data.get("robot")
     if robot is not None:
         data["robot"] = str(find_robot_folder(robot).resolve())
-    if keep is not None and isinstance(data.setdefault("plan", {}), dict):
-        data["plan"]["keep"] = keep
     try:
         job = check_job(data, path)
     except InputError as error:
