@@ -13,7 +13,7 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
 from compplan.diagnosis.results.assessment import assess_diagnosis
-from compplan.diagnosis.results.delivery import possible_claims, settle_play
+from compplan.diagnosis.results.delivery import deliverable_claims, settle_play
 from compplan.diagnosis.results.verdict import reach_verdict
 from compplan.diagnosis.results.where import split_diagnosis
 from compplan.diagnosis.search.fit import fit_effects
@@ -58,7 +58,7 @@ def test_what_no_robot_can_have_is_not_named_goes_into_no_folder_and_the_reason_
     verdict = reach_verdict(diagnosis.fit, diagnosis.revised)
     assert [f.effect.place for f in verdict.findings] == [SECOND.place]
     (soft,) = (f for f in verdict.doubtful if f.effect.place == CAUSE.place)
-    assert soft.signature not in {claim.signature for claim in possible_claims(diagnosis.fit, verdict)}
+    assert soft.signature not in {claim.signature for claim in deliverable_claims(diagnosis.fit, verdict)}
     assert soft.beyond.startswith("joint_3 would bend by")
     assert ("not named", f"joint_stiffness: {soft.beyond}") in replace(diagnosis, verdict=verdict).summary()
 
