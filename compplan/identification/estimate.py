@@ -186,7 +186,7 @@ def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparab
         raise InputError(f"{system.known.sum()} measured values for {free.sum()} parameters, expected more; add poses")
 
 
-#: Held at its nominal value first: what is refinement rather than the joints and frames themselves.
+#: Held at its nominal value first: what refines rather than the joints and frames themselves.
 PREFERENCE = {
     "link": 0, "spring": 1, "effect": 2, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6, "contact": 7,
 }  # fmt: skip
