@@ -6,16 +6,16 @@ m_A, m_B and covariances K_A, K_B of what is not known exactly. With noise N the
     D = 1/2 (m_A - m_B)^T (N + (K_A + K_B) / 2)^-1 (m_A - m_B)
 
 [Box1967; Atkinson1975: T-optimality, here with the uncertainty of both models]. Rows are picked one after the other,
-each for what it adds to those before, until more of them would not tell more, then exchanged. Candidates continue the
-campaign: poses within joint limits, no lower and no nearer to the base axis than it went, without load and under its
-largest loads. Whether cables and surroundings allow a pose is not known here.
+each for what it adds to those before. Candidates continue the campaign: poses within joint limits, no lower and no
+nearer to the base axis than it went, without load and under its largest loads. Whether cables and surroundings allow a
+pose is not known here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses, transmission_error
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, take_clear, weight_rows
+from compplan.measurement.pose_selection import grow_choice, odds_gains, take_clear, weight_rows
 from compplan.robot import Array, Robot
 
 NOTHING = "none"
@@ -73,25 +73,16 @@ class Pair:
     log_odds: float
 
 
-class DifferenceShown(NamedTuple):
-    """What k poses show of the difference of two models."""
-
-    mean: Array  #: Parameters of the first, less those of the second, each in its own place. Shape (P,).
-    covariance: Array  #: Mean covariance of the two. Shape (P, P).
-    rows: Array  #: Derivatives of what each pose shows, in units of its noise. Shape (k, c, P).
-
-
 @dataclass(frozen=True)
 class Proposal:
-    """Rows that separate two explanations; the second is None where the question is whether there is any.
+    """Rows of the candidates that separate a pair, the most telling first.
 
-    `rows` of the candidates, the most telling first; `probability` of the better explanation now, `gain` by how much
-    that of the true one is expected to rise, `information` the expected log likelihood ratio.
+    `gain` is by how much the probability of the true explanation is expected to rise, `information` the expected log
+    likelihood ratio.
     """
 
-    separates: tuple[Place, Place | None]
+    pair: Pair
     rows: tuple[int, ...]
-    probability: float
     gain: float
     information: float
 
@@ -118,11 +109,9 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     parts = zip(predict_columns(fit, at), variance, strict=True)
     design = np.concatenate([part / np.sqrt(v) for part, v in parts], axis=1)
     loaded = np.asarray(pool.wrench[FEW_ROWS:].any(axis=1))
-    tried = [(pair, best_proposal(pair, design[FEW_ROWS:], loaded)) for pair in pairs]
-    proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -rank_number(p.gain))
-    tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
-    tables += [_inseparable(pair) for pair, found in tried if found is None]
-    return tables[: NEXT.most_poses]
+    found = [best_proposal(pair, design[FEW_ROWS:], loaded) for pair in pairs]
+    found.sort(key=lambda proposal: -rank_number(proposal.gain))
+    return [summarise_proposal(fit, at, proposal) for proposal in found][: NEXT.most_poses]
 
 
 def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
@@ -195,56 +184,44 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
     return designs
 
 
-def best_proposal(pair: Pair, design: Array, loaded: NDArray[np.bool_]) -> Proposal | None:
-    """Find the poses that separate a pair, without load where that tells as much, as few as do it.
+def best_proposal(pair: Pair, design: Array, loaded: NDArray[np.bool_]) -> Proposal:
+    """Find the poses that separate a pair, without load where that tells as much; no poses where none separate it.
 
     `design`: columns at the candidates, shape (n, c, p); `loaded`: which of them carry a load. Shape (n,).
     """
     found: list[Proposal] = []
     plain, under = np.flatnonzero(~loaded), np.flatnonzero(loaded)
-    for poses in (plain[:, None], np.column_stack([plain[: len(under)], under])):
-        picked, information = pick_poses(predict_difference(pair, design[poses]), pair.log_odds)
-        gain = expected_gain(pair.log_odds, information / MAP.temper, MAP.temper)
-        rows = tuple(poses[picked].ravel().tolist())
-        found.append(Proposal((pair.first, pair.second), rows, float(expit(abs(pair.log_odds))), gain, information))
-    best = found[0] if found[0].gain >= found[1].gain - NEGLIGIBLE else found[1]
-    return best if best.gain >= NEXT.worth_it else None
-
-
-def predict_difference(pair: Pair, design: Array) -> DifferenceShown:
-    """Return what poses of r rows show of the difference of two models; `design`: their columns. Shape (k, r, c, p)."""
     two = [model.posterior for model in (pair.model, pair.other)]
-    columns = np.concatenate([design[..., posterior.columns] for posterior in two], axis=-1)
-    return DifferenceShown(
-        np.r_[two[0].mean, -two[1].mean],
-        0.5 * block_diag(*(posterior.covariance for posterior in two)),
-        columns.reshape(len(columns), -1, columns.shape[-1]),
-    )
+    difference = np.r_[two[0].mean, -two[1].mean]
+    covariance = 0.5 * block_diag(*(posterior.covariance for posterior in two))
+    for poses in (plain[:, None], np.column_stack([plain[: len(under)], under])):
+        columns = np.concatenate([design[poses][..., posterior.columns] for posterior in two], axis=-1)
+        shown = columns.reshape(len(poses), -1, columns.shape[-1])
+        picked, information = pick_poses(difference, covariance, shown, pair.log_odds)
+        gain = expected_gain(pair.log_odds, information / MAP.temper, MAP.temper)
+        found.append(Proposal(pair, tuple(poses[picked].ravel().tolist()), gain, information))
+    best = found[0] if found[0].gain >= found[1].gain - NEGLIGIBLE else found[1]
+    return best if best.gain >= NEXT.worth_it else Proposal(pair, (), 0.0, 0.0)
 
 
-def pick_poses(shown: DifferenceShown, log_odds: float) -> tuple[list[int], float]:
-    """Pick poses for what each adds to those before, as many as add to the expected gain, then exchange them.
+def pick_poses(mean: Array, covariance: Array, rows: Array, log_odds: float) -> tuple[list[int], float]:
+    """Pick poses one after the other, as few as gain what all that are allowed would.
 
-    Returns their numbers, and the expected log likelihood ratio of all of them together.
+    Args:
+        mean: Parameters of one model, less those of the other, each in its own place. Shape (P,).
+        covariance: Mean covariance of the two. Shape (P, P).
+        rows: Derivatives of what each pose shows, in units of its noise. Shape (k, c, P).
+        log_odds: Log odds of the first.
+
+    Returns:
+        Their numbers, and the expected log likelihood ratio of all of them together.
     """
-    worth = weight_rows(odds_gains, shown.covariance, shown.rows, 1.0, shown.mean)
-
-    def gain_of(information: float) -> float:
-        return expected_gain(log_odds, information / MAP.temper, MAP.temper)
-
-    picked: list[int] = []
-    information = 0.0
-    for best, added in grow_choice(worth, min(NEXT.most_poses, len(shown.rows))):
-        # a single pose may be too little to show although all that are allowed would
-        most = information + (NEXT.most_poses - len(picked)) * added
-        enough = len(picked) >= NEXT.fewest_poses or not picked
-        if enough and gain_of(most) < gain_of(information) + NEGLIGIBLE:
-            break
-        picked, information = [*picked, best], information + added
-    if gain_of(information) < NEGLIGIBLE:
-        return [], 0.0
-    chosen = settle_choice(worth, picked)
-    return [pose for pose, _ in chosen], sum(added for _, added in chosen)
+    worth = weight_rows(odds_gains, covariance, rows, 1.0, mean)
+    picked, added = zip(*grow_choice(worth, min(NEXT.most_poses, len(rows))), strict=True)
+    told = np.cumsum(added)
+    gains = np.array([expected_gain(log_odds, information / MAP.temper, MAP.temper) for information in told])
+    few = max(int(np.argmax(gains >= gains[-1] - NEGLIGIBLE)) + 1, min(NEXT.fewest_poses, len(picked)))
+    return list(picked[:few]), float(told[few - 1])
 
 
 def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> float:
@@ -265,37 +242,23 @@ def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> f
 def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[str, Any]:
     """Return a proposal as diagnosis.json holds it: poses in deg (sliding joints in mm), loads in N and N m."""
     robot, campaign, rows = fit.problem.robot, at.campaign, [FEW_ROWS + row for row in proposal.rows]
-    unit = np.where(robot.prismatic, 1e3, 180.0 / np.pi)
-    loaded = any(campaign.wrench[row].any() for row in rows)
-    table: dict[str, Any] = {
-        "separates": _separates(*proposal.separates),
-        "how": "measure each pose without load and under the load" if loaded else "measure these poses, without load",
+    unit, pair = np.where(robot.prismatic, 1e3, 180.0 / np.pi), proposal.pair
+    how = "no pose within joint limits and given loads separates these; the simpler one predicts as well"
+    if rows:
+        loaded = any(campaign.wrench[row].any() for row in rows)
+        how = "measure each pose without load and under the load" if loaded else "measure these poses, without load"
+        if loaded and not fit.problem.campaign.load_varies:
+            how += f" (the log has none: {NEXT.assumed_weight:g} N are assumed)"
+    return {
+        "separates": [place_table(pair.first), place_table(pair.second or (NOTHING, None, None))],
+        "how": how,
         "columns": list(robot.joint_headers),
         "poses": [[round(float(v), 4) for v in campaign.q[row] * unit] for row in rows],
         "wrenches": [[round(float(v), 2) for v in campaign.wrench[row]] for row in rows],
-        "probability_now": round(proposal.probability, 3),
+        "probability_now": round(float(expit(abs(pair.log_odds))), 3),
         "expected_probability_gain": round(proposal.gain, 3),
         "expected_log_likelihood_ratio": round(proposal.information, 2),
     }
-    if loaded and not fit.problem.campaign.load_varies:
-        table["assumed"] = "the campaign had no loads; the weight on the tool is assumed"
-    return table
-
-
-def _inseparable(pair: Pair) -> dict[str, Any]:
-    """Say that no rows were found that would tell two explanations apart."""
-    return {
-        "separates": _separates(pair.first, pair.second),
-        "how": "no pose within joint limits and given loads separates these; the simpler one predicts as well",
-        "poses": [],
-        "wrenches": [],
-        "probability_now": round(float(expit(abs(pair.log_odds))), 3),
-        "expected_probability_gain": 0.0,
-    }
-
-
-def _separates(first: Place, second: Place | None) -> list[dict[str, str | None]]:
-    return [place_table(first), place_table((NOTHING, None, None) if second is None else second)]
 
 
 def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
@@ -358,18 +321,10 @@ def _tips(robot: Robot, q: Array) -> Array:
 
 
 def given_loads(campaign: Campaign) -> list[Array]:
-    """Pick the largest loads of the campaign that point in different directions; a known weight where it had none."""
+    """Pick the largest loads of the campaign; a known weight where it had none."""
     wrench = campaign.wrench[campaign.usable & ~campaign.unloaded]
     if not campaign.load_varies or not len(wrench):
         return [np.array([0.0, 0.0, -NEXT.assumed_weight, 0.0, 0.0, 0.0])]
-    order = np.argsort(-np.linalg.norm(wrench[:, :3], axis=1))
-    picked: list[Array] = []
-    for row in order:
-        force = wrench[row, :3]
-        # nearer to a right angle than to each other
-        size = np.linalg.norm(force) * np.sqrt(0.5)
-        if all(force @ other[:3] < size * np.linalg.norm(other[:3]) for other in picked):
-            picked.append(np.round(wrench[row], 1))
-        if len(picked) == FEW_ROWS:
-            break
-    return picked
+    several = np.unique(np.round(wrench, 1), axis=0)
+    largest = np.argsort(-np.linalg.norm(several[:, :3], axis=1), kind="stable")[:FEW_ROWS]
+    return list(several[largest])
