@@ -219,7 +219,7 @@ def run_campaign(
 
     Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
     """
-    from compplan.diagnosis.data.plausibility import ask_unit, build_rows_model
+    from compplan.diagnosis.data.plausibility import build_rows_model
     from compplan.learning.campaign import design_campaign, parse_weights
     from compplan.measurement.equipment import Equipment
     from compplan.planning.plan import plan_job
@@ -234,8 +234,9 @@ def run_campaign(
         announce("plan")
         plan = plan_job(job)
         known = None if log is None else read_measured(log, plan.robot, instrument=described)[1]
-        if known is not None and (question := ask_unit(build_rows_model(plan.robot, known))) is not None:
-            raise InputError(question.sentence, file=log)
+        if known is not None:
+            rows = build_rows_model(plan.robot, known)
+            check_unit(rows.campaign, rows.position)
         campaign = design_campaign(plan, equipment, count, known, announce)
         announce("report")
         summary = write_campaign(campaign, folder)

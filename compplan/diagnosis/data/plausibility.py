@@ -19,6 +19,7 @@ from compplan.diagnosis.data.noise import ASSUMED_SIGMA
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SAMPLE
 from compplan.effects import apply_effects, build_model, robot_effects, solve_model_poses
 from compplan.measurement.campaign import Campaign
+from compplan.measurement.checks import describe_unit
 from compplan.measurement.frames import fit_registration
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.measurement.registration import campaign_gap, fitted_parts
@@ -29,11 +30,6 @@ from compplan.statics.elements import ELASTIC_AXES
 
 #: A gap above this is no effect of the vocabulary: centimetres are frames, tools, units or conventions (assumed). [m]
 NO_EFFECT = 20e-3
-#: Units that logs are written in by mistake, against the millimetres that the column says (theory).
-UNITS = {
-    1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres",
-    25.4: "millimetres taken for inches",
-}  # fmt: skip
 #: Signs of weight and load under each hypothesis (theory).
 SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0), "none": (0.0, 0.0)}
 
@@ -78,7 +74,9 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
     rows = build_rows_model(robot, campaign)
     if len(rows.campaign) < FEW_ROWS:
         return []
-    if question := ask_unit(rows) or ask_hand(rows) or ask_step(rows):
+    if said := describe_unit(rows.campaign.position, rows.position):
+        return [Question("unit", said)]
+    if question := ask_hand(rows) or ask_step(rows):
         return [question]
     known, parts = list(robot_effects(robot)), tuple(register)
     far = typical_gap(robot, rows.campaign, parts, known) > NO_EFFECT
@@ -131,27 +129,6 @@ def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Que
         f"contacts, readings and distances are {_mm(left)} off (median), which no effect of a robot explains; check"
         " labels, units and the tool; a reading whose zero is not known needs a label in column contact",
     )
-
-
-def ask_unit(rows: QuestionRows) -> Question | None:
-    """Compare distances between targets with those that the joints say."""
-    half = len(rows.position) // 2
-    expected, seen = (
-        np.linalg.norm(place[half : 2 * half] - place[:half], axis=1)
-        for place in (rows.position, rows.campaign.position)
-    )
-    if expected.max(initial=0.0) < NO_EFFECT:
-        return None
-    far = expected >= np.median(expected)
-    ratio = float(np.median(seen[far] / expected[far]))
-    for factor, unit in UNITS.items():
-        if abs(ratio / factor - 1.0) < CONVINCING:
-            return Question(
-                "unit",
-                f"measured distances are {ratio:.3g} times those of the joints; are the positions in {unit}, in"
-                " columns named mm?",
-            )
-    return None
 
 
 def ask_hand(rows: QuestionRows) -> Question | None:
