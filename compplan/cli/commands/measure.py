@@ -125,7 +125,7 @@ def run_diagnose(
     with show_progress() as progress:
         start = perf_counter()
         diagnosis, questions = diagnose_measured(
-            measurements, robot_name, register=parse_parts(register), progress=progress, **options
+            measurements, robot_name, register=parse_parts(register), progress=progress, self_test=self_test, **options
         )
         tested = _test_diagnosis(diagnosis, perf_counter() - start, progress) if self_test else None
         table = deliver_diagnosis(diagnosis, folder, progress, tested)
