@@ -56,7 +56,6 @@ class IdentifyOptions:
     add: tuple[str, ...] = ()  #: Springs ("joint_3.rx") that the model is given besides.
     #: Whether own-axis springs beyond the link-side encoders are candidates too (double encoders).
     link_side: bool = False
-    links: str | None = None  #: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
     #: Effects whose parameters are fitted too, by name or "name@joint" or "name@joint:form".
     effects: tuple[str, ...] = ()
     geometry: str = "auto"  #: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
@@ -102,7 +101,7 @@ class IdentifyProblem:
         if options.springs is not None:
             springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond)))
         added = (*demanded, *own, *beyond)
-        return build_structure(robot, springs=springs, add=added, links=options.links, forms=self.forms())
+        return build_structure(robot, springs=springs, add=added, forms=self.forms())
 
     def demanded(self, structure: FreeRobot) -> list[str]:
         """List the parameters that need not earn their place: those of the nominal model, and what was asked for."""

@@ -24,7 +24,7 @@ from compplan.reporting.writers.robot_folder import deliver_robot_folder
 
 #: Unit in which a parameter is shown, and factor from SI.
 SHOWN = {
-    "rad/(N m)": ("urad/(N m)", 1e6), "m/N": ("um/N", 1e6), "rad/N": ("urad/N", 1e6), "m": ("mm", 1e3),
+    "rad/(N m)": ("urad/(N m)", 1e6), "m/N": ("um/N", 1e6), "m": ("mm", 1e3),
     "rad": ("deg", 180 / np.pi), "1": ("1", 1.0),
 }  # fmt: skip
 #: Lines of compliances that the terminal shows at most.

@@ -30,7 +30,6 @@ from compplan.cli.terminal import Work, show_progress
 from compplan.effects import EFFECTS
 from compplan.effects.requested import GEOMETRY
 from compplan.errors import InputError
-from compplan.identification.parameters import LINK_TERMS
 from compplan.io.parsing import LEAST_SIGMA_MM
 from compplan.io.provenance import describe_origin
 from compplan.measurement.checks import check_unit, list_notes
@@ -49,7 +48,6 @@ if TYPE_CHECKING:
     click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".'),
     click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint."),
     click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".'),
-    click.option("--links", type=click.Choice(LINK_TERMS), help="Terms of the links' 6x6 elasticities to identify."),
     click.option("--effects", help='Effects to fit too, such as "backlash,joint_coupling@joint_5:of joint_4".'),
     click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry fitted along."),
     click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
