@@ -44,7 +44,7 @@ def test_the_expected_gain_agrees_with_measuring_many_times() -> None:
 def test_moves_that_repeat_each_other_are_not_picked_twice() -> None:
     """Three readings, two of them of what is nearly the same, over noise of one."""
     shared = 1e3 * np.array([[1.0, 0.999, 0.0], [0.999, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    picked, _ = pick_poses(np.sqrt(1e3) * np.array([2.0, 2.0, 1.9]), shared, np.eye(3)[:, None], 0.0)
+    picked, _ = pick_poses(np.sqrt(1e3) * np.array([2.0, 2.0, 1.9]), shared, np.eye(3)[:, None])
     assert set(picked[:2]) in ({0, 2}, {1, 2})
 
 
@@ -112,5 +112,5 @@ def test_what_is_proposed_says_poses_loads_and_gain(measured: tuple[Robot, Campa
     steps = [step for step in found if step["poses"]]
     assert steps
     for step in steps:
-        assert 3 <= len(step["poses"]) == len(step["wrenches"]) <= 16
-        assert step["expected_probability_gain"] >= 0.05
+        assert 5 <= len(step["poses"]) == len(step["wrenches"]) <= 10
+        assert step["expected_probability_gain"] >= 0.02

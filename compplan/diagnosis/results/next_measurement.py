@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import expit, logit, ndtri
 
-from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, NEGLIGIBLE, SAMPLE, SEED, SURE, rank_number
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LISTED, NEGLIGIBLE, SAMPLE, SEED, SURE, rank_number
 from compplan.diagnosis.evidence.candidates import key_of, offered_signatures, propose_again
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import NAMING, Verdict
@@ -33,33 +33,14 @@ from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses, transmission_error
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.pose_selection import grow_choice, odds_gains, take_clear, weight_rows
+from compplan.measurement.pose_selection import grow_choice, odds_gains, weight_rows
 from compplan.robot import Array, Robot
 
 NOTHING = "none"
 
 
-@dataclass(frozen=True)
-class NextSettings:
-    """Numbers of what is proposed."""
-
-    #: Candidates of new poses, and draws for each: some are not clear (assumed).
-    poses: int = 40
-    #: Seconds between stays (assumed). [s]
-    pace: float = 15.0
-    #: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
-    assumed_weight: float = 50.0
-    #: Radius about the base axis beyond which it is always clear (assumed). [m]
-    column: float = 0.3
-    #: Poses at least, since a single reading may be a gross error, and at most; so many proposals at most, too
-    #: (assumed).
-    fewest_poses: int = 3
-    most_poses: int = 8
-    #: A proposal has to add this much expected probability (assumed).
-    worth_it: float = 0.05
-
-
-NEXT = NextSettings()
+#: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
+ASSUMED_WEIGHT = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +92,7 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     loaded = np.asarray(pool.wrench[FEW_ROWS:].any(axis=1))
     found = [best_proposal(pair, design[FEW_ROWS:], loaded) for pair in pairs]
     found.sort(key=lambda proposal: -rank_number(proposal.gain))
-    return [summarise_proposal(fit, at, proposal) for proposal in found][: NEXT.most_poses]
+    return [summarise_proposal(fit, at, proposal) for proposal in found][:LISTED]
 
 
 def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
@@ -197,31 +178,27 @@ def best_proposal(pair: Pair, design: Array, loaded: NDArray[np.bool_]) -> Propo
     for poses in (plain[:, None], np.column_stack([plain[: len(under)], under])):
         columns = np.concatenate([design[poses][..., posterior.columns] for posterior in two], axis=-1)
         shown = columns.reshape(len(poses), -1, columns.shape[-1])
-        picked, information = pick_poses(difference, covariance, shown, pair.log_odds)
+        picked, information = pick_poses(difference, covariance, shown)
         gain = expected_gain(pair.log_odds, information / MAP.temper, MAP.temper)
         found.append(Proposal(pair, tuple(poses[picked].ravel().tolist()), gain, information))
     best = found[0] if found[0].gain >= found[1].gain - NEGLIGIBLE else found[1]
-    return best if best.gain >= NEXT.worth_it else Proposal(pair, (), 0.0, 0.0)
+    return best if best.gain >= NEGLIGIBLE else Proposal(pair, (), 0.0, 0.0)
 
 
-def pick_poses(mean: Array, covariance: Array, rows: Array, log_odds: float) -> tuple[list[int], float]:
-    """Pick poses one after the other, as few as gain what all that are allowed would.
+def pick_poses(mean: Array, covariance: Array, rows: Array) -> tuple[list[int], float]:
+    """Pick `FEW_ROWS` poses one after the other, each for what it adds to those before it.
 
     Args:
         mean: Parameters of one model, less those of the other, each in its own place. Shape (P,).
         covariance: Mean covariance of the two. Shape (P, P).
         rows: Derivatives of what each pose shows, in units of its noise. Shape (k, c, P).
-        log_odds: Log odds of the first.
 
     Returns:
         Their numbers, and the expected log likelihood ratio of all of them together.
     """
     worth = weight_rows(odds_gains, covariance, rows, 1.0, mean)
-    picked, added = zip(*grow_choice(worth, min(NEXT.most_poses, len(rows))), strict=True)
-    told = np.cumsum(added)
-    gains = np.array([expected_gain(log_odds, information / MAP.temper, MAP.temper) for information in told])
-    few = max(int(np.argmax(gains >= gains[-1] - NEGLIGIBLE)) + 1, min(NEXT.fewest_poses, len(picked)))
-    return list(picked[:few]), float(told[few - 1])
+    picked = list(grow_choice(worth, min(FEW_ROWS, len(rows))))
+    return [pose for pose, _ in picked], sum(added for _, added in picked)
 
 
 def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> float:
@@ -248,7 +225,7 @@ def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[
         loaded = any(campaign.wrench[row].any() for row in rows)
         how = "measure each pose without load and under the load" if loaded else "measure these poses, without load"
         if loaded and not fit.problem.campaign.load_varies:
-            how += f" (the log has none: {NEXT.assumed_weight:g} N are assumed)"
+            how += f" (the log has none: {ASSUMED_WEIGHT:g} N are assumed)"
     return {
         "separates": [place_table(pair.first), place_table(pair.second or (NOTHING, None, None))],
         "how": how,
@@ -266,13 +243,14 @@ def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
 
     Poses without load, then some of them under a load each.
     """
-    poses = draw_poses(robot, campaign, NEXT.poses, np.random.default_rng(seed))
+    poses = draw_poses(robot, campaign, np.random.default_rng(seed))
     loaded, loads = poses[:ENOUGH_ROWS], np.array(given_loads(campaign))
     before = np.resize(np.flatnonzero(campaign.usable), FEW_ROWS)
     q = np.concatenate([campaign.q[before], poses, loaded])
     under = loads[np.arange(len(loaded)) % len(loads)]
     later = np.arange(len(q)) >= FEW_ROWS
-    time = 0.0 if campaign.time is None else float(np.nanmax(campaign.time))
+    time = np.zeros(1) if campaign.time is None else np.nan_to_num(campaign.time)
+    pace = float(np.ptp(time)) / len(campaign)
     warm = None if campaign.warming is None else np.where(later, np.max(campaign.warming), 0.0)
     return Campaign(
         run=np.where(later, "static_next", "static_before"),
@@ -280,7 +258,7 @@ def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
         wrench=np.concatenate([campaign.wrench[before], np.zeros((len(poses), 6)), under]),
         position=np.zeros((len(q), 3)),
         rotation=None if campaign.rotation is None else np.broadcast_to(np.eye(3), (len(q), 3, 3)),
-        time=None if campaign.time is None else later * (time + NEXT.pace * np.arange(len(q))),
+        time=None if campaign.time is None else later * (float(np.max(time)) + pace * np.arange(len(q))),
         temperature=None if warm is None else campaign.reference_temperature + warm,
         link=None if campaign.link is None else q.copy(),
         target=None if campaign.target is None else np.full(len(q), int(campaign.target_index[-1])),
@@ -288,10 +266,10 @@ def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
     )
 
 
-def draw_poses(robot: Robot, campaign: Campaign, count: int, random: np.random.Generator) -> Array:
-    """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= count, nq)."""
-    q = random.uniform(*joint_range(robot, campaign), (NEXT.poses * count, robot.nq))
-    return take_clear([q], lambda part: keeps_clear(robot, campaign, part), count)
+def draw_poses(robot: Robot, campaign: Campaign, random: np.random.Generator) -> Array:
+    """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= 40, nq)."""
+    q = random.uniform(*joint_range(robot, campaign), (4 * SAMPLE, robot.nq))
+    return q[keeps_clear(robot, campaign, q)][: 2 * ENOUGH_ROWS]
 
 
 def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
@@ -310,8 +288,9 @@ def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]
     usable = np.flatnonzero(campaign.usable)
     some = usable[:: max(1, len(usable) // SAMPLE)]
     seen, tip = _tips(robot, campaign.q[some]), _tips(robot, q)
-    near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), NEXT.column)
-    return np.asarray((tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= near))
+    return np.asarray(
+        (tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= np.hypot(seen[:, 0], seen[:, 1]).min())
+    )
 
 
 def _tips(robot: Robot, q: Array) -> Array:
@@ -324,7 +303,7 @@ def given_loads(campaign: Campaign) -> list[Array]:
     """Pick the largest loads of the campaign; a known weight where it had none."""
     wrench = campaign.wrench[campaign.usable & ~campaign.unloaded]
     if not campaign.load_varies or not len(wrench):
-        return [np.array([0.0, 0.0, -NEXT.assumed_weight, 0.0, 0.0, 0.0])]
+        return [np.array([0.0, 0.0, -ASSUMED_WEIGHT, 0.0, 0.0, 0.0])]
     several = np.unique(np.round(wrench, 1), axis=0)
     largest = np.argsort(-np.linalg.norm(several[:, :3], axis=1), kind="stable")[:FEW_ROWS]
     return list(several[largest])
