@@ -312,8 +312,8 @@ def _solve_trace(gram: Array, columns: NDArray[np.int_], values: Array, other: N
 
 
 def is_comparable(other: Signature) -> bool:
-    """Leave out forms that contain the claim trivially: a general curve contains the straight line."""
-    if other.name in (REGISTRATION, UNMODELLED) or other.tried > 1 or other.form == "spline":
+    """Leave out forms that were looked for, and all but one of each law, wave and balancer."""
+    if other.name in (REGISTRATION, UNMODELLED) or other.tried > 1:
         return False
     if other.name == "stiffness_nonlinearity":
         return other.form in ("quadratic", "cubic")
