@@ -90,7 +90,7 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
         if gap > NO_EFFECT:
             said = f"is it the log of this robot? The median gap is {_mm(gap)}, which no effect of a robot explains"
             beyond = Question("gap", f"{said}; check units, tool, frames and the signs and zeros of the joints")
-            questions.insert(0, ask_target(rows, register) or ask_frames(rows, register) or beyond)
+            questions.insert(0, ask_frames(rows, register) or beyond)
     return questions
 
 
@@ -161,39 +161,30 @@ def ask_step(rows: QuestionRows) -> Question | None:
     return None
 
 
-def ask_target(rows: QuestionRows, register: Sequence[str]) -> Question | None:
-    """Ask for the target where the gap is one vector of the TCP frame."""
-    if "tool" in register or rows.campaign.target_offset is not None:
-        return None
-    gap = rows.campaign.position - rows.position
-    own = np.einsum("nji,nj->ni", rows.rotation, gap)
-    offset = np.median(own, axis=0)
-    left = float(np.median(np.linalg.norm(own - offset, axis=1)))
-    if left > CONVINCING * np.linalg.norm(offset):
-        return None
-    x, y, z = offset * 1e3
-    return Question(
-        "target",
-        f"the measured point lies {np.linalg.norm(offset) * 1e3:.0f} mm from the TCP in every pose; give"
-        f" --target-offset {x:.1f},{y:.1f},{z:.1f}, the tool with --tool, or fit it with --register tool",
-    )
-
-
 def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
-    """Ask for a registration where one makes the gap small."""
+    """Ask for the target or a registration where one makes the gap small."""
     gap = float(np.median(np.linalg.norm(rows.campaign.position - rows.position, axis=1)))
-    for parts in (("base",), ("base", "tool")):
-        if set(parts) <= set(register):
+    target_known = rows.campaign.target_offset is not None
+    for parts in (("tool",), ("base",), ("base", "tool")):
+        if set(parts) <= set(register) or (parts == ("tool",) and target_known):
             continue
         frames = fit_registration(rows.campaign, rows.position, rows.rotation, parts)
         expected = frames.locate_targets(rows.campaign, rows.position, rows.rotation)
         left = float(np.median(np.linalg.norm(rows.campaign.position - expected, axis=1)))
-        if left < CONVINCING * gap and left < NO_EFFECT:
+        if left >= CONVINCING * gap or left >= NO_EFFECT:
+            continue
+        if parts == ("tool",):
+            x, y, z = frames.tool[0, :3, 3] * 1e3
             return Question(
-                "frames",
-                f"the median gap is {_mm(gap)}, and {_mm(left)} with the instrument's frame fitted"
-                f" ({_mm(float(np.linalg.norm(frames.base[:3, 3])))} away); use --register {','.join(parts)}",
+                "target",
+                f"the measured point lies {np.hypot(np.hypot(x, y), z):.0f} mm from the TCP in every pose; give"
+                f" --target-offset {x:.1f},{y:.1f},{z:.1f}, the tool with --tool, or fit it with --register tool",
             )
+        return Question(
+            "frames",
+            f"the median gap is {_mm(gap)}, and {_mm(left)} with the instrument's frame fitted"
+            f" ({_mm(float(np.linalg.norm(frames.base[:3, 3])))} away); use --register {','.join(parts)}",
+        )
     return None
 
 

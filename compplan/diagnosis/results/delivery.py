@@ -66,7 +66,7 @@ def deliver_robot(
     if not better or not stands(problem, state):
         known = state_uncertainty(fit, found, nominal, plain, good)
         return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known, found.posterior)
-    state = settle_play(problem, register_again(fit, state, fit.state.use))
+    state = register_again(fit, state, fit.state.use)
     known = state_uncertainty(fit, found, state, held, good)
     return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, found.posterior)
 
@@ -88,22 +88,3 @@ def deliverable_claims(fit: Fit, verdict: Verdict) -> list[Claim]:
 
 def _residual(problem: Problem, state: FitState) -> Array:
     return position_residual(problem.campaign, *attain_state(problem, state))
-
-
-def settle_play(problem: Problem, state: FitState) -> FitState:
-    """Find on which side of its play each joint stood when the campaign began: where the first rows say so."""
-    campaign = problem.campaign
-    first = campaign.first_visit & campaign.usable & (campaign.run_index == 0)
-    if not first.any():
-        return state
-    effects = list(state.effects)
-    for number, effect in enumerate(effects):
-        if effect.name != "backlash":
-            continue
-        tries = []
-        for start in (-0.5, 0.5):
-            effects[number] = replace(effect, parameters={**effect.parameters, "start_ratio": start})
-            gap = position_residual(campaign, *attain_state(problem, replace(state, effects=tuple(effects))))[first]
-            tries.append((float(np.median(np.linalg.norm(gap, axis=1))), start, effects[number]))
-        effects[number] = min(tries, key=lambda t: t[:2])[2]
-    return replace(state, effects=tuple(effects))

@@ -54,9 +54,6 @@ class Share:
         return {"share": round(self.share, 4), "low": round(self.low, 4), "high": round(self.high, 4)}
 
 
-Stated = dict[str, Share]
-
-
 @dataclass(frozen=True, eq=False)
 class Part:
     """One part of the motion; r rows."""
@@ -65,7 +62,6 @@ class Part:
     kind: str  #: Kind of its error, one of `KINDS` or "other".
     follows: str  #: What its error follows.
     probability: float  #: Probability that it is there.
-    elsewhere: tuple[tuple[str, str], ...]  #: Place and driver of rivals that the campaign cannot tell from it.
     motion: Array  #: Its motion of the target, frames taken out. Shape (3 r,). [m]
     columns: NDArray[np.int_]  #: Its columns of the posterior's; empty where its size is held.
     small: bool = False  #: Whether it is a small error, without a name.
@@ -108,18 +104,15 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> tuple[Shares, SmallErr
     point, drawn = motion.divide(every)
     noise = min(motion.noise, max(1.0 - sum(point), 0.0))
 
-    def total(homes: Sequence[Sequence[str]], fate: Sequence[NDArray[np.int_]], first: Sequence[str] = ()) -> Stated:
-        names = dict.fromkeys((*first, *(name for own in homes for name in own)))
-        return add_up(list(names), homes, point, drawn, fate, noise)
+    def total(names: Sequence[str], shares: Sequence[Array], first: Sequence[str] = ()) -> dict[str, Share]:
+        return add_up(list(dict.fromkeys((*first, *names))), names, point, shares, noise)
 
-    fate = motion.draw_fate(every)
-    places = [[CALIBRATION] if part.small else [part.place, *(place for place, _ in part.elsewhere)] for part in every]
-    joints = [*diagnosis.robot.joint_names, *(name for own in places for name in own if name != CALIBRATION)]
-    factors = [[part.follows, *(driver for _, driver in part.elsewhere)] for part in every]
-    shares = Shares(total(places, fate, [*joints, CALIBRATION]), total(factors, fate), noise)
+    present = [share * (motion.rng.random(SAMPLE) < part.probability) for part, share in zip(every, drawn, strict=True)]
+    places = [CALIBRATION if part.small else part.place for part in every]
+    first = [*diagnosis.robot.joint_names, *(name for name in places if name != CALIBRATION), CALIBRATION]
+    shares = Shares(total(places, present, first), total([part.follows for part in every], present), noise)
     if diagnosis.delivery.kind == NOMINAL:
         return shares, None
-    here = [np.zeros(SAMPLE, int)] * len(every)
     found: dict[tuple[str, str], list[int]] = {}
     for number, part in enumerate(every):
         found.setdefault((part.place, part.kind), []).append(number)
@@ -128,8 +121,8 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> tuple[Shares, SmallErr
         for name, own in found.items()
     ]
     groups.sort(key=lambda group: -rank_number(group[2].share))
-    by_place, by_kind = ([[getattr(part, key)] for part in every] for key in ("place", "kind"))
-    return shares, SmallErrors(total(by_place, here), total(by_kind, here), tuple(groups[:LISTED]))
+    by_place, by_kind = (total([getattr(part, key) for part in every], drawn) for key in ("place", "kind"))
+    return shares, SmallErrors(by_place, by_kind, tuple(groups[:LISTED]))
 
 
 class PosteriorMotion:
@@ -187,14 +180,13 @@ class PosteriorMotion:
         return np.asarray(columns - sigma * (self.frames @ (self.frames.T @ (columns / sigma))))
 
     def part(
-        self, name: str, columns: NDArray[np.int_], place: str, probability: float = 1.0,
-        elsewhere: Sequence[tuple[str, str]] = (), *, small: bool = False,
-    ) -> Part:  # fmt: skip
+        self, name: str, columns: NDArray[np.int_], place: str, probability: float = 1.0, *, small: bool = False
+    ) -> Part:
         """Return the part that some columns of the normal equations make."""
         own = np.flatnonzero(np.isin(self.columns, columns))
         kind = kind_of(name, self.diagnosis.fit.problem.campaign.load_varies)
         moved = self.design[:, own] @ self.mean[own]
-        return Part(place, kind, self.follow(name), probability, tuple(elsewhere), moved, own, small)
+        return Part(place, kind, self.follow(name), probability, moved, own, small)
 
     def divide(self, parts: Sequence[Part]) -> tuple[list[float], list[Array]]:
         """Return the share of each part, and drawn shares of shape (SAMPLE,)."""
@@ -216,16 +208,6 @@ class PosteriorMotion:
             return np.repeat(part.motion[:, None], SAMPLE, axis=1)
         return np.asarray(self.design[:, part.columns] @ self.draws[part.columns])
 
-    def draw_fate(self, parts: Sequence[Part]) -> list[NDArray[np.int_]]:
-        """Draw where each part sits: -1 nowhere, 0 at its place, k at its rival k. Shape (SAMPLE,) each."""
-        fates = []
-        for part in parts:
-            rivals = self.rng.integers(1, len(part.elsewhere) + 1, SAMPLE) if part.elsewhere else np.zeros(SAMPLE, int)
-            # a place that the campaign cannot tell from another is no better and no worse
-            fate = self.rng.integers(2, size=SAMPLE) * rivals
-            fates.append(np.where(self.rng.random(SAMPLE) < part.probability, fate, -1))
-        return fates
-
 
 def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
     """List the parts of the posterior's motion: findings, then small errors by place and effect."""
@@ -238,9 +220,7 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
     taken = set[int]()
     for finding in (f for f in diagnosis.verdict.findings if f.signature >= 0):
         name, columns = finding.effect.name, equations.columns(finding.signature)
-        alike = [(locate_effect(*r.place[:2]), motion.follow(r.place[0])) for r in finding.rivals if r.alike]
-        place, rivals = locate_effect(name, finding.effect.joint), list(dict.fromkeys(alike))
-        parts.append(motion.part(name, columns, place, finding.probability, rivals))
+        parts.append(motion.part(name, columns, locate_effect(name, finding.effect.joint), finding.probability))
         taken.update(columns.tolist())
     small: dict[tuple[str, str], list[int]] = {}
     for number, signature in enumerate(equations.signatures):
@@ -279,20 +259,17 @@ def find_interval(share: float, drawn: Array) -> Share:
 
 
 def add_up(
-    names: Sequence[str], homes: Sequence[Sequence[str]], stated: Sequence[float], drawn: Sequence[Array],
-    fate: Sequence[NDArray[np.int_]], noise: float,
-) -> Stated:  # fmt: skip
+    names: Sequence[str], homes: Sequence[str], stated: Sequence[float], drawn: Sequence[Array], noise: float
+) -> dict[str, Share]:
     """Add up the shares of parts by name; what no part explains comes last.
 
-    `homes` are the name of each part and of its rivals, `fate` tells which of these it has in each draw, -1 for none.
-    Shapes of `drawn` and `fate`: (SAMPLE,) each.
+    `homes` are the names of the parts, `stated` their shares, `drawn` their drawn shares. Shape (SAMPLE,) each.
     """
     draws = {name: np.zeros(SAMPLE) for name in names}
     shares = dict.fromkeys(names, 0.0)
-    for own, share, values, where in zip(homes, stated, drawn, fate, strict=True):
-        shares[own[0]] += share
-        for number, name in enumerate(own):
-            draws[name] += values * (where == number)
+    for name, share, values in zip(homes, stated, drawn, strict=True):
+        shares[name] += share
+        draws[name] = draws[name] + values
     rest = np.maximum(1.0 - noise - sum(draws.values(), np.zeros(SAMPLE)), 0.0)
     result = {name: find_interval(shares[name], draws[name]) for name in shares}
     return {**result, UNEXPLAINED: find_interval(max(1.0 - noise - sum(shares.values()), 0.0), rest)}
