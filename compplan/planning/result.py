@@ -246,7 +246,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "robot": plan.robot.name,
         "robot_grade": plan.robot.grade,
         "robot_sources": dict(plan.robot.sources),
-        **({} if plan.job is None else {"part_frame": "touched_off" if plan.job.touched_off else "absolute"}),
+        **({} if plan.job is None else {"part_frame": "touched_off" if plan.job.part.touched_off else "absolute"}),
         "waypoints": len(plan.task),
         "configuration": dict(plan.task.configuration),
         "solve_time_s": round(plan.command.solve_time, 4),
