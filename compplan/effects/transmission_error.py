@@ -31,6 +31,10 @@ HARMONICS = 4
 #: has, in cycles per turn (assumed).
 OVERTONES = (1.0, 0.5, 1.0 / 3.0)
 SERIES = (1.0, 2.0)
+#: Postures whose levers are looked at to weigh joints; least and greatest weight of a joint against the mean one.
+LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
+#: Amplitude of the gear error of a joint, lost motion where none is stated (assumed) [rad], and gear periods a turn.
+GEAR_ERROR, GEAR_PERIODS = float(np.radians(0.002)), 60.0
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
