@@ -241,5 +241,5 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         force=read_force_spread(job),
         tube=job.tolerance.tube,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
-        touch=read_touch(job) if job.touched_off else None,
+        touch=read_touch(job) if job.part.touched_off else None,
     )

@@ -233,7 +233,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
         sizes += f"; 95 % band {without}{format_mm(band.whole)}"
     basis = plan.verdict.basis or f"robot model: {plan.robot.grade}"
     if plan.job is not None:
-        frame = "taken as touched off" if plan.job.touched_off else "absolute in the robot base"
+        frame = "taken as touched off" if plan.job.part.touched_off else "absolute in the robot base"
         basis += f"; part frame {frame}"
     return [
         _format_verdict(plan), sizes, *wrap(f"largest cause: {plan.verdict.largest_cause}",

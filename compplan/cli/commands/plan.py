@@ -15,7 +15,6 @@ from compplan.cli.options import (
     make_command,
     make_job_command,
     out_folder,
-    posture_kept,
     robot_instead,
     robot_option,
     take_cam_options,
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from compplan.planning.result import Plan
 
 
-@make_job_command(out_folder, robot_instead, posture_kept, several=True)
+@make_job_command(out_folder, robot_instead, several=True)
 def run_plan(job: Job, folder: Path) -> CommandResult:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs.
 
@@ -105,8 +104,8 @@ OPTIONS = {"toolpath": "CAMFILE"} | {
     robot_option("A folder in robots/ or a path.", required=False),
     click.option("--part", metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector."),
     click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP."),
-    click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library "
-                 "(Fusion, HSM, LinuxCNC, Heidenhain) whose lengths count from the spindle that --tool describes."),
+    click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library of "
+                 "Fusion, whose lengths count from the spindle that --tool describes."),
     click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted."),
     click.option("--program", "programs", multiple=True,
                  help=f"Language, may be given more than once: {', '.join(WRITERS)}."),
