@@ -95,12 +95,6 @@ def test_a_balancer_carries_weight_and_no_more(fit: Any) -> None:
     assert "4.85e+04 N m" in ask(fit, "gravity_compensator", 1, cosine_Nm=48490.0, sine_Nm=0.0)
 
 
-def test_a_soft_zone_bends_no_further_than_the_joint_itself_under_a_large_load(fit: Any) -> None:
-    law = {"compliance": 1e-6, "reference_load": 100.0, "zone_load": 5.0}
-    assert not ask(fit, "stiffness_nonlinearity", 1, **law, soft_zone_ratio=10.0)
-    assert "soft_zone_ratio 33" in ask(fit, "stiffness_nonlinearity", 1, **law, soft_zone_ratio=33.0)
-
-
 def test_no_gear_train_couples_axes_by_a_thousandth(fit: Any) -> None:
     other = fit.problem.robot.joint_names[1]
     assert not ask(fit, "joint_coupling", 2, other=other, ratio=-0.0125)

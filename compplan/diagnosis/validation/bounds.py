@@ -18,7 +18,6 @@ from compplan.effects.gravity_compensator import shapes as shapes_of_balancer
 from compplan.effects.gravity_sag import JOINTS
 from compplan.effects.link_compliance import SHARE
 from compplan.effects.payload import carried_payload, payload_values
-from compplan.effects.stiffness_nonlinearity import shapes as shapes_of_law
 from compplan.robot import Array, Robot
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.mounting import mounted_tool
@@ -47,10 +46,6 @@ class SizeLimits:
     #: A balancer carries this many times the largest load on its joint at most (assumed: twice the weight, a tool in
     #: hand).
     over_weight: float = 3.0
-    #: Deflection that a bent law adds at the campaign's large load, over the straight one; in a soft zone, which is
-    #: there for play and first contact of teeth, and elsewhere (assumed).
-    of_soft_zone: float = 1.0
-    of_law: float = 2.0
     #: Least ratio of a coupling: no gear stage of a robot has more than three hundred to one (assumed; maker's tables
     #: of strain wave and cycloidal gears end at 200 to 250).
     least_ratio: float = 1.0 / 300.0
@@ -67,9 +62,9 @@ def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
     if explained > LIMITS.most_motion * gap:
         return f"it moves the target by {1e3 * explained:.3g} mm, the gap is {1e3 * gap:.3g} mm"
     check = {
-        "payload": _check_payload, "gravity_compensator": _check_balancer, "stiffness_nonlinearity": _check_law,
-        "joint_coupling": _check_coupling, "link_compliance": _check_bending, "base_compliance": _check_bending,
-        "joint_stiffness": _check_bending, "gravity_sag": _check_bending,
+        "payload": _check_payload, "gravity_compensator": _check_balancer, "joint_coupling": _check_coupling,
+        "link_compliance": _check_bending, "base_compliance": _check_bending, "joint_stiffness": _check_bending,
+        "gravity_sag": _check_bending,
     }.get(effect.name)  # fmt: skip
     return "" if check is None else check(fit, effect)
 
@@ -154,17 +149,6 @@ def _check_balancer(fit: Fit, effect: Effect) -> str:
     load = float(np.maximum(np.abs(fit.at.own_load), np.abs(fit.at.own_weight_load))[:, index].max(initial=0.0))
     if most > LIMITS.over_weight * load:
         return f"it loads {effect.joint} with {most:.3g} N m, weight and forces with {load:.3g} N m at the most"
-    return ""
-
-
-def _check_law(fit: Fit, effect: Effect) -> str:
-    values = effect.parameters
-    reference, zone = float(values["reference_load"]), float(values["zone_load"])
-    parts = shapes_of_law(np.array([reference]), reference, zone)
-    for key, ratio in values.items():
-        added = float(abs(ratio) * parts[key][0] / reference) if key in parts else 0.0
-        if added > (LIMITS.of_soft_zone if key == "soft_zone_ratio" else LIMITS.of_law):
-            return f"{key} {float(ratio):.3g} bends {effect.joint} {1.0 + added:.2g} times as far as its straight law"
     return ""
 
 
