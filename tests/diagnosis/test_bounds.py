@@ -90,17 +90,6 @@ def test_no_link_joint_or_base_plate_bends_by_a_fiftieth_under_the_stretched_arm
     assert ask(fit, "gravity_sag", None, **sag).startswith(f"{elbow} would bend")
 
 
-def test_a_balancer_carries_weight_and_no_more(fit: Any) -> None:
-    assert not ask(fit, "gravity_compensator", 1, cosine_Nm=150.0, sine_Nm=0.0)
-    assert "4.85e+04 N m" in ask(fit, "gravity_compensator", 1, cosine_Nm=48490.0, sine_Nm=0.0)
-
-
-def test_no_gear_train_couples_axes_by_a_thousandth(fit: Any) -> None:
-    other = fit.problem.robot.joint_names[1]
-    assert not ask(fit, "joint_coupling", 2, other=other, ratio=-0.0125)
-    assert "no gear train" in ask(fit, "joint_coupling", 2, other=other, ratio=0.0003)
-
-
 def test_a_claim_does_not_move_the_target_many_times_as_far_as_the_gap(fit: Any) -> None:
     offset = Effect("joint_offset", fit.problem.robot.joint_names[1], None, {"offset_rad": 1e-3})
     assert not find_breach(fit, offset, 9e-3, 2.2e-3)

@@ -14,7 +14,6 @@ from compplan.diagnosis.data.shared import ROUNDING
 from compplan.diagnosis.search.state import Fit
 from compplan.effects import Effect
 from compplan.effects.forward_model import payload_wrench
-from compplan.effects.gravity_compensator import shapes as shapes_of_balancer
 from compplan.effects.gravity_sag import JOINTS
 from compplan.effects.link_compliance import SHARE
 from compplan.effects.payload import carried_payload, payload_values
@@ -43,12 +42,6 @@ class SizeLimits:
     #: A mass at the flange has its centre behind it by this at most (assumed: the length of a wrist, with its cables).
     #: [m]
     behind: float = 0.1
-    #: A balancer carries this many times the largest load on its joint at most (assumed: twice the weight, a tool in
-    #: hand).
-    over_weight: float = 3.0
-    #: Least ratio of a coupling: no gear stage of a robot has more than three hundred to one (assumed; maker's tables
-    #: of strain wave and cycloidal gears end at 200 to 250).
-    least_ratio: float = 1.0 / 300.0
 
 
 LIMITS = SizeLimits()
@@ -62,9 +55,8 @@ def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
     if explained > LIMITS.most_motion * gap:
         return f"it moves the target by {1e3 * explained:.3g} mm, the gap is {1e3 * gap:.3g} mm"
     check = {
-        "payload": _check_payload, "gravity_compensator": _check_balancer, "joint_coupling": _check_coupling,
-        "link_compliance": _check_bending, "base_compliance": _check_bending, "joint_stiffness": _check_bending,
-        "gravity_sag": _check_bending,
+        "payload": _check_payload, "link_compliance": _check_bending, "base_compliance": _check_bending,
+        "joint_stiffness": _check_bending, "gravity_sag": _check_bending,
     }.get(effect.name)  # fmt: skip
     return "" if check is None else check(fit, effect)
 
@@ -139,21 +131,3 @@ def outward_axis(fit: Fit) -> Array:
     tip = mounted_tool(fit.problem.robot)[:3, 3]
     length = float(np.linalg.norm(tip))
     return np.asarray(tip / length) if length > ROUNDING else np.array([0.0, 0.0, 1.0])
-
-
-def _check_balancer(fit: Fit, effect: Effect) -> str:
-    values = {key: float(value) for key, value in effect.parameters.items()}
-    index = fit.at.robot.joint_names.index(str(effect.joint))
-    parts = shapes_of_balancer(np.nan_to_num(fit.problem.campaign.q[:, index]))
-    most = float(np.abs(sum(value * parts[key] for key, value in values.items() if key in parts)).max(initial=0.0))
-    load = float(np.maximum(np.abs(fit.at.own_load), np.abs(fit.at.own_weight_load))[:, index].max(initial=0.0))
-    if most > LIMITS.over_weight * load:
-        return f"it loads {effect.joint} with {most:.3g} N m, weight and forces with {load:.3g} N m at the most"
-    return ""
-
-
-def _check_coupling(fit: Fit, effect: Effect) -> str:
-    ratio = abs(float(effect.parameters.get("ratio", 1.0)))
-    if ratio < LIMITS.least_ratio:
-        return f"a ratio of {ratio:.2g} is that of no gear train (1/{1.0 / LIMITS.least_ratio:.0f} and more)"
-    return ""
