@@ -6,14 +6,13 @@ allow. Such a claim is not named: what it explains has another cause.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from compplan.diagnosis.data.shared import ROUNDING
 from compplan.diagnosis.search.state import Fit
 from compplan.effects import Effect
-from compplan.effects.forward_model import payload_wrench
 from compplan.effects.gravity_sag import JOINTS
 from compplan.effects.link_compliance import SHARE
 from compplan.effects.payload import carried_payload, payload_values
@@ -21,7 +20,6 @@ from compplan.robot import Array, Robot
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.mounting import mounted_tool
 from compplan.robot.rating import read_rating
-from compplan.statics.chain import load_elements
 
 #: A joint, a link or the base plate turns by this at most under the arm's own weight and rated payload, stretched out
 #: (assumed: a fiftieth of the arm's length; the softest arms that are sold bend by less than a hundredth as a whole).
@@ -78,21 +76,7 @@ def _check_payload(fit: Fit, effect: Effect) -> str:
     if added <= 0.0 and left > LIMITS.behind * whole:
         where = f"{1e3 * left / whole:.4g} mm behind the flange, inside the arm" if whole > 0.0 else "nowhere"
         return f"{-added:.3g} kg less on the flange leave {whole:.3g} kg with their centre {where}"
-    return _check_torque(fit, payload)
-
-
-def _check_torque(fit: Fit, payload: Array) -> str:
-    """Hold joints against what their motors give, where those hold the arm itself at all."""
-    robot, attained, own = fit.problem.robot, fit.at.attained, fit.at.own_weight_load
-    chain = replace(attained.chain, gravity=np.zeros(3))
-    added = load_elements(chain, attained.frames, payload_wrench(robot, attained.frames, payload))
-    most = np.abs(own + added[:, chain.joint_elements]).max(axis=0, initial=0.0)
-    limit = robot.effort_limits
-    over = (most > LIMITS.over_rating * limit) & (np.abs(own).max(axis=0, initial=0.0) <= limit)
-    if not over.any():
-        return ""
-    k = int(np.argmax(np.where(over, most / np.maximum(limit, ROUNDING), 0.0)))
-    return f"with it {robot.joint_names[k]} carries {most[k]:.3g} N m, its motor gives {limit[k]:.3g} N m"
+    return ""
 
 
 def _check_bending(fit: Fit, effect: Effect) -> str:
