@@ -38,7 +38,7 @@ class Posted:
     @property
     def status(self) -> str:
         """Tell "solved", "infeasible" or "not_confirmed": the worst of the plans."""
-        from compplan.planning.result import worst_status
+        from compplan.reporting.operations import worst_status
 
         return worst_status(self.plans)
 

@@ -13,10 +13,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import BSpline
 
+from compplan.effects.backlash import list_plays
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Array
+from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.toolpath.toolpath import pick_even
 
 name = "transmission_error"
 words = "{at} has an error periodic in its angle"
@@ -28,6 +31,10 @@ HARMONICS = 4
 #: has, in cycles per turn (assumed).
 OVERTONES = (1.0, 0.5, 1.0 / 3.0)
 SERIES = (1.0, 2.0)
+#: Postures whose levers are looked at to weigh joints; least and greatest weight of a joint against the mean one.
+LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
+#: Amplitude of the gear error of a joint, lost motion where none is stated (assumed) [rad], and gear periods a turn.
+GEAR_ERROR, GEAR_PERIODS = float(np.radians(0.002)), 60.0
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
@@ -123,3 +130,22 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     drive = model.drive.copy()
     drive[:, index] += error_at(effect, np.nan_to_num(model.campaign.q[:, index]))
     return replace(model, drive=drive)
+
+
+def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
+    """Weigh joints by the error that their motion makes at the tip.
+
+    A joint of lever r turns with a gear error of amplitude a and n periods a turn, and with lost motion b. Over a
+    period of the gear the tip is off by r a / sqrt(2) and r b / 2, so that a radian costs
+
+        w = r^2 [ (a n)^2 / 2 + (b n / (4 pi))^2 ]
+
+    with the lost motion of the folder where it states one, else an assumed one; in shares of the mean. Shape (nq,).
+    """
+    some = pick_even(q, LOOKED_AT)
+    columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
+    lever = np.einsum("nij,nij->j", columns, columns) / len(some)
+    stated = list_plays(robot)
+    width = np.where(stated > 0.0, stated, GEAR_ERROR)
+    cost = lever * (0.5 * (GEAR_ERROR * GEAR_PERIODS) ** 2 + (width * GEAR_PERIODS / (4.0 * np.pi)) ** 2)
+    return np.clip(cost / max(float(cost.mean()), 1e-300), LEAST, MOST)

@@ -15,16 +15,3 @@ from compplan.identification.parameters import (
 )
 from compplan.identification.reduce import ReducedModel, reduce_model
 from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows
-
-__all__ = [
-    "KNOWN_FRAMES",
-    "Estimate",
-    "FreeRobot",
-    "Inseparable",
-    "Parameter",
-    "ReducedModel",
-    "Rows",
-    "build_structure",
-    "estimate_parameters",
-    "reduce_model",
-]

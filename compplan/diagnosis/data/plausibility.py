@@ -18,6 +18,7 @@ from compplan.diagnosis.data.conventions import CONVINCING, find_conventions, ty
 from compplan.diagnosis.data.noise import ASSUMED_SIGMA
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SAMPLE
 from compplan.effects import apply_effects, build_model, robot_effects, solve_model_poses
+from compplan.io.quantities import state_mm as _mm
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.checks import describe_unit
 from compplan.measurement.frames import fit_registration
@@ -272,10 +273,6 @@ def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
     turn = u @ np.diag([1.0, 1.0, sign]) @ vt
     distance = np.linalg.norm(a @ turn - b, axis=1)
     return float(np.sqrt(np.median(distance**2)))
-
-
-def _mm(length: float) -> str:
-    return f"{float(f'{length * 1e3:.3g}'):g} mm"
 
 
 #: Errors of geometry that the sign test allows: metres, and radians (assumed).
