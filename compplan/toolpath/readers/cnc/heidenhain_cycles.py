@@ -1,15 +1,14 @@
-"""Drilling cycles of Heidenhain programs: 1, 2, 17, 200 to 209 and 240, patterns 220 and 221."""
+"""Cycles of Heidenhain programs: frames, dwell, holes (1, 2, 17, 200 to 209, 240), patterns 220 and 221."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, set_level
-from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
@@ -21,7 +20,11 @@ from compplan.toolpath.readers.lines import match_form
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
             207: True, 208: False, 209: True, 240: False}  # fmt: skip
 OLD = {1: 5, 2: 4, 17: 3}
-#: Cycles that say nothing of the path.
+#: Cycles of frames, part by part; those that say nothing of the path.
+FRAMES: Mapping[int, Callable[[KlartextDatums, str], None]] = {
+    7: KlartextDatums.shift_datum, 8: KlartextDatums.mirror, 10: KlartextDatums.rotate, 11: KlartextDatums.scale,
+    19: KlartextDatums.tilt_by_cycle,
+}  # fmt: skip
 SILENT = {13, 32, 239, 332, 392}
 #: Rapid retraction, written as a feed. [mm/min]
 FASTEST = 99999.0
@@ -54,28 +57,34 @@ class HeidenhainCycles:
     def define(self, text: str) -> None:
         """Carry out CYCL DEF."""
         found = match_form(CYCLE, text, "cycle: CYCL DEF and its number")
-        number, part, rest = int(found.group(1)), found.group(2), found.group(3).strip()
-        at = None if part is None else int(part)
-        if self.datums.define(number, at, rest) or number in SILENT:
-            return
-        last = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest) if at else None
-        if number == 9:
+        number, part, rest = int(found.group(1)), int(found.group(2) or 0), found.group(3).strip()
+        last = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest) if part else None
+        if number in FRAMES:
+            if found.group(2) is None:
+                raise InputError(f"CYCL DEF {number} in one block is not read, expected {number}.0 and {number}.1 ..")
+            if part == 0 and number == 8:
+                self.it.put(mirror=None)
+            elif part and (rest or number in (8, 19)):
+                FRAMES[number](self.datums, rest)
+        elif number == 247:
+            self.datums.name_preset(rest)
+        elif number == 9:
             if last:
                 self.it.log.happen("dwell", self.it.flow.line, value=self.words.value(last.group(1)))
         elif number in OLD:
-            if not at or self.cycle is None or self.cycle.number != number:
+            if not part or self.cycle is None or self.cycle.number != number:
                 self.cycle = Cycle(number)
             if last:
-                self.cycle.values[str(at)] = self.words.value(last.group(1))
+                self.cycle.values[str(part)] = self.words.value(last.group(1))
         elif number in DRILLING or number in (220, 221):
-            values = {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)}
-            self.words.values.update(values)
+            cycle = Cycle(number, {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)})
+            self.words.values.update(cycle.values)
             self.defining = True
-            if number in (220, 221):
-                self._drill_pattern(Cycle(number, values))
+            if number in DRILLING:
+                self.cycle = cycle
             else:
-                self.cycle = Cycle(number, values)
-        else:
+                self._drill_pattern(cycle)
+        elif number not in SILENT:
             raise InputError(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
     def add_value(self, text: str) -> None:
@@ -93,29 +102,24 @@ class HeidenhainCycles:
             raise InputError("values from GLOBAL DEF (PREDEF) are not read; write them out")
         return self.words.value(text)
 
-    def call(self) -> None:
-        """Drill where the tool is."""
+    def call(self, place: Point | None = None) -> None:
+        """Drill where the tool is, or at a place, whose height counts on top of the cycle's surface."""
+        if place is not None:
+            above = self.cycle.values.get("Q203", 0.0) if self.cycle else 0.0
+            self._drill_over(place, {"Q203": above + place[self.words.tool_axis]}, "CYCL CALL at positions")
+            return
         self.it.contour.refuse_open()
         if self.cycle is None:
             raise InputError("a cycle is called, and none that is read is defined")
         self._drill(self.cycle)
 
-    def call_at(self, place: Point) -> None:
-        """Drill at a place; its height counts on top of the cycle's surface."""
-        cycle = self._need_new("CYCL CALL at positions needs a cycle from 200")
-        surface = cycle.values.get("Q203", 0.0) + place[self.words.tool_axis]
-        self._drill_over(place, Cycle(cycle.number, {**cycle.values, "Q203": surface}))
-
-    def _need_new(self, message: str) -> Cycle:
+    def _drill_over(self, place: Point, changes: Mapping[str, float], what: str) -> None:
+        """Move rapidly over a place at the height of the tool, and drill there with some values changed."""
         if self.cycle is None or self.cycle.number in OLD:
-            raise InputError(message)
-        return self.cycle
-
-    def _drill_over(self, place: Point, cycle: Cycle) -> None:
-        """Move rapidly over a place at the height of the tool, and drill there."""
+            raise InputError(f"{what} needs a cycle from 200 before it")
         height = self.it.course.position[self.words.tool_axis]
         self.it.course.rapid(set_level(place, self.words.tool_axis, height), PLANE_AXES[self.it.state.plane])
-        self._drill(cycle)
+        self._drill(Cycle(self.cycle.number, {**self.cycle.values, **changes}))
 
     def _drill(self, cycle: Cycle) -> None:
         """Carry out a cycle at the tool's place.
@@ -123,12 +127,14 @@ class HeidenhainCycles:
         From set-up clearance Q200 above the surface Q203 to the depth Q201, then to the level Q204 above the surface;
         cycles 1, 2 and 17 from the level where the tool is, by set-up clearance and depth, and back.
         """
-        course, axis, values = self.it.course, self.words.tool_axis, cycle.values
+        course, axis, values, old = self.it.course, self.words.tool_axis, cycle.values, cycle.number in OLD
         feed, out = self._find_feeds(cycle)
-        expand, old = self.it.options.cycles == "expand", cycle.number in OLD
+        if old and self.it.options.cycles != "expand":
+            with self.it.log.hole():
+                self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
+            return
         if old:
-            if expand:
-                course.begin_cut()
+            course.begin_cut()
             clear = top = course.position[axis]
             depth = -abs(cycle.get("1")) - abs(cycle.get("2"))
             bottom = clear + depth
@@ -140,13 +146,11 @@ class HeidenhainCycles:
             surface, depth = values.get("Q203", 0.0), cycle.get("Q201")
             clear, bottom = surface + cycle.get("Q200"), surface + depth
             top = max(clear, surface + values.get("Q204", 0.0))
+            self.it.state.motion = 0.0
         with self.it.log.hole():
             if not old:
                 go_to_level(course, axis, clear)
-            elif not expand:
-                self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
-                return
-            if cycle.number == 208 and expand and depth != 0.0:
+            if cycle.number == 208 and depth != 0.0 and self.it.options.cycles == "expand":
                 self._mill_bore(values, clear, bottom, feed)
                 go_to_level(course, axis, clear)
                 go_to_level(course, axis, top)
@@ -155,8 +159,6 @@ class HeidenhainCycles:
                 drill(course, hole, str(cycle.number))
             elif not old:
                 go_to_level(course, axis, top)
-        if not old:
-            self.it.state.motion = 0.0
 
     def _find_feeds(self, cycle: Cycle) -> tuple[float, float | None]:
         """Return feed into and out of a hole in mm/s, None where it is left rapidly."""
@@ -170,44 +172,39 @@ class HeidenhainCycles:
 
     def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
         """Mill a bore on a helix (cycle 208): from its middle out, down, round the bottom, back to the middle."""
-        radius, course, axis = self.words.radii.get(self.words.tool), self.it.course, self.words.tool_axis
+        radius, course, plane = self.words.radii.get(self.words.tool), self.it.course, self.it.state.plane
         if radius is None:
             raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
         reach, pitch = 0.5 * values.get("Q335", 0.0) - radius, abs(values.get("Q334", 0.0))
         if reach <= 0.0 or pitch <= 0.0:
             raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
-        middle, one = course.position, PLANE_AXES[self.it.state.plane][0]
+        middle, one = course.position, PLANE_AXES[plane][0]
+        end = set_level(middle, self.words.tool_axis, bottom)
         course.line(set_level(middle, one, middle[one] + reach), (), feed)
-        turns = max(1, math.ceil((first - bottom) / pitch - 1e-9))
-        for rounds in (turns, 1):
-            start, end = course.position, set_level(course.position, axis, bottom)
-            centre = set_level(start, one, start[one] - reach)
-            normal = PLANE_NORMALS[self.it.state.plane]
-            self.it.contour.add(Element(start, end, (), feed, self.it.flow.line, centre, normal, True, rounds))
-        course.line(set_level(middle, axis, bottom), (), feed)
+        for turns in (max(1, math.ceil((first - bottom) / pitch - 1e-9)), 1):
+            low = set_level(end, one, middle[one] + reach)
+            course.arc(low, (), feed, middle, PLANE_NORMALS[plane], True, turns)
+        course.line(end, (), feed)
 
     def _drill_pattern(self, pattern: Cycle) -> None:
         """Carry out cycles 220 (holes on a circle) and 221 (holes in rows) with the cycle defined before."""
         get, n, course, axis = pattern.get, pattern.values, self.it.course, self.words.tool_axis
-        cycle = self._need_new(f"cycle {pattern.number}, and no cycle from 200 is defined before it")
         if n.get("Q365", 0.0) != 0.0:
             raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read")
         kept: dict[str, float] = {name: n[name] for name in ("Q200", "Q203", "Q204") if name in n}
         if n.get("Q301", 1.0) == 0.0:
             kept["Q204"] = 0.0
         if pattern.number == 220:
-            count, start, step = int(get("Q241")), get("Q245"), n.get("Q247", 0.0)
-            span = n.get("Q246", 360.0) - start
-            step = step or span / max(1, count if abs(abs(span) - 360.0) < 1e-9 else count - 1)
+            count, start, span = int(get("Q241")), get("Q245"), n.get("Q246", 360.0) - get("Q245")
+            step = n.get("Q247") or span / max(1, count if abs(abs(span) - 360.0) < 1e-9 else count - 1)
             places = list_circle((get("Q216"), get("Q217")), 0.5 * get("Q244"), start, step, count)
         else:
-            counts = int(get("Q242")), int(get("Q243"))
-            steps = get("Q237"), get("Q238")
+            counts, steps = (int(get("Q242")), int(get("Q243"))), (get("Q237"), get("Q238"))
             places = list_grid((get("Q225"), get("Q226")), n.get("Q224", 0.0), steps, counts)
         first, second = PLANE_AXES[self.it.state.plane]
         for u, v, _ in places:
             place = set_level(set_level((0.0, 0.0, 0.0), first, u), second, v)
-            self._drill_over(place, Cycle(cycle.number, {**cycle.values, **kept}))
+            self._drill_over(place, kept, f"cycle {pattern.number}")
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > course.position[axis]:
             go_to_level(course, axis, top)

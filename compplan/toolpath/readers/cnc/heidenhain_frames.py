@@ -41,28 +41,6 @@ class KlartextDatums:
         """The tilted plane in force."""
         return self.it.frames.get("plane", Frame())
 
-    def define(self, number: int, part: int | None, rest: str) -> bool:
-        """Carry out CYCL DEF 7, 8, 10, 11, 19, 26 and 247; return whether the cycle is one of them."""
-        if number == 247:
-            found = re.search(rf"Q339\s*=\s*({VALUE})", rest)
-            preset = self.value(found.group(1)) if found else 0.0
-            if self.preset is not None and preset != self.preset:
-                self.it.note("datums (cycle 247) are not known: all coordinates are taken in one frame")
-            self.preset = preset
-            return True
-        if number not in (7, 8, 10, 11, 19, 26):
-            return False
-        if part is None:
-            raise InputError(f"CYCL DEF {number} in one block is not read, expected {number}.0 and {number}.1 ..")
-        if part == 0 or (not rest and number not in (8, 19)):
-            if part == 0 and number == 8:
-                self.it.put(mirror=None)
-            return True
-        carry_out = {7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt_19,
-                     26: self._scale_axes}  # fmt: skip
-        carry_out[number](rest)
-        return True
-
     def shift_datum(self, rest: str) -> None:
         """Carry out cycle 7: what counts from the datum before, or (I) from the present one."""
         found = AXIS_VALUE.findall(rest)
@@ -79,7 +57,16 @@ class KlartextDatums:
             raise InputError("a datum shift after a rotation or a mirror is not read; shift first")
         self.it.put(**{name: shift(new[0], new[1], new[2])})
 
-    def _mirror(self, rest: str) -> None:
+    def name_preset(self, rest: str) -> None:
+        """Carry out cycle 247: the first datum is that of the path."""
+        found = re.search(rf"Q339\s*=\s*({VALUE})", rest)
+        preset = self.value(found.group(1)) if found else 0.0
+        if self.preset not in (None, preset):
+            self.it.note("datums (cycle 247) are not known: all coordinates are taken in one frame")
+        self.preset = preset
+
+    def mirror(self, rest: str) -> None:
+        """Carry out cycle 8."""
         letters = re.findall(r"[XYZ]", rest)
         if re.sub(r"[XYZ]|\s", "", rest):
             raise InputError(f"mirror {rest[:20]!r} is not read, expected X, Y, Z")
@@ -88,7 +75,8 @@ class KlartextDatums:
         x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
         self.it.put(mirror=stretch(x, y, z) if letters else None)
 
-    def _rotate(self, rest: str) -> None:
+    def rotate(self, rest: str) -> None:
+        """Carry out cycle 10."""
         step, text = match_form(rf"(I?)ROT\s*({VALUE})", rest, "rotation: ROT and an angle").groups()
         angle = self.value(text) + (self.turned if step else 0.0)
         if angle and "mirror" in self.it.frames:
@@ -96,27 +84,19 @@ class KlartextDatums:
         self.turned = angle
         self.it.put(rotation=rotate(self.words.tool_axis, angle))
 
-    def _scale(self, rest: str) -> None:
-        found = re.fullmatch(rf"SCL\s*({VALUE})", rest)
-        scale = self.value(found.group(1)) if found else 0.0
+    def scale(self, rest: str) -> None:
+        """Carry out cycle 11."""
+        scale = self.value(match_form(rf"SCL\s*({VALUE})", rest, "scale: SCL and a factor").group(1))
         if not 1e-6 <= scale <= 100.0:
-            raise InputError(f"scale {rest[:20]!r} is not read, expected SCL and a factor")
+            raise InputError(f"scale {rest[:20]!r} is not read, expected 0.000001 to 100")
         self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
 
-    def _scale_axes(self, rest: str) -> None:
-        factors = [self.value(text) for _, _, text in AXIS_VALUE.findall(re.sub(r"CC[XYZ]\s*[-+\d.,]+", "", rest))]
-        if any(factor != 1.0 for factor in factors):
-            raise InputError("scales of single axes (cycle 26) are not read")
-
-    def _tilt_19(self, rest: str) -> None:
+    def tilt_by_cycle(self, rest: str) -> None:
         """Carry out cycle 19: spatial angles, or angles of rotary axes: the machine says which."""
         angles = {letter: self.value(text) for letter, text in re.findall(rf"([ABC])\s*({VALUE})", rest)}
-        kind = self.it.options.axes.tilt_angles
-        if any(angles.values()) and kind is None:
+        if any(angles.values()) and self.it.options.axes.tilt_angles != "spatial":
             raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
                              'tilt_angles = "spatial" in NAME.toml of [cam] machine, or use PLANE SPATIAL')  # fmt: skip
-        if any(angles.values()) and kind != "spatial":
-            raise InputError("cycle 19 with angles of rotary axes is not read; use PLANE SPATIAL")
         self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
 
     def _stand(self, tilt: Frame) -> None:
@@ -169,11 +149,9 @@ class KlartextDatums:
             return stand_on((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
         if kind == "POINTS":
             one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
-            x = two[0] - one[0], two[1] - one[1], two[2] - one[2]
-            y = three[0] - one[0], three[1] - one[1], three[2] - one[2]
             if any(one):
                 raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
-            return stand_on(x, cross(x, y))
+            return stand_on(two, cross(two, three))
         if kind == "RELATIV":
             (name, angle), *more = n.items()
             if more or name not in ("SPA", "SPB", "SPC"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -47,14 +47,16 @@ REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation 
 #: Feeds that are rapid traverse on old controls (TNC 145, 155). [mm/min]
 OLD_RAPID = frozenset({9999.0, 15999.0})
 PLANES = {0: 19, 1: 18, 2: 17}
-#: What words of a block are called in all dialects; with I before them they count from where the tool is.
+#: What words of places are called in all dialects; with I before them they count from where the tool is.
 ADDRESSES = {**{letter: letter for letter in (*AXES, *LETTERS)}, "PR": "RP", "PA": "AP"}
+#: Words that have no number: side of the contour, sense of an arc, feeds.
+BARE = frozenset(("R0", "RL", "RR", "R+", "R-", "DR+", "DR-", "FMAX", "FAUTO"))
+UNREAD_AXES = frozenset(("U", "V", "W", "IU", "IV", "IW"))
 TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
 TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$")
 TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
 #: Parameters that PLANE and cycle 19 set to the angles of the rotary axes.
 TILT_ANGLES = {"Q120", "Q121", "Q122"}
-Words = dict[str, str]
 
 
 GRAMMAR = Grammar(
@@ -142,15 +144,11 @@ class KlartextWords:
         return DEEP_AXIS[self.it.state.plane]
 
     def value(self, text: str) -> float:
-        """Return a number or the value of a parameter, with its sign."""
+        """Return the value of a number or a formula."""
         try:
             return float(text)
         except ValueError:
-            return self.evaluate(text.replace(",", "."))
-
-    def evaluate(self, text: str) -> float:
-        """Return the value of a formula."""
-        return evaluate(text, GRAMMAR, self._look_up)
+            return evaluate(text.replace(",", "."), GRAMMAR, self._look_up)
 
     def _look_up(self, name: str, indices: tuple[float, ...]) -> float:
         if name in self.values and not indices:
@@ -173,28 +171,49 @@ class KlartextWords:
             return number * self.unit * self.it.state.spindle / 60.0
         return number * (1.0 if self.unit == 1.0 else 0.1 * INCH) / 60.0
 
-    def split(self, text: str) -> tuple[Words, set[int]]:
-        """Return the words of a block by their letters, and its M functions."""
-        functions: set[int] = set()
-        if "M1" in text or "M 1" in text:
-            for found in M_WORDS.finditer(text):
-                functions.add(int(found.group(1)))
-                if found.group(1) == "140":
-                    self._retract(found.group(2))
-            text = M_WORDS.sub(" ", text)
+    def read(self, text: str) -> CncBlock:
+        """Return a block: numbers by the addresses that all dialects share, M functions, words without a number.
+
+        M140 and S are carried out at once.
+        """
+        block = CncBlock()
+        for number, words in M_WORDS.findall(text):
+            block.machine.append(float(number))
+            if number == "140":
+                self._retract(words)
+        text = M_WORDS.sub(" ", text)
         if rest := WORD.sub("", text).strip():
             raise InputError(f"cannot read {rest[:30]!r} in the block {text[:40]!r}")
-        words: Words = {}
-        for letter, value in ((word.replace(" ", ""), value.replace(" ", "")) for word, value in WORD.findall(text)):
-            if letter == "M":
-                functions.add(int(self.value(value)))
-            elif letter in words or (letter[0] == "I" and letter[1:] in words) or "I" + letter in words:
-                raise InputError(f"word {letter} stands twice in the block {text[:40]!r}")
+        for word, number in ((word.replace(" ", ""), number.replace(" ", "")) for word, number in WORD.findall(text)):
+            address = ADDRESSES.get(word.removeprefix("I"), word)
+            if address in block.values or word + number in block.names:
+                raise InputError(f"word {word} stands twice in the block {text[:40]!r}")
+            if word in UNREAD_AXES:
+                self.it.note("axes U V W are not read")
+            elif word + number in BARE:
+                block.names.append(word + number)
+            elif not number:
+                raise InputError(f"word {word} has no number in the block {text[:40]!r}")
+            elif word == "M":
+                block.machine.append(float(int(self.value(number))))
             else:
-                words[letter] = value
-        if "S" in words:
-            self._set_speed(self.value(words.pop("S")))
-        return words, functions
+                self._take_number(block, address, number, relative=address != word and word[0] == "I")
+        if block.has(POLAR):
+            self.need_pole()
+        if "S" in block.values:
+            self._set_speed(block.values["S"])
+        return block
+
+    def _take_number(self, block: CncBlock, address: str, number: str, *, relative: bool) -> None:
+        """Put a number into a block; angles that the tilted plane sets are not evaluated."""
+        turns = address in LETTERS
+        by_plane = turns and any(name in number for name in TILT_ANGLES)
+        unread = turns and (self.it.rotary.ignored or (by_plane and self.it.tilted))
+        block.values[address] = 0.0 if unread else self.value(number)
+        if relative:
+            block.relative.add(address)
+        if by_plane:
+            block.names.append("TILT")
 
     def _retract(self, words: str) -> None:
         """Go back along the tool axis (M140 MB)."""
@@ -213,23 +232,21 @@ class KlartextWords:
             course.rapid(target)
 
     @contextmanager
-    def functions(self, functions: set[int]) -> Iterator[None]:
+    def functions(self, block: CncBlock) -> Iterator[set[float]]:
         """Let happen what M functions switch before and after the move of their block."""
-        if not functions:
-            yield
-            return
-        for number in sorted(functions & REFUSED_M.keys()):
-            raise InputError(f"M{number} ({REFUSED_M[number]}) is not read; post-process without it")
-        self.it.machine.switch_on(sorted(map(float, functions)), self.it.flow.line)
-        if 128 in functions:
+        codes = set(block.machine)
+        for code in sorted(codes & REFUSED_M.keys()):
+            raise InputError(f"M{code:g} ({REFUSED_M[int(code)]}) is not read; post-process without it")
+        self.it.machine.switch_on(sorted(codes), self.it.flow.line)
+        if 128.0 in codes:
             self.it.control_tip(True)
-        if functions & {136, 137}:
-            self.per_turn = 136 in functions
+        if codes & {136.0, 137.0}:
+            self.per_turn = 136.0 in codes
             self.set_feed_scale()
-        yield
-        if 129 in functions:
+        yield codes
+        if 129.0 in codes:
             self.it.control_tip(False)
-        if self.it.machine.stop(sorted(functions), self.it.flow.line):
+        if self.it.machine.stop(sorted(codes), self.it.flow.line):
             self.it.flow.over = True
 
     def _set_speed(self, speed: float) -> None:
@@ -242,10 +259,10 @@ class KlartextWords:
         """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
         it = self.it
         if re.match(r"DEF(?![A-Z])", text):
-            found = match_form(TOOL_DEF, text, "tool TOOL")
-            self.old = self.old or found.group(2) is not None
-            if found.group(3) is not None:
-                self.radii[found.group(1) or ""] = self.value(found.group(3))
+            number, length, radius = match_form(TOOL_DEF, text, "tool TOOL").groups()
+            self.old = self.old or length is not None
+            if radius is not None:
+                self.radii[number or ""] = self.value(radius)
             return
         called, axis, rest = match_form(TOOL, text, "tool call TOOL").groups()
         it.contour.refuse_open()
@@ -258,66 +275,43 @@ class KlartextWords:
             self.tool_feed = self.to_mm_s(self.value(words["F"]))
             it.state.feed = self.tool_feed * 60.0
         if called is not None:
+            name = called[1:-1] if called.startswith('"') else ""
             number = 0.0 if called.startswith('"') else self.value(called)
-            key = called if called.startswith('"') else f"{number:g}"
-            if key != self.tool:
-                self.tool = key
-                it.state.tool, it.state.tool_name = number, called[1:-1] if called.startswith('"') else ""
+            if (key := called if called.startswith('"') else f"{number:g}") != self.tool:
+                self.tool, it.state.tool, it.state.tool_name = key, number, name
                 it.machine.change_tool(it.flow.line)
         if axis in ("X", "Y", "Z") and AXES.index(axis) != self.tool_axis:
             it.state.plane = PLANES[AXES.index(axis)]
             self.turn_axis()
         if "S" in words:
             self._set_speed(self.value(words["S"]))
-        with self.functions({int(number) for number in re.findall(r"M\s*(\d+)", bare)}):
+        with self.functions(CncBlock(machine=[float(number) for number in re.findall(r"M\s*(\d+)", bare)])):
             pass
 
-    def take_side(self, words: Mapping[str, str]) -> None:
-        """Keep whether the tool runs left or right of the contour; note compensation of its radius, or refuse it."""
-        for word in ("R0", "RL", "RR", "R"):
-            if word in words and (word != "R" or words[word] in ("+", "-")):
-                self.side = word[1:].replace("0", "")
+    def take_modes(self, block: CncBlock) -> bool:
+        """Take side of the contour and feed of a block; return whether it is rapid."""
+        state, values = self.it.state, block.values
+        for word in ("R0", "RL", "RR", "R+", "R-"):
+            if word in block.names:
+                self.side = word[1:] if word in ("RL", "RR") else ""
                 if word != "R0":
-                    self.it.compensate_radius(f"{word}{words[word] if word == 'R' else ''}")
-
-    def take_feed(self, words: Mapping[str, str]) -> bool:
-        """Take the feed of a block; return whether it is rapid."""
-        if "FMAX" in words:
+                    self.it.compensate_radius(word)
+        if "FMAX" in block.names:
             return True
-        if "FAUTO" in words:
+        if "FAUTO" in block.names:
             if self.tool_feed is None:
                 raise InputError("F AUTO, but TOOL CALL states no F")
-            self.it.state.feed = self.tool_feed * 60.0
-        elif "FU" in words:
-            self.it.state.feed = self.value(words["FU"]) * self.unit * self.it.state.spindle
-        elif "FZ" in words or "FT" in words:
+            state.feed = self.tool_feed * 60.0
+        elif "FU" in values:
+            state.feed = values["FU"] * self.unit * state.spindle
+        elif "FZ" in values or "FT" in values:
             raise InputError("feeds per tooth (FZ) or as a time (FT) are not read; write F")
-        elif "F" in words:
-            if not words["F"]:
-                raise InputError("word F has no number")
-            feed = self.value(words["F"])
-            self.it.state.feed = self.to_mm_s(feed) * 60.0
-            self.fast = self.old and feed in OLD_RAPID
+        elif "F" in values:
+            state.feed = self.to_mm_s(values["F"]) * 60.0
+            self.fast = self.old and values["F"] in OLD_RAPID
         if self.fast:
             self.it.note("F9999 and F15999 are rapid traverse in programs of old controls")
         return self.fast
-
-    def read(self, words: Mapping[str, str]) -> CncBlock:
-        """Return the places that words name, as addresses that all dialects share."""
-        block = CncBlock()
-        for word, address in ADDRESSES.items():
-            if word in words or "I" + word in words:
-                text, turns = words.get(word) or words.get("I" + word) or "", word in LETTERS
-                by_plane = turns and any(name in text for name in TILT_ANGLES)
-                unread = turns and (self.it.rotary.ignored or (by_plane and self.it.tilted))
-                block.values[address] = 0.0 if unread else self.value(text)
-                if word not in words:
-                    block.relative.add(address)
-                if by_plane:
-                    block.names.append("TILT")
-        if block.has(POLAR):
-            self.need_pole()
-        return block
 
     def need_pole(self) -> None:
         """Refuse a block that counts from a pole where none is set."""
