@@ -16,8 +16,7 @@ from compplan.toolpath.readers.cnc import heidenhain_words as lexer
 from compplan.toolpath.readers.cnc.contour import Corner
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.heidenhain_approach import run_approach
-from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
-from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
+from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles, find_spatial
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import STRAIGHT
@@ -69,7 +68,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         raise InputError(message, file=file, where=text.count("\n", 0, found.start()) + 1)
     reader = Klartext(file, options)
     reader.run(text)
-    unit = "not stated" if not reader.begun else "inch" if reader.inch else "mm"
+    unit = "not stated" if not reader.begun else "mm" if reader.words.unit == 1.0 else "inch"
     return reader.it.log.finish(file, name, unit, count_lines(text))
 
 
@@ -88,15 +87,13 @@ class Klartext:
         self.it.motion.keeps_polar = False
         self.words = KlartextWords(self.it)
         self.value = self.words.value
-        self.datums = KlartextDatums(self.it, self.words)
         self.labels: dict[str, int] = {}
         self.begun = False
         #: Whether every move from here on calls the cycle (M89).
         self.calls = False
-        self.cycles = HeidenhainCycles(self.it, self.datums, self.words)
+        self.cycles = HeidenhainCycles(self.it, self.words)
         self.points: list[Point] = []
-        self.inch = options.unit == "inch"
-        self._set_unit()
+        self._set_unit(INCH if options.unit == "inch" else 1.0)
 
     def run(self, text: str) -> None:
         """Read every block up to the end of the program."""
@@ -197,8 +194,12 @@ class Klartext:
             if defining:
                 self.cycles.add_value(text)
                 self.cycles.defining = True
-        elif word in STATEMENTS or text == "END-SUB":
-            STATEMENTS.get(word, pass_over)(self, text[len(word) :].strip())
+        elif word in STATEMENTS:
+            STATEMENTS[word](self, text[len(word) :].strip())
+        elif word in REFUSED:
+            raise InputError(f"{word} ({REFUSED[word]}) is not read; post-process without it")
+        elif word in SILENT_WORDS or text == "END-SUB":
+            pass
         elif word == "ERROR" or set(text) <= set("%-_=#* "):
             self.it.note(f"line {text[:20]!r} is not read")
         else:
@@ -229,11 +230,12 @@ class Klartext:
             raise InputError("a second program begins; one a file is read")
         if not unit:
             raise InputError(f"{rest[:40]!r} states no unit, expected MM or INCH at its end")
-        self.begun, self.inch = True, unit.group(1) == "INCH"
-        self._set_unit()
+        self.begun = True
+        self._set_unit(INCH if unit.group(1) == "INCH" else 1.0)
 
-    def _set_unit(self) -> None:
-        self.it.put(unit=stretch(INCH, INCH, INCH) if self.inch else None)
+    def _set_unit(self, scale: float) -> None:
+        self.words.unit = scale
+        self.it.put(unit=stretch(scale, scale, scale) if scale != 1.0 else None)
         self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:
@@ -261,7 +263,7 @@ class Klartext:
         """TRANS DATUM: as cycle 7."""
         if not rest.startswith(("DATUM AXIS", "DATUM RESET")):
             raise InputError(f"TRANS {rest[:30]!r} is not read; use cycles 7, 8, 10, 11")
-        self.datums.shift_datum("X0 Y0 Z0" if rest == "DATUM RESET" else rest[len("DATUM AXIS") :].strip())
+        self.cycles.shift_datum("X0 Y0 Z0" if rest == "DATUM RESET" else rest[len("DATUM AXIS") :].strip())
 
     def run_word_function(self, rest: str) -> None:
         """FUNCTION: control of the tip, dwells."""
@@ -398,36 +400,23 @@ class Klartext:
         self.points = [self.it.motion.target(self.words.read(words))[0] for words in POSITION.findall(text)]
 
 
-def refuse(what: str, word: str) -> Callable[[Klartext, str], None]:
-    """Return a statement that is refused."""
-
-    def run(dialect: Klartext, rest: str) -> None:
-        raise InputError(f"{word} ({what}) is not read; post-process without it")
-
-    return run
-
-
-def pass_over(dialect: Klartext, rest: str) -> None:
-    """Carry out a statement that says nothing of the path."""
-
-
+#: What each statement does with the rest of its block.
 STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "BEGIN": Klartext.begin, "M": Klartext.run_functions,
     "STOP": lambda dialect, rest: dialect.run_functions(rest, stops=True),
     "TOOL": lambda dialect, rest: dialect.words.change_tool(rest),
     "FN": Klartext.run_function, "FUNCTION": Klartext.run_word_function, "TCH": Klartext.probe,
     # frames
-    "PLANE": lambda dialect, rest: dialect.datums.run_plane(rest), "TRANS": Klartext.shift_datum,
+    "PLANE": lambda dialect, rest: dialect.cycles.run_plane(rest), "TRANS": Klartext.shift_datum,
     # contours and cycles
     "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner,
     "APPR": lambda dialect, rest: run_approach(dialect.it, dialect.words, rest),
     "DEP": lambda dialect, rest: run_approach(dialect.it, dialect.words, rest, leaves=True),
     "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
-    # nothing of the path
-    **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),
-    # refused
-    "SPL": refuse("splines", "SPL"), "CONTOUR": refuse("contour cycles", "CONTOUR"),
-    **{word: refuse("free contours", word) for word in ("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT")},
-    "TURNDATA": refuse("turning", "TURNDATA"), "POLARKIN": refuse("polar kinematics", "POLARKIN"),
-    "AFC": refuse("adaptive feed", "AFC"),
+}  # fmt: skip
+#: Statements that say nothing of the path, and those that are refused.
+SILENT_WORDS = frozenset(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"))
+REFUSED = {
+    "SPL": "splines", "CONTOUR": "contour cycles", "TURNDATA": "turning", "POLARKIN": "polar kinematics",
+    "AFC": "adaptive feed", **dict.fromkeys(("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT"), "free contours"),
 }  # fmt: skip

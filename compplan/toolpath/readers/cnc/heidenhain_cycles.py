@@ -1,4 +1,4 @@
-"""Cycles of Heidenhain programs: frames, dwell, holes (1, 2, 17, 200 to 209, 240), patterns 220 and 221."""
+"""Cycles of Heidenhain programs: frames and tilted planes (PLANE too), dwell, holes and their patterns."""
 
 from __future__ import annotations
 
@@ -8,27 +8,35 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, set_level
+from compplan.toolpath.readers.arcs import Point, cross, set_level
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
-from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
-from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
+from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS
+from compplan.toolpath.readers.cnc.state import AXES
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame, rotate, shift, stand_on, stretch
 from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool leaves the hole with the feed; old ones, and the part that states their feed.
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
             207: True, 208: False, 209: True, 240: False}  # fmt: skip
 OLD = {1: 5, 2: 4, 17: 3}
-#: Cycles of frames, part by part; those that say nothing of the path.
-FRAMES: Mapping[int, Callable[[KlartextDatums, str], None]] = {
-    7: KlartextDatums.shift_datum, 8: KlartextDatums.mirror, 10: KlartextDatums.rotate, 11: KlartextDatums.scale,
-    19: KlartextDatums.tilt_by_cycle,
-}  # fmt: skip
+#: Cycles that say nothing of the path.
 SILENT = {13, 32, 239, 332, 392}
 #: Rapid retraction, written as a feed. [mm/min]
 FASTEST = 99999.0
+AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
+NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
+#: Words of PLANE that say how the rotary axes go there, not where.
+HOW = re.compile(
+    r"\b(MOVE|TURN|STAY|SEQ\s*[-+]|SYM\s*[-+]|TABLE\s+ROT|COORD\s+ROT|F\s*MAX|F\s*AUTO|F\s*[\d.,]+|FQ\d+|"
+    r"DIST\s*[-+]?[\d.,]+|MB\s*MAX|MB\s*[-+]?[\d.,]+|ABST\s*[-+]?[\d.,]+)"
+)
 CYCLE_VALUE = re.compile(rf"(Q\d+)\s*=\s*({VALUE}|F?MAX|F?AUTO|PREDEF)")
+
+
+def find_spatial(a: float, b: float, c: float) -> Frame:
+    """Return the frame of spatial angles: first about X, then Y, then Z of the frame that is not tilted."""
+    return rotate(2, c).then(rotate(1, b)).then(rotate(0, a))
 
 
 @dataclass
@@ -46,36 +54,44 @@ class Cycle:
 
 
 class HeidenhainCycles:
-    """Define and carry out cycles."""
+    """Put in force the frames that a program states; define and carry out cycles."""
 
-    def __init__(self, it: Interpreter, datums: KlartextDatums, words: KlartextWords) -> None:
-        self.it, self.datums, self.words, self.to_mm_s = it, datums, words, words.to_mm_s
+    def __init__(self, it: Interpreter, words: KlartextWords) -> None:
+        self.it, self.words, self.value, self.to_mm_s = it, words, words.value, words.to_mm_s
+        #: Angle of the rotation in force [deg]; the datum that cycle 247 named.
+        self.turned = 0.0
+        self.preset: float | None = None
         self.cycle: Cycle | None = None
         #: Whether lines with values of a cycle may follow.
         self.defining = False
+        #: Cycles of frames, part by part.
+        self.frames: dict[int, Callable[[str], None]] = {
+            7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt,
+        }  # fmt: skip
+        words.turn_axis = self.use_axis
 
     def define(self, text: str) -> None:
         """Carry out CYCL DEF."""
         found = match_form(CYCLE, text, "cycle: CYCL DEF and its number")
         number, part, rest = int(found.group(1)), int(found.group(2) or 0), found.group(3).strip()
         last = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest) if part else None
-        if number in FRAMES:
+        if number in self.frames:
             if found.group(2) is None:
                 raise InputError(f"CYCL DEF {number} in one block is not read, expected {number}.0 and {number}.1 ..")
             if part == 0 and number == 8:
                 self.it.put(mirror=None)
             elif part and (rest or number in (8, 19)):
-                FRAMES[number](self.datums, rest)
+                self.frames[number](rest)
         elif number == 247:
-            self.datums.name_preset(rest)
+            self._name_preset(rest)
         elif number == 9:
             if last:
-                self.it.log.happen("dwell", self.it.flow.line, value=self.words.value(last.group(1)))
+                self.it.log.happen("dwell", self.it.flow.line, value=self.value(last.group(1)))
         elif number in OLD:
             if not part or self.cycle is None or self.cycle.number != number:
                 self.cycle = Cycle(number)
             if last:
-                self.cycle.values[str(part)] = self.words.value(last.group(1))
+                self.cycle.values[str(part)] = self.value(last.group(1))
         elif number in DRILLING or number in (220, 221):
             cycle = Cycle(number, {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)})
             self.words.values.update(cycle.values)
@@ -100,7 +116,7 @@ class HeidenhainCycles:
             return (self.words.tool_feed or 0.0) / self.to_mm_s(1.0)
         if text == "PREDEF":
             raise InputError("values from GLOBAL DEF (PREDEF) are not read; write them out")
-        return self.words.value(text)
+        return self.value(text)
 
     def call(self, place: Point | None = None) -> None:
         """Drill where the tool is, or at a place, whose height counts on top of the cycle's surface."""
@@ -208,3 +224,132 @@ class HeidenhainCycles:
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > course.position[axis]:
             go_to_level(course, axis, top)
+
+    @property
+    def tilt(self) -> Frame:
+        """The tilted plane in force."""
+        return self.it.frames.get("plane", Frame())
+
+    def shift_datum(self, rest: str) -> None:
+        """Carry out cycle 7: what counts from the datum before, or (I) from the present one."""
+        found = AXIS_VALUE.findall(rest)
+        if re.match(r"(#|D\s*\d|DNO)", rest):
+            raise InputError(f"datum table {rest[:20]!r} is not read; write the shift out")
+        if not found or re.sub(r"[ABCUVW]\s*[-+]?0*\.?0*(?=\s|$)", "", AXIS_VALUE.sub("", rest)).strip():
+            raise InputError(f"datum shift {rest[:30]!r} is not read, expected X Y Z with numbers")
+        name = "shift" if self.it.tilted else "datum"
+        new = list(self.it.frames.get(name, Frame()).origin)
+        for step, letter, text in found:
+            axis = AXES.index(letter)
+            new[axis] = self.value(text) + (new[axis] if step else 0.0)
+        if any(new):
+            self._refuse_within("a datum shift", "mirror", "rotation")
+        self.it.put(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
+
+    def _refuse_within(self, what: str, *names: str) -> None:
+        """Refuse a frame that is stated while others are in force, within which it would count."""
+        if found := [name for name in names if name in self.it.frames]:
+            raise InputError(f"{what} after a {found[0]} is not read; state it before, or take the {found[0]} back")
+
+    def _name_preset(self, rest: str) -> None:
+        """Carry out cycle 247: the first datum is that of the path."""
+        found = re.search(rf"Q339\s*=\s*({VALUE})", rest)
+        preset = self.value(found.group(1)) if found else 0.0
+        if self.preset not in (None, preset):
+            self.it.note("datums (cycle 247) are not known: all coordinates are taken in one frame")
+        self.preset = preset
+
+    def _mirror(self, rest: str) -> None:
+        """Carry out cycle 8."""
+        letters = re.findall(r"[XYZ]", rest)
+        if re.sub(r"[XYZ]|\s", "", rest):
+            raise InputError(f"mirror {rest[:20]!r} is not read, expected X, Y, Z")
+        if letters:
+            self._refuse_within("a mirror", "rotation")
+        x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
+        self.it.put(mirror=stretch(x, y, z) if letters else None)
+
+    def _rotate(self, rest: str) -> None:
+        """Carry out cycle 10."""
+        step, text = match_form(rf"(I?)ROT\s*({VALUE})", rest, "rotation: ROT and an angle").groups()
+        angle = self.value(text) + (self.turned if step else 0.0)
+        if angle:
+            self._refuse_within("a rotation", "mirror")
+        self.turned = angle
+        self._turn()
+
+    def _turn(self) -> None:
+        """Put the rotation in force about the tool axis."""
+        self.it.put(rotation=rotate(self.words.tool_axis, self.turned) if self.turned else None)
+
+    def _scale(self, rest: str) -> None:
+        """Carry out cycle 11."""
+        scale = self.value(match_form(rf"SCL\s*({VALUE})", rest, "scale: SCL and a factor").group(1))
+        if not 1e-6 <= scale <= 100.0:
+            raise InputError(f"scale {rest[:20]!r} is not read, expected 0.000001 to 100")
+        self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
+
+    def _tilt(self, rest: str) -> None:
+        """Carry out cycle 19: spatial angles, or angles of rotary axes: the machine says which."""
+        angles = {letter: self.value(text) for letter, text in re.findall(rf"([ABC])\s*({VALUE})", rest)}
+        if any(angles.values()) and self.it.options.axes.tilt_angles != "spatial":
+            raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
+                             'tilt_angles = "spatial" in NAME.toml of [cam] machine, or use PLANE SPATIAL')  # fmt: skip
+        self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
+
+    def _stand(self, tilt: Frame) -> None:
+        """Put a tilted plane in force, or take it back."""
+        self.it.contour.refuse_open()
+        if tilt == self.tilt:
+            return
+        self._refuse_within("a plane that is tilted, or tilted back,", "shift", "rotation", "mirror", "scale")
+        for name in TILT_ANGLES:
+            self.words.forget(name, "the machine works it out from the tilted plane")
+        if tilt.plain:
+            self.words.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
+        self.it.put(plane=None if tilt.plain else tilt)
+        self.point_tool()
+
+    def use_axis(self) -> None:
+        """Take another tool axis, that of TOOL CALL."""
+        self._turn()
+        self.point_tool()
+
+    def point_tool(self) -> None:
+        """Point the tool along the tool axis of the plane in force."""
+        axis = self.tilt.turn(PLANE_NORMALS[self.it.state.plane])
+        if axis != self.it.log.axis:
+            self.it.course.aim(axis)
+
+    def run_plane(self, rest: str) -> None:
+        """Carry out PLANE .. ."""
+        kind, _, words = rest.partition(" ")
+        words = HOW.sub(" ", f" {words} ")
+        numbers = {name: self.value(text) for name, text in NAMED.findall(words)}
+        if NAMED.sub("", words).strip():
+            raise InputError(f"PLANE {rest[:40]!r} is not read, {NAMED.sub('', words).strip()[:20]!r} is not known")
+        try:
+            self._stand(self._find_plane(kind, numbers))
+        except KeyError as missing:
+            raise InputError(f"PLANE {kind} has no {missing.args[0]}") from None
+
+    def _find_plane(self, kind: str, n: dict[str, float]) -> Frame:
+        if kind == "RESET":
+            return Frame()
+        if kind == "SPATIAL":
+            return find_spatial(n["SPA"], n["SPB"], n["SPC"])
+        if kind == "EULER":
+            return rotate(2, n["EULPR"]).then(rotate(0, n["EULNU"])).then(rotate(2, n["EULROT"]))
+        if kind == "VECTOR":
+            return stand_on((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
+        if kind == "POINTS":
+            one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
+            if any(one):
+                raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
+            return stand_on(two, cross(two, three))
+        if kind == "RELATIV":
+            (name, angle), *more = n.items()
+            if more or name not in ("SPA", "SPB", "SPC"):
+                raise ValueError("PLANE RELATIV takes one angle: SPA, SPB or SPC")
+            return self.tilt.then(rotate("ABC".index(name[-1]), angle))
+        raise ValueError(f"PLANE {kind} is not read; use PLANE SPATIAL")

@@ -24,7 +24,7 @@ VALUE = rf"[-+]?\s*(?:{NUMBER}|Q[LRS]?\d+)"
 PLAIN = re.compile(rf"L(?: ?X({DECIMAL}))?(?: ?Y({DECIMAL}))?(?: ?Z({DECIMAL}))?(?: ?F({DECIMAL}))?(?: M90)?")
 #: Words of a motion block. Bare signs belong to DR and to R of paraxial blocks.
 WORD = re.compile(
-    rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|DR|"
+    rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|D[LR]2?|"
     rf"R[0LR](?![\d.,])|R|F\s*(?:MAX|AUTO)|F[UZT]?|S(?=\s*[\d.,Q])|M\s*(?=\d|Q))"
     rf"\s*({VALUE}|[-+](?!\s*[\d.,Q]))?"
 )
@@ -54,7 +54,6 @@ BARE = frozenset(("R0", "RL", "RR", "R+", "R-", "DR+", "DR-", "FMAX", "FAUTO"))
 UNREAD_AXES = frozenset(("U", "V", "W", "IU", "IV", "IW"))
 TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
 TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$")
-TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
 #: Parameters that PLANE and cycle 19 set to the angles of the rotary axes.
 TILT_ANGLES = {"Q120", "Q121", "Q122"}
 
@@ -121,7 +120,8 @@ class KlartextWords:
     def __init__(self, it: Interpreter) -> None:
         self.it = it
         self.values: dict[str, float] = dict.fromkeys(TILT_ANGLES, 0.0)
-        self.per_turn = False
+        #: Millimetres of a unit of length; whether feeds count by the turn.
+        self.unit, self.per_turn = 1.0, False
         #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
         self.old = self.fast = False
         #: Side of the contour on which the tool runs: L, R, or none.
@@ -132,11 +132,6 @@ class KlartextWords:
         self.tool_feed: float | None = None
         #: Lets the frames follow another tool axis.
         self.turn_axis: Callable[[], None] = lambda: None
-
-    @property
-    def unit(self) -> float:
-        """Millimetres of a unit of length."""
-        return self.it.frames["unit"].scale if "unit" in self.it.frames else 1.0
 
     @property
     def tool_axis(self) -> int:
@@ -174,7 +169,7 @@ class KlartextWords:
     def read(self, text: str) -> CncBlock:
         """Return a block: numbers by the addresses that all dialects share, M functions, words without a number.
 
-        M140 and S are carried out at once.
+        M140 is carried out at once.
         """
         block = CncBlock()
         for number, words in M_WORDS.findall(text):
@@ -197,23 +192,15 @@ class KlartextWords:
             elif word == "M":
                 block.machine.append(float(int(self.value(number))))
             else:
-                self._take_number(block, address, number, relative=address != word and word[0] == "I")
+                by_plane = address in LETTERS and any(name in number for name in TILT_ANGLES)
+                unread = address in LETTERS and (self.it.rotary.ignored or (by_plane and self.it.tilted))
+                block.values[address] = 0.0 if unread else self.value(number)
+                block.names += ["TILT"] if by_plane else []
+                if address != word and word[0] == "I":
+                    block.relative.add(address)
         if block.has(POLAR):
             self.need_pole()
-        if "S" in block.values:
-            self._set_speed(block.values["S"])
         return block
-
-    def _take_number(self, block: CncBlock, address: str, number: str, *, relative: bool) -> None:
-        """Put a number into a block; angles that the tilted plane sets are not evaluated."""
-        turns = address in LETTERS
-        by_plane = turns and any(name in number for name in TILT_ANGLES)
-        unread = turns and (self.it.rotary.ignored or (by_plane and self.it.tilted))
-        block.values[address] = 0.0 if unread else self.value(number)
-        if relative:
-            block.relative.add(address)
-        if by_plane:
-            block.names.append("TILT")
 
     def _retract(self, words: str) -> None:
         """Go back along the tool axis (M140 MB)."""
@@ -233,8 +220,12 @@ class KlartextWords:
 
     @contextmanager
     def functions(self, block: CncBlock) -> Iterator[set[float]]:
-        """Let happen what M functions switch before and after the move of their block."""
+        """Let happen what S and M functions switch before and after the move of their block."""
         codes = set(block.machine)
+        if "S" in block.values:
+            self.it.state.spindle = block.values["S"]
+            self.set_feed_scale()
+            self.it.machine.switch_on((), self.it.flow.line, changed=True)
         for code in sorted(codes & REFUSED_M.keys()):
             raise InputError(f"M{code:g} ({REFUSED_M[int(code)]}) is not read; post-process without it")
         self.it.machine.switch_on(sorted(codes), self.it.flow.line)
@@ -249,12 +240,6 @@ class KlartextWords:
         if self.it.machine.stop(sorted(codes), self.it.flow.line):
             self.it.flow.over = True
 
-    def _set_speed(self, speed: float) -> None:
-        """Take a speed of the spindle; one that turns changes its speed."""
-        self.it.state.spindle = speed
-        self.set_feed_scale()
-        self.it.machine.switch_on((), self.it.flow.line, changed=True)
-
     def change_tool(self, text: str) -> None:
         """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
         it = self.it
@@ -266,13 +251,13 @@ class KlartextWords:
             return
         called, axis, rest = match_form(TOOL, text, "tool call TOOL").groups()
         it.contour.refuse_open()
-        words, bare = dict(TOOL_WORD.findall(rest)), TOOL_WORD.sub("", rest)
-        if re.sub(r"M\s*\d+|\"[^\"]*\"", "", bare).strip():
+        block = self.read(re.sub(r"\"[^\"]*\"|[:=]", " ", rest))
+        if block.values.keys() - {"S", "F", "FU", "FZ", "DL", "DR", "DR2"} or block.names:
             raise InputError(f"cannot read {rest[:30]!r} in the tool call")
-        if any(self.value(words[key]) for key in ("DL", "DR") if key in words):
+        if block.values.get("DL") or block.values.get("DR"):
             it.note("oversizes DL, DR of TOOL CALL are not applied: the path is that of the tool tip")
-        if "F" in words:
-            self.tool_feed = self.to_mm_s(self.value(words["F"]))
+        if "F" in block.values:
+            self.tool_feed = self.to_mm_s(block.values["F"])
             it.state.feed = self.tool_feed * 60.0
         if called is not None:
             name = called[1:-1] if called.startswith('"') else ""
@@ -283,9 +268,7 @@ class KlartextWords:
         if axis in ("X", "Y", "Z") and AXES.index(axis) != self.tool_axis:
             it.state.plane = PLANES[AXES.index(axis)]
             self.turn_axis()
-        if "S" in words:
-            self._set_speed(self.value(words["S"]))
-        with self.functions(CncBlock(machine=[float(number) for number in re.findall(r"M\s*(\d+)", bare)])):
+        with self.functions(block):
             pass
 
     def take_modes(self, block: CncBlock) -> bool:
