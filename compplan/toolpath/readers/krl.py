@@ -72,9 +72,9 @@ def clean_line(raw: str) -> str:
     return "" if text.startswith("&") else text.upper()
 
 
-def find_beside(file: Path, *suffixes: str) -> Sequence[str]:
-    """Return the lines of the file of this name with one of these suffixes, none without any."""
-    beside = next((path for suffix in suffixes if (path := file.with_suffix(suffix)).is_file()), None)
+def find_beside(file: Path, suffix: str) -> Sequence[str]:
+    """Return the lines of the file of this name with a suffix in small letters or capitals, none without any."""
+    beside = next((path for end in (suffix, suffix.upper()) if (path := file.with_suffix(end)).is_file()), None)
     return split_lines(read_bounded(beside)) if beside else ()
 
 
@@ -139,7 +139,7 @@ class _KrlReader:
 
     def _load_data(self, file: Path) -> None:
         """Keep the positions and frames that the .dat file beside a program declares."""
-        for raw in find_beside(file, ".dat", ".DAT"):
+        for raw in find_beside(file, ".dat"):
             self._assign(ASSIGN.match(clean_line(raw)))
 
     def _find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
@@ -200,7 +200,7 @@ class _KrlReader:
         for word in (called, called.lower()):
             beside = file.with_name(f"{word}.src")
             if called not in programs:
-                self._find_programs(find_beside(beside, ".src", ".SRC"), beside)
+                self._find_programs(find_beside(beside, ".src"), beside)
         if called not in programs:
             self.called = self.called or f"{statement[:24]} in line {self.flow.line}"
             self.note(f"call of {called[:24]}() is not read: it is neither here nor beside the file")
@@ -355,12 +355,13 @@ class _KrlReader:
     def _circle(self, via: dict[str, float], parts: list[str]) -> None:
         if not parts:
             raise InputError("circle has no end position")
-        middle = np.array([{**self.last, **via}.get(key, math.nan) for key in PLACE])
-        if np.isnan(middle).any():
+        middle = {**self.last, **via}
+        if not middle.keys() >= set(PLACE):
             raise InputError("circle has no middle position")
         words = re.search(rf"\bCA\s*=?\s*({NUMBER})", " ".join(parts))
         angle = math.radians(float(words.group(1))) if words else None
-        self.robot.circle(middle, self._pose(self._target(parts[0])), self._speed(), angle=angle)
+        place = np.array([middle[key] for key in PLACE])
+        self.robot.circle(place, self._pose(self._target(parts[0])), self._speed(), angle=angle)
 
     def _speed(self) -> float:
         feed = self.feed if self.own is None else self.own

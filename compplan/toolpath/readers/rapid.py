@@ -56,13 +56,13 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     return reader.robot.log.finish(file, "rapid", "mm", count_lines(text))
 
 
-def split_statements(text: str) -> Iterator[tuple[int, str]]:
+def split_statements(text: str, file: Path) -> Iterator[tuple[int, str]]:
     """Yield statements in capitals, text in quotes left out, with the line that each begins in."""
     pending, first = "", 0
     for number, raw in enumerate(split_lines(text), start=1):
         line = re.sub(r'"[^"]*"', '""', raw).partition("!")[0].upper()
         if line.replace('""', "").count('"'):
-            raise ValueError(f'line {number}: a quote (") is opened and never closed')
+            raise InputError('a quote (") is opened and never closed', file=file, where=number)
         if not pending:
             first = number
             if raw.lstrip().startswith("!"):
@@ -77,7 +77,9 @@ def split_statements(text: str) -> Iterator[tuple[int, str]]:
             first = number
         pending = pending.strip()
         if len(pending) > LONGEST_LINE:
-            raise ValueError(f"statement of more than {LONGEST_LINE} characters in line {first}; no more are read")
+            raise InputError(
+                f"statement of more than {LONGEST_LINE} characters; no more are read", file=file, where=first
+            )
     if pending:
         yield first, " ".join(pending.split())
 
@@ -137,28 +139,24 @@ class _RapidReader:
         )]  # fmt: skip
 
     def run(self, text: str) -> None:
-        """Carry out main, or the first procedure."""
-        loose: list[tuple[int, str]] = []
-        programs: dict[str, list[tuple[int, str]]] = {}
-        current = loose
-        try:
-            for line, statement in split_statements(text):
-                head = PROC.match(statement)
-                if head:
-                    current = programs.setdefault(head.group(1), [])
-                elif statement.startswith("ENDPROC"):
-                    current = loose
-                else:
-                    current.append((line, statement))
-                    if found := DATA.match(statement):
-                        self.data[found.group(1), found.group(2)] = found.group(3)
-        except ValueError as fault:
-            raise InputError(str(fault), file=self.flow.file) from None
+        """Carry out main, or the first procedure; a text without any as it stands."""
+        programs: dict[str, list[tuple[int, str]]] = {"": []}
+        current = ""
+        for line, statement in split_statements(text, self.flow.file):
+            if head := PROC.match(statement):
+                current = head.group(1)
+                programs.setdefault(current, [])
+            elif statement.startswith("ENDPROC"):
+                current = ""
+            else:
+                programs[current].append((line, statement))
+                if found := DATA.match(statement):
+                    self.data[found.group(1), found.group(2)] = found.group(3)
         for called, lines in programs.items():
             self.flow.programs[called] = CncProgram(lines, 0, len(lines), self.flow.file)
-        lines = programs.get("MAIN") or next(iter(programs.values()), loose)
+        first = "MAIN" if "MAIN" in programs else next(filter(None, programs), "")
         with self.flow.guard():
-            self.flow.run(CncProgram(lines, 0, len(lines), self.flow.file))
+            self.flow.run(self.flow.programs[first])
 
     def _run_line(self, program: CncProgram, index: int) -> int:
         """Carry out a statement; return the next one, or END."""
@@ -254,10 +252,8 @@ class _RapidReader:
         if ("WOBJDATA", wobj) not in self.data:
             return None
         fields = read_list(self.data["WOBJDATA", wobj])
-        if len(fields) != 5:
-            raise InputError(f"work object {wobj} has {len(fields)} parts, expected 5")
-        if fields[0] is True:
-            raise InputError(f"work object {wobj} is held by the robot, which is not read")
+        if len(fields) != 5 or fields[0] is True:
+            raise InputError(f"work object {wobj} is held by the robot, or has not 5 parts, which is not read")
         if fields[1] is False:
             self.note(f"work object {wobj} moves with another unit: the path is taken in it as it is written")
             return None

@@ -42,7 +42,7 @@ REFUSED = [
     (".src", write_krl("SLIN {X 5} WITH $BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}"), "for one move is not read"),
     (".src", write_krl("SLIN {X 5} WITH $VEL.CP=FAST"), "sets no speed in m/s"),
     (".src", write_krl("$BASE.X=100"), "a part of $BASE is set"),
-    (".src", write_krl("ASYPTP {E1 100}"), "ASYPTP (external axes on their own) is not read"),
+    (".src", write_krl("ASYPTP {E1 100}"), "ASYPTP is not read and may move the tool"),
     (".src", write_krl("XP=XQ\nLIN XP", "XP={X 1,Y 0,Z 0,A 0,B 180,C 0}"), "position 'XP' is not known"),
     (".src", write_krl("IF Q THEN\nXP={X 5}\nENDIF\nLIN XP", "XP={X 1}"), "position 'XP' is not known"),
     (".src", write_krl("SPLINE\nSPL {X 5,Y 5} WITH $VEL.CP=1\nENDSPLINE"), "SPL with data of its own"),
