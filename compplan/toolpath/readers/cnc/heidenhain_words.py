@@ -28,7 +28,8 @@ WORD = re.compile(
     rf"R[0LR](?![\d.,])|R|F\s*(?:MAX|AUTO)|F[UZT]?|S(?=\s*[\d.,Q])|M\s*(?=\d|Q))"
     rf"\s*({VALUE}|[-+](?!\s*[\d.,Q]))?"
 )
-BLOCK_NUMBER = re.compile(r"\s*(\d+)\s*(?=\D|$)")
+#: A block: may it be skipped, its number left out.
+NUMBERED = re.compile(r"\s*(/?)\s*(?:\d+\s*(?=\D|$))?(.*)")
 FUNCTION_NUMBER = re.compile(r"FN\s*(\d+)\s*:\s*(.*)")
 ASSIGN = re.compile(r"(Q[LRS]?\d+)\s*=\s*(.+)")
 JUMP = re.compile(r".*?IF\s+(.+?)\s+(EQU|NE|GT|LT)\s+(.+?)\s+GOTO\s+LBL\s*(\".*\"|\d+|QS?\d+)\s*$")
@@ -85,33 +86,21 @@ class HeidenhainBlock:
 
 def split_blocks(text: str) -> Iterator[HeidenhainBlock]:
     """Yield the blocks of a program; a ~ at the end of a line goes on in the next, as do lines of a cycle's values."""
-    pending, notes, first, goes_on = "", "", 0, False
-    for line, raw in enumerate(split_lines(text), start=1):
+    parts: list[tuple[str, str]] = []
+    letters = 0
+    for line, raw in enumerate([*split_lines(text), ""], start=1):
         body = raw.strip()
-        more = body.endswith("~")
-        if more:
-            body = body[:-1].rstrip()
-        body, comment = cut_comment(body)
-        if not goes_on:
-            mark = "/" if body[:1] == "/" else ""
-            body = body[1:].lstrip() if mark else body
-            found = BLOCK_NUMBER.match(body) if body[:1].isdigit() else None
-            pending, notes, first = mark + (body[found.end() :] if found else body), comment, line
-        else:
-            pending, notes = f"{pending} {body}", f"{notes} {comment}"
-            if len(pending) > LONGEST_LINE:
-                raise ValueError(f"block of more than {LONGEST_LINE} characters in line {first}; no more are read")
-        goes_on = more
-        if not more:
-            yield HeidenhainBlock(first, _tidy(pending), notes.strip())
-    if goes_on:
-        yield HeidenhainBlock(first, _tidy(pending), notes.strip())
-
-
-def _tidy(text: str) -> str:
-    """Return a block in capitals with single spaces."""
-    tidy = (" ".join(text.split()) if "  " in text or "\t" in text else text.strip()).upper()
-    return f"CYCL{tidy[5:]}" if tidy.startswith("CYCLE ") else tidy
+        parts.append(cut_comment(body.removesuffix("~").rstrip()))
+        letters += len(parts[-1][0])
+        first = line + 1 - len(parts)
+        if letters > LONGEST_LINE:
+            raise ValueError(f"block of more than {LONGEST_LINE} characters in line {first}; no more are read")
+        if not body.endswith("~"):
+            mark, words = NUMBERED.fullmatch(" ".join(part for part, _ in parts)).groups()  # type: ignore[union-attr]
+            words = " ".join(words.split()).upper()
+            words = f"CYCL{words[5:]}" if words.startswith("CYCLE ") else words
+            yield HeidenhainBlock(first, mark + words, " ".join(note for _, note in parts).strip())
+            parts, letters = [], 0
 
 
 class KlartextWords:
