@@ -63,7 +63,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 def read_pose(numbers: Mapping[str, float]) -> Array:
     """Return the pose of X Y Z A B C: R = Rz(A) Ry(B) Rx(C)."""
     turn = Rotation.from_euler("ZYX", [numbers[key] for key in ANGLES], degrees=True)
-    return make_pose([numbers[key] for key in PLACE], turn)
+    return make_pose(np.array([numbers[key] for key in PLACE]), turn)
 
 
 def clean_line(raw: str) -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import ast
+import json
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.lines import LONGEST_LINE, count_lines, split_lines
-from compplan.toolpath.readers.moves import CamFile
+from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, make_pose, split_fields
 
@@ -29,10 +29,7 @@ DATA = re.compile(
 )
 #: Number by which two robots move together (\\ID:=20), after a target.
 POINT_ID = re.compile(r"\\\s*ID\s*:=\s*\w+")
-#: Greatest number of brackets in data.
-MOST_BRACKETS = 20
-#: Numbers, words of truth and texts in brackets.
-LIST = re.compile(r'\[(?:[-+.\d\s,\[\]]|(?<=[\d.])E(?=[-+\d])|TRUE|FALSE|"[^"]*")*\]')
+NUMBER_FORM = re.compile(NUMBER)
 #: Lines that end without a semicolon.
 BARE = re.compile(
     r"(MODULE|ENDMODULE|(LOCAL\s+)?(PROC|FUNC|TRAP|RECORD)|END(PROC|FUNC|TRAP|RECORD|IF|FOR|WHILE|TEST)|ELSE(IF)?|IF|FOR|"
@@ -86,20 +83,40 @@ def split_statements(text: str, file: Path) -> Iterator[tuple[int, str]]:
 
 def read_list(text: str) -> list[Any]:
     """Return the values of [[1, 2], TRUE, ..]; an InputError where they are no numbers."""
-    plain = re.sub(r"(?<![\d.E])0+(?=\d)", "", text.strip()).replace("TRUE", "True").replace("FALSE", "False")
+    plain = NUMBER_FORM.sub(lambda found: repr(float(found.group())).replace("inf", "1e999"), text)
     try:
-        if LIST.fullmatch(text.strip()) and text.count("[") < MOST_BRACKETS:
-            return list(ast.literal_eval(plain))
-    except (SyntaxError, ValueError):
-        pass
-    raise InputError(f"{text.strip()[:40]!r} is not read, expected numbers as [[x, y, z], [q1, q2, q3, q4], ..]")
+        data = json.loads(plain.replace("TRUE", "true").replace("FALSE", "false"))
+    except (ValueError, RecursionError):
+        data = None
+    if not isinstance(data, list):
+        raise InputError(f"{text.strip()[:40]!r} is not read, expected numbers as [[x, y, z], [q1, q2, q3, q4], ..]")
+    return data
 
 
-def read_pose(data: list[Any], count: int) -> Array:
+def read_numbers(data: Any, count: int = 0) -> Array:
+    """Return so many numbers (0: any) of a list. Shape (count,)."""
+    try:
+        numbers = np.array(data, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty((0, 0))
+    if numbers.ndim != 1 or (count and len(numbers) != count):
+        raise InputError(f"{str(data)[:40]} is not read, expected {count or 'several'} numbers")
+    return numbers
+
+
+def read_place(data: Any) -> Array:
+    """Return coordinates [mm], as far as a robot reaches. Shape (3,)."""
+    place = read_numbers(data, 3)
+    if not np.abs(place).max() < FARTHEST:
+        raise InputError(f"coordinate {np.abs(place).max():g} mm, less than {FARTHEST:g} mm is allowed")
+    return place
+
+
+def read_pose(data: Any, count: int) -> Array:
     """Return the pose of [[x, y, z], [q1, q2, q3, q4], ...], of so many parts."""
-    place, turn = data[:2] if len(data) == count else ([], [])
-    if np.shape(place) != (3,) or np.shape(turn) != (4,):
+    if not isinstance(data, list) or len(data) != count:
         raise InputError(f"pose {str(data)[:40]} is not read, expected [[x, y, z], [q1, q2, q3, q4], ..]")
+    place, turn = read_place(data[0]), read_numbers(data[1], 4)
     size = float(np.linalg.norm(turn))
     if not abs(size - 1.0) <= 1e-2:
         raise InputError(f"quaternion {turn} has length {size:.4g}, expected 1")
@@ -116,7 +133,7 @@ class _RapidReader:
         self.flow, self.note = robot.flow, robot.note
         self.flow.run_line = self._run_line
         self.tool = ""
-        self.external: Sequence[float] = ()
+        self.external: Array = np.empty(0)
         self.share, self.fastest = 1.0, math.inf
         #: What each statement does; END where it ends the procedure.
         self.rules: list[Rule] = [(re.compile(pattern), run) for pattern, run in (
@@ -265,10 +282,8 @@ class _RapidReader:
         for word, pattern in (("Offs", r"OFFS\s*\((.*)\)"), ("RelTool", r"RELTOOL\s*\(([^\\]*)\)")):
             if not (found := re.fullmatch(pattern, field)):
                 continue
-            parts = split_fields(found.group(1))
-            if len(parts) != 4:
-                raise InputError(f"{word} with {len(parts)} arguments, expected target, x, y, z")
-            pose, step = self._target(parts[0]), np.array(read_list(f"[{','.join(parts[1:])}]"), dtype=float)
+            target, *parts = split_fields(found.group(1))
+            pose, step = self._target(target), read_place(read_list(f"[{','.join(parts)}]"))
             pose[:3, 3] += step if word == "Offs" else pose[:3, :3] @ step
             return pose
         if not field.startswith("["):
@@ -277,9 +292,10 @@ class _RapidReader:
             field = self.data["ROBTARGET", field]
         data = read_list(field)
         if len(data) == 4:
-            if self.external and any(abs(a - b) > 1e-6 for a, b in zip(data[3], self.external, strict=False)):
+            external = read_numbers(data[3])
+            if any(abs(a - b) > 1e-6 for a, b in zip(external, self.external, strict=False)):
                 self.note("external axes move: the path is taken in the work object as it is written")
-            self.external = data[3]
+            self.external = external
         return read_pose(data, 4)
 
     def _speed(self, field: str) -> float:
@@ -290,7 +306,7 @@ class _RapidReader:
         if override:
             speed = float(override.group(1))
         elif text.startswith("["):
-            speed = float(read_list(text)[0])
+            speed = float(read_numbers(read_list(text))[0])
         elif found := re.fullmatch(r"V(\d+)", text):
             speed = float(found.group(1))
         elif self.options.feed_mm_s is not None:

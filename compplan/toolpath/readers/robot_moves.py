@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from compplan.io.tables import Array
 from compplan.toolpath.readers.arcs import Point, find_arc, sample_arc
 from compplan.toolpath.readers.cnc.flow import Flow
 from compplan.toolpath.readers.lines import DECIMAL
-from compplan.toolpath.readers.moves import FARTHEST, MoveLog
+from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
 #: A number in a robot program, capitals.
@@ -237,12 +237,10 @@ def split_fields(text: str, opening: str = "[(", closing: str = "])") -> list[st
     return [*parts, text[start:]]
 
 
-def make_pose(position: Sequence[float], turn: Rotation) -> Array:
-    """Return a pose from position [mm] and rotation; refuse one that no robot reaches."""
+def make_pose(position: Array, turn: Rotation) -> Array:
+    """Return a pose from position [mm] and rotation."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn.as_matrix(), position
-    if not (np.isfinite(pose).all() and np.abs(pose[:3, 3]).max() < FARTHEST):
-        raise InputError(f"coordinate {max(position, key=abs):g} mm, less than {FARTHEST:g} mm and finite is expected")
     return pose
 
 
