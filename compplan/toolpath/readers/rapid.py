@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,7 +14,7 @@ from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.lines import LONGEST_LINE, count_lines, split_lines
-from compplan.toolpath.readers.moves import FARTHEST, CamFile
+from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, make_pose, split_fields
 
@@ -29,7 +27,11 @@ DATA = re.compile(
 )
 #: Number by which two robots move together (\\ID:=20), after a target.
 POINT_ID = re.compile(r"\\\s*ID\s*:=\s*\w+")
-NUMBER_FORM = re.compile(NUMBER)
+NUMBERS = re.compile(NUMBER)
+#: Forms of data, # for a number: a pose, a target (its configuration is not read), a work object, a speed, a step.
+POSE = r"\[\[#,#,#\],\[#,#,#,#\]"
+TARGET, STEP, SPEED = POSE + r",\[[^\[\]]*\],\[#,#,#,#,#,#\]\]", "#,#,#", r"\[#(,#)*\]"
+OBJECT = rf'\[(FALSE|TRUE),(FALSE|TRUE),"",{POSE}\],{POSE}\]\]'
 #: Lines that end without a semicolon.
 BARE = re.compile(
     r"(MODULE|ENDMODULE|(LOCAL\s+)?(PROC|FUNC|TRAP|RECORD)|END(PROC|FUNC|TRAP|RECORD|IF|FOR|WHILE|TEST)|ELSE(IF)?|IF|FOR|"
@@ -81,46 +83,24 @@ def split_statements(text: str, file: Path) -> Iterator[tuple[int, str]]:
         yield first, " ".join(pending.split())
 
 
-def read_list(text: str) -> list[Any]:
-    """Return the values of [[1, 2], TRUE, ..]; an InputError where they are no numbers."""
-    plain = NUMBER_FORM.sub(lambda found: repr(float(found.group())).replace("inf", "1e999"), text)
-    try:
-        data = json.loads(plain.replace("TRUE", "true").replace("FALSE", "false"))
-    except (ValueError, RecursionError):
-        data = None
-    if not isinstance(data, list):
-        raise InputError(f"{text.strip()[:40]!r} is not read, expected numbers as [[x, y, z], [q1, q2, q3, q4], ..]")
-    return data
-
-
-def read_numbers(data: Any, count: int = 0) -> Array:
-    """Return so many numbers (0: any) of a list. Shape (count,)."""
-    try:
-        numbers = np.array(data, dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = np.empty((0, 0))
-    if numbers.ndim != 1 or (count and len(numbers) != count):
-        raise InputError(f"{str(data)[:40]} is not read, expected {count or 'several'} numbers")
+def read_numbers(text: str, form: str) -> Array:
+    """Return the numbers of data that have a form. Shape (n,)."""
+    plain = "".join(text.split())
+    if not re.fullmatch(form, NUMBERS.sub("#", plain)):
+        expected = form.replace("\\", "").replace("[^[]]*", "..")
+        raise InputError(f"{text.strip()[:40]!r} is not read, expected numbers as {expected}")
+    numbers = np.array([float(number) for number in NUMBERS.findall(plain)])
+    if not np.isfinite(numbers).all():
+        raise InputError(f"a number of {text.strip()[:40]!r} is too great")
     return numbers
 
 
-def read_place(data: Any) -> Array:
-    """Return coordinates [mm], as far as a robot reaches. Shape (3,)."""
-    place = read_numbers(data, 3)
-    if not np.abs(place).max() < FARTHEST:
-        raise InputError(f"coordinate {np.abs(place).max():g} mm, less than {FARTHEST:g} mm is allowed")
-    return place
-
-
-def read_pose(data: Any, count: int) -> Array:
-    """Return the pose of [[x, y, z], [q1, q2, q3, q4], ...], of so many parts."""
-    if not isinstance(data, list) or len(data) != count:
-        raise InputError(f"pose {str(data)[:40]} is not read, expected [[x, y, z], [q1, q2, q3, q4], ..]")
-    place, turn = read_place(data[0]), read_numbers(data[1], 4)
-    size = float(np.linalg.norm(turn))
+def read_pose(numbers: Array) -> Array:
+    """Return the pose of place [mm] and quaternion, scalar first. Shape (7,) -> (4, 4)."""
+    size = float(np.linalg.norm(numbers[3:]))
     if not abs(size - 1.0) <= 1e-2:
-        raise InputError(f"quaternion {turn} has length {size:.4g}, expected 1")
-    return make_pose(place, Rotation.from_quat([*turn[1:], turn[0]]))
+        raise InputError(f"quaternion {numbers[3:]} has length {size:.4g}, expected 1")
+    return make_pose(numbers[:3], Rotation.from_quat(numbers[[4, 5, 6, 3]]))
 
 
 class _RapidReader:
@@ -268,13 +248,14 @@ class _RapidReader:
             return np.eye(4)
         if ("WOBJDATA", wobj) not in self.data:
             return None
-        fields = read_list(self.data["WOBJDATA", wobj])
-        if len(fields) != 5 or fields[0] is True:
-            raise InputError(f"work object {wobj} is held by the robot, or has not 5 parts, which is not read")
-        if fields[1] is False:
+        text = self.data["WOBJDATA", wobj]
+        numbers, (held, fixed) = read_numbers(text, OBJECT), re.findall("FALSE|TRUE", text)
+        if held == "TRUE":
+            raise InputError(f"work object {wobj} is held by the robot, which is not read")
+        if fixed == "FALSE":
             self.note(f"work object {wobj} moves with another unit: the path is taken in it as it is written")
             return None
-        return read_pose(fields[3], 2) @ read_pose(fields[4], 2)
+        return read_pose(numbers[:7]) @ read_pose(numbers[7:])
 
     def _target(self, field: str) -> Array:
         """Return the pose of a robtarget: written out, by name, or Offs(target, x, y, z)."""
@@ -283,20 +264,18 @@ class _RapidReader:
             if not (found := re.fullmatch(pattern, field)):
                 continue
             target, *parts = split_fields(found.group(1))
-            pose, step = self._target(target), read_place(read_list(f"[{','.join(parts)}]"))
+            pose, step = self._target(target), read_numbers(",".join(parts), STEP)
             pose[:3, 3] += step if word == "Offs" else pose[:3, :3] @ step
             return pose
         if not field.startswith("["):
             if ("ROBTARGET", field) not in self.data:
                 raise InputError(f"target {field[:32]!r} is not known in this module")
             field = self.data["ROBTARGET", field]
-        data = read_list(field)
-        if len(data) == 4:
-            external = read_numbers(data[3])
-            if any(abs(a - b) > 1e-6 for a, b in zip(external, self.external, strict=False)):
-                self.note("external axes move: the path is taken in the work object as it is written")
-            self.external = external
-        return read_pose(data, 4)
+        numbers = read_numbers(field, TARGET)
+        if any(abs(a - b) > 1e-6 for a, b in zip(numbers[-6:], self.external, strict=False)):
+            self.note("external axes move: the path is taken in the work object as it is written")
+        self.external = numbers[-6:]
+        return read_pose(numbers[:7])
 
     def _speed(self, field: str) -> float:
         r"""Return the speed of the tip in mm/s, after VelSet: v100, [v, ..], a name, or what \V says."""
@@ -306,7 +285,7 @@ class _RapidReader:
         if override:
             speed = float(override.group(1))
         elif text.startswith("["):
-            speed = float(read_numbers(read_list(text))[0])
+            speed = float(read_numbers(text, SPEED)[0])
         elif found := re.fullmatch(r"V(\d+)", text):
             speed = float(found.group(1))
         elif self.options.feed_mm_s is not None:
