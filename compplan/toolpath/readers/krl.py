@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
-from compplan.toolpath.readers.lines import count_lines, read_bounded, split_lines
+from compplan.toolpath.readers.lines import count_lines, match_form, read_bounded, split_lines
 from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, make_pose, split_fields
@@ -29,8 +29,8 @@ AGGREGATE = re.compile(r"\{\s*(?:[A-Z]\w*\s*:)?([^{}]*)\}")
 ASSIGN = re.compile(
     r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?:[A-Z]\w*\s+)?(\$?[A-Z][\w.]*(?:\[\s*\d+\s*\])?(?:\.\w+)?)\s*=\s*(.+)$"
 )
-#: What may follow a position: approximation.
-ENDING = re.compile(r"(\s*C_[A-Z]+|\s*CA\s.*)*\s*$")
+#: A position, written out or by its name, and how it is approximated.
+TARGET = re.compile(r"(\{[^{}]*\}|\$?[A-Z]\w*(?:\[\w+\])?)(\s*C_[A-Z]+|\s*CA\s.*)*")
 MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE)\b(?!\s*[=(])\s*(.*?)(?:\s*\bWITH\s(.*))?$")
 PLACE, ANGLES, AXES = ("X", "Y", "Z"), ("A", "B", "C"), tuple(f"A{number}" for number in range(1, 7))
 EXTERNAL = tuple(f"E{number}" for number in range(1, 7))
@@ -289,14 +289,10 @@ class _KrlReader:
 
     def _target(self, text: str) -> dict[str, float]:
         """Return the numbers of a position: written out, or declared by name."""
-        text = text.strip()
-        named = NAME.match(text)
-        if not text.startswith("{") and (named is None or named.group(0) not in self.positions):
-            raise InputError(f"position {text[:24]!r} is not known here or in the .dat file")
-        end, position = (named.end(), self.positions[named.group(0)]) if named else (text.find("}") + 1, text)
-        if not ENDING.match(text, end):
-            raise InputError(f"{text[end : end + 24].strip()!r} after a position is not read, expected C_DIS and such")
-        return self._numbers(position)
+        word = match_form(TARGET, text.strip(), "position: {X 1,Y 2,..} or a name, and C_DIS and such").group(1)
+        if word[0] != "{" and word not in self.positions:
+            raise InputError(f"position {word[:24]!r} is not known here or in the .dat file")
+        return self._numbers(self.positions.get(word, word))
 
     def _read_with(self, extra: str) -> None:
         """Read what holds for one move (WITH): its speed; frames and modes are refused."""

@@ -38,7 +38,7 @@ REFUSED = [
     (".apt", write_apt("INDEX/1"), "INDEX is not read"),
     (".apt", write_apt("PLUNGE/5"), "PLUNGE is not read"),
     (".apt", write_apt("CYCLE/ "), "a cycle has no kind"),
-    (".src", write_krl("LIN {X 5}:{X 1,Y 0,Z 0,A 0,B 0,C 0}"), "after a position is not read"),
+    (".src", write_krl("LIN {X 5}:{X 1,Y 0,Z 0,A 0,B 0,C 0}"), "is not read, expected {X 1,Y 2,..} or a name"),
     (".src", write_krl("SLIN {X 5} WITH $BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}"), "for one move is not read"),
     (".src", write_krl("SLIN {X 5} WITH $VEL.CP=FAST"), "sets no speed in m/s"),
     (".src", write_krl("$BASE.X=100"), "a part of $BASE is set"),
