@@ -74,13 +74,12 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 @dataclass(frozen=True)
 class _Pending:
-    """Hold an arc record until the point that ends it: a point of its axis [mm], the axis, sense, turns, radius."""
+    """Hold an arc record until the point that ends it: a point of its axis [mm], the axis, sense, turns."""
 
     centre: Point
     normal: Point
     right_hand: bool
     turns: int = 1
-    radius: float | None = None
 
 
 class _AptReader:
@@ -346,9 +345,7 @@ class _AptReader:
         if count > MOST_TURNS:
             raise InputError(f"arc of {count:g} turns, at most {MOST_TURNS} are read")
         turns = max(1, math.ceil(count) if angle else int(count))
-        radius = numbers[6] * self.scale if len(numbers) > 6 else None
-        centre, normal = self._scaled(numbers), _axis(numbers[3:6])
-        self.arc = _Pending(centre, normal, clockwise == self.flipped, turns, radius)
+        self.arc = _Pending(self._scaled(numbers), _axis(numbers[3:6]), clockwise == self.flipped, turns)
 
     def _cut_lettered(self, words: str) -> None:
         """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end and centre from the start; clockwise."""
@@ -370,9 +367,7 @@ class _AptReader:
         end = re.search(r"\(\s*(?:LINE|POINT)\s*/([^()]*)\)", words)
         centre, last = (find_numbers(found.group(1)) if found else [] for found in (circle, end))
         if len(centre) < 4 or len(last) < 3 or self.direction is None:
-            raise InputError(
-                f"motion {words[:40]!r} is not read, expected INDIRV and GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/..)"
-            )
+            raise InputError(f"motion {words[:40]!r} is not read, expected INDIRV and GOFWD/(CIRCLE/..),ON,(LINE/..)")
         self._begin_cut(self.log.axis)
         start, middle, normal = self.log.position, self._scaled(centre), self.log.axis
         right_hand = dot(cross(normal, combine(1.0, start, -1.0, middle)), self.direction) > 0.0
@@ -382,9 +377,6 @@ class _AptReader:
         """Cut along an arc, and keep how it leaves for the arc after it."""
         arc = arc_about(start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns)
         arc.check_circle()
-        if pending.radius is not None and abs(pending.radius - arc.radius) > max(0.1, 0.02 * arc.radius):
-            self.note(f"an arc record states the radius {pending.radius:g} mm, its points lie on {arc.radius:.4g} mm: "
-                      "the points are taken")  # fmt: skip
         along = 0.0 if self.before is None else dot(arc.tangent(0.0), self.before)
         if abs(along) > 0.99:  # it goes on from the move before it, or turns back on it
             self.votes[0 if along > 0.0 else 1] += 1
