@@ -156,8 +156,16 @@ class _AptReader:
             self._follow_circle(words)
         elif major == "CYCLE":
             self._set_cycle(words)
-        elif major in ("MSYS", "CSYS", "ORIGIN", "TRANS", "ROTABL", "ROTATE", "ROTHED"):
-            self._change_frame(major, minor)
+        elif major in ("MSYS", "CSYS", "ORIGIN"):
+            self.frames.add(tuple(find_numbers(minor)))
+            if len(self.frames) > 1 and major == "MSYS":
+                raise InputError("MSYS changes on the way: points of several machine coordinate systems are not "
+                                 "joined; write one file a system, or all points in one")  # fmt: skip
+            if len(self.frames) > 1:
+                self.note(f"{major} changes on the way: all coordinates are taken in one frame")
+        elif major in ("TRANS", "ROTABL", "ROTATE", "ROTHED"):
+            if any(find_numbers(minor)):
+                raise InputError(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
         elif major.startswith("NURB") or major in REFUSED:
             raise InputError(f"{major} is not read; write the path out as GOTO and CIRCLE in the CAM system")
         elif major == "MODE" and "INCR" in words:
@@ -292,17 +300,6 @@ class _AptReader:
         if cycle.kind.startswith(FEED_OUT):
             log.line(begin, self._speed(), axis)
         log.rapid(above, axis)
-
-    def _change_frame(self, major: str, minor: str) -> None:
-        numbers, stands = find_numbers(minor), major in ("MSYS", "CSYS", "ORIGIN")
-        if any(numbers) and not stands:
-            raise InputError(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
-        self.frames |= {tuple(numbers)} if stands else set()
-        if len(self.frames) > 1 and major == "MSYS":
-            raise InputError("MSYS changes on the way: points of several machine coordinate systems are not joined; "
-                             "write one file a system, or all points in one")  # fmt: skip
-        if len(self.frames) > 1 and stands:
-            self.note(f"{major} changes on the way: all coordinates are taken in one frame")
 
     def _goto(self, numbers: list[float]) -> None:
         """Move to a point: rapidly, above a hole, along a pending arc, or straight."""

@@ -67,7 +67,9 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         message = "a DIN/ISO program of a Heidenhain control is not read; write it in Klartext"
         raise InputError(message, file=file, where=text.count("\n", 0, found.start()) + 1)
     reader = Klartext(file, options)
-    reader.run(text)
+    reader.it.run(lambda: reader.load(text))
+    if not reader.begun and options.unit is None:
+        raise InputError(refuse_unit("BEGIN PGM .. MM or INCH").message, file=file, where=1)
     unit = "not stated" if not reader.begun else "mm" if reader.words.unit == 1.0 else "inch"
     return reader.it.log.finish(file, name, unit, count_lines(text))
 
@@ -95,11 +97,7 @@ class Klartext:
         self.points: list[Point] = []
         self._set_unit(INCH if options.unit == "inch" else 1.0)
 
-    def run(self, text: str) -> None:
-        """Read every block up to the end of the program."""
-        self.it.run(lambda: self._load(text), self._check_unit)
-
-    def _load(self, text: str) -> CncProgram:
+    def load(self, text: str) -> CncProgram:
         """Return the program, its labels found."""
         blocks, flow = list(lexer.split_blocks(text)), self.it.flow
         for index, block in enumerate(blocks):
@@ -111,11 +109,6 @@ class Klartext:
                 if word != "0":
                     self.labels[word] = index
         return CncProgram(blocks, 0, len(blocks), self.it.file)
-
-    def _check_unit(self) -> None:
-        if not self.begun and self.it.options.unit is None:
-            self.it.flow.line = 1
-            raise refuse_unit("BEGIN PGM .. MM or INCH")
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0, or that of spatial angles (TCPM AXIS SPAT)."""
@@ -259,12 +252,6 @@ class Klartext:
                 self.words.forget(target, f"FN {number} of line {line} sets it")
             self.it.note(f"FN {number} is not read")
 
-    def shift_datum(self, rest: str) -> None:
-        """TRANS DATUM: as cycle 7."""
-        if not rest.startswith(("DATUM AXIS", "DATUM RESET")):
-            raise InputError(f"TRANS {rest[:30]!r} is not read; use cycles 7, 8, 10, 11")
-        self.cycles.shift_datum("X0 Y0 Z0" if rest == "DATUM RESET" else rest[len("DATUM AXIS") :].strip())
-
     def run_word_function(self, rest: str) -> None:
         """FUNCTION: control of the tip, dwells."""
         if rest.startswith("RESET TCPM"):
@@ -407,7 +394,8 @@ STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "TOOL": lambda dialect, rest: dialect.words.change_tool(rest),
     "FN": Klartext.run_function, "FUNCTION": Klartext.run_word_function, "TCH": Klartext.probe,
     # frames
-    "PLANE": lambda dialect, rest: dialect.cycles.run_plane(rest), "TRANS": Klartext.shift_datum,
+    "PLANE": lambda dialect, rest: dialect.cycles.run_plane(rest),
+    "TRANS": lambda dialect, rest: dialect.cycles.run_trans(rest),
     # contours and cycles
     "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner,
     "APPR": lambda dialect, rest: run_approach(dialect.it, dialect.words, rest),

@@ -222,22 +222,16 @@ class _KrlReader:
             self._set_system(target, value.strip(), found.string)
         elif whole in ("$BASE", "$TOOL"):
             raise InputError(f"a part of {whole} is set ({found.string[:30]}); write the whole frame")
-        elif whole in self.positions:
-            self._set_position(whole, part, value)
+        elif whole in self.positions:  # a position whose new value is not known is not known
+            position = self.positions.pop(whole)
+            if not self.robot.blocks and not part and (AGGREGATE.match(value) or value in self.positions):
+                self.positions[whole] = self.positions.get(value, value)
+            elif not self.robot.blocks and part and re.fullmatch(NUMBER, value):
+                self.positions[whole] = {**self._numbers(position), part: float(value)}
         elif (target.startswith("BASE_DATA[") or AGGREGATE.match(value)) and target[0] != "$" and not self.robot.blocks:
             self.positions[target] = value
             if target.startswith("BASE_DATA["):
                 self._numbers(value)
-
-    def _set_position(self, name: str, part: str, value: str) -> None:
-        """Give a position or a frame that is known another value, or forget it where the value is not known."""
-        position = self.positions.pop(name)
-        if self.robot.blocks:
-            return
-        if not part and (AGGREGATE.match(value) or value in self.positions):
-            self.positions[name] = self.positions.get(value, value)
-        elif part and re.fullmatch(NUMBER, value):
-            self.positions[name] = {**self._numbers(position), part: float(value)}
 
     def _set_up(self, found: Match) -> None:
         """Carry out BAS(#word, value)."""
@@ -346,18 +340,13 @@ class _KrlReader:
         elif poses is not None:
             poses.append(self._pose(numbers))
         else:
-            self._circle(numbers, parts[1:])
-
-    def _circle(self, via: dict[str, float], parts: list[str]) -> None:
-        if not parts:
-            raise InputError("circle has no end position")
-        middle = {**self.last, **via}
-        if not middle.keys() >= set(PLACE):
-            raise InputError("circle has no middle position")
-        words = re.search(rf"\bCA\s*=?\s*({NUMBER})", " ".join(parts))
-        angle = math.radians(float(words.group(1))) if words else None
-        place = np.array([middle[key] for key in PLACE])
-        self.robot.circle(place, self._pose(self._target(parts[0])), self._speed(), angle=angle)
+            middle, ends = {**self.last, **numbers}, parts[1:2]
+            if not ends or not middle.keys() >= set(PLACE):
+                raise InputError("circle has no end position, or no middle")
+            words = re.search(rf"\bCA\s*=?\s*({NUMBER})", " ".join(parts[1:]))
+            angle = math.radians(float(words.group(1))) if words else None
+            via = np.array([middle[key] for key in PLACE])
+            self.robot.circle(via, self._pose(self._target(ends[0])), self._speed(), angle=angle)
 
     def _speed(self) -> float:
         feed = self.feed if self.own is None else self.own

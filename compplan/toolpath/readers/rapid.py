@@ -117,7 +117,9 @@ class _RapidReader:
         self.share, self.fastest = 1.0, math.inf
         #: What each statement does; END where it ends the procedure.
         self.rules: list[Rule] = [(re.compile(pattern), run) for pattern, run in (
-            (r"!(.*)", self._comment), (r"(ERROR|UNDO|BACKWARD)\b", lambda found: END),
+            (r"!(.*)", lambda found: robot.log.happen("comment", self.flow.line, text=found.group(1).strip())),
+            (r"(ERROR|UNDO|BACKWARD)\b", lambda found: END),
+            (r"(RETURN|EXIT)\b", lambda found: 0 if robot.blocks else END),
             (r"(IF|FOR|WHILE|TEST)\b", self._branch), (r"END(IF|FOR|WHILE|TEST)\b", robot.count_block),
             (r"(MOVE(?:L|J|C)(?:DO|SYNC|AO|GO)?|TRIGG[LJC]|MOVEABSJ|MOVEEXTJ)\s*\\?\s*(.*)$", self._move),
             (r"((SEARCH[LC]|ARC\w+|SPOT\w*|PAINT\w*|CORRCON|PDISP\w+|EOFFS\w+|GOTO)\b|CSS\w+ACT|%|CALLBYVAR)",
@@ -128,7 +130,7 @@ class _RapidReader:
             (rf"WAITTIME\s*(?:\\INPOS\s*,)?\s*(?P<time>{NUMBER})$", robot.switch("dwell")),
             (r"STOP\b", robot.switch("stop")),
             (r"(WAIT\w*|SET[A-Z]O\w*|SET|RESET|PULSEDO|INVERTDO|TRIGGIO|TRIGGEQUIP|TRIGGINT)\b", robot.ask),
-            (r"(\w+)\s*([.{].*?)?\s*:=\s*(.+)$", self._assign), (r"(RETURN|EXIT)\b", self._end),
+            (r"(\w+)\s*([.{].*?)?\s*:=\s*(.+)$", self._assign),
             (r"(CONST|PERS|VAR|LOCAL|TASK|CONF[LJ]|ACCSET|SINGAREA|TP\w+|EXIT\w*|RETURN|CLK\w+|GRIPLOAD|PATHACCLIM|"
              r"WORLDACCLIM|MOTIONSUP|ACTUNIT|DEACTUNIT|INCR|DECR|ISIGNAL\w+|CONNECT|IDELETE|OPEN|CLOSE|WRITE|USE\w*|"
              r"RECORD|ENDRECORD|MODULE|ENDMODULE|PROC|ENDPROC|RAISE|RETRY|TRYNEXT|ELSE\w*)\b", None),
@@ -160,9 +162,6 @@ class _RapidReader:
         self.flow.line, statement = program.lines[index]
         return END if self.robot.run_statement(statement, self.rules) == END else index + 1
 
-    def _comment(self, found: Match) -> None:
-        self.robot.log.happen("comment", self.flow.line, text=found.group(1).strip())
-
     def _branch(self, found: Match) -> None:
         """Begin a loop or a branch, of one statement (IF without THEN) or of several."""
         statement = found.string
@@ -172,9 +171,6 @@ class _RapidReader:
             raise InputError(f"{statement[:30]!r} holds a move in a branch; write the moves out in a row")
         if re.search(r"\b(SETDO|SET|RESET|PULSEDO|STOP)\b", statement):
             self.robot.ask(statement)
-
-    def _end(self, found: Match) -> int:
-        return 0 if self.robot.blocks else END
 
     def _call(self, found: Match) -> None:
         """Carry out a procedure of the module; note other statements."""

@@ -144,7 +144,14 @@ class HeidenhainCycles:
         cycles 1, 2 and 17 from the level where the tool is, by set-up clearance and depth, and back.
         """
         course, axis, values, old = self.it.course, self.words.tool_axis, cycle.values, cycle.number in OLD
-        feed, out = self._find_feeds(cycle)
+        if cycle.number in (17, 207, 209):
+            pitch = abs(cycle.get("3" if cycle.number == 17 else "Q239"))
+            feed = out = pitch * self.words.unit * self.it.state.spindle / 60.0
+        else:
+            feed = out = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
+        if cycle.number in (201, 202) and (back := values.get("Q208", 0.0)) > 0.0:
+            out = self.to_mm_s(back)
+        rapidly = not DRILLING[cycle.number] or (cycle.number in (201, 202) and values.get("Q208", 0.0) >= FASTEST)
         if old and self.it.options.cycles != "expand":
             with self.it.log.hole():
                 self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
@@ -171,20 +178,10 @@ class HeidenhainCycles:
                 go_to_level(course, axis, clear)
                 go_to_level(course, axis, top)
             elif depth != 0.0:
-                hole = Hole(axis, clear, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
+                hole = Hole(axis, clear, bottom, top, feed, None if rapidly else out, by_clear=True)
                 drill(course, hole, str(cycle.number))
             elif not old:
                 go_to_level(course, axis, top)
-
-    def _find_feeds(self, cycle: Cycle) -> tuple[float, float | None]:
-        """Return feed into and out of a hole in mm/s, None where it is left rapidly."""
-        if cycle.number in (17, 207, 209):
-            pitch = abs(cycle.get("3" if cycle.number == 17 else "Q239"))
-            feed = pitch * self.words.unit * self.it.state.spindle / 60.0
-            return feed, feed
-        feed = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
-        back = cycle.values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
-        return feed, None if back >= FASTEST else self.to_mm_s(back) if back > 0.0 else feed
 
     def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
         """Mill a bore on a helix (cycle 208): from its middle out, down, round the bottom, back to the middle."""
@@ -245,6 +242,12 @@ class HeidenhainCycles:
         if any(new):
             self._refuse_within("a datum shift", "mirror", "rotation")
         self.it.put(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
+
+    def run_trans(self, rest: str) -> None:
+        """TRANS DATUM: as cycle 7."""
+        if not rest.startswith(("DATUM AXIS", "DATUM RESET")):
+            raise InputError(f"TRANS {rest[:30]!r} is not read; use cycles 7, 8, 10, 11")
+        self.shift_datum("X0 Y0 Z0" if rest == "DATUM RESET" else rest[len("DATUM AXIS") :].strip())
 
     def _refuse_within(self, what: str, *names: str) -> None:
         """Refuse a frame that is stated while others are in force, within which it would count."""
