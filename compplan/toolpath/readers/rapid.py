@@ -28,7 +28,7 @@ DATA = re.compile(
 #: Number by which two robots move together (\\ID:=20), after a target.
 POINT_ID = re.compile(r"\\\s*ID\s*:=\s*\w+")
 NUMBERS = re.compile(NUMBER)
-#: Forms of data, # for a number: pose, target (its configuration is not read), step, speed (its first number), work object.
+#: Forms of data, # for a number: pose, target (but its configuration), step, speed (its first number), work object.
 POSE = r"\[\[#,#,#\],\[#,#,#,#\]"
 TARGET, STEP, SPEED = POSE + r",\[[^\[\]]*\],\[#,#,#,#,#,#\]\]", "#,#,#", r"\[#(,.*)?\]"
 OBJECT = rf'\[(FALSE|TRUE),(FALSE|TRUE),"",{POSE}\],{POSE}\]\]'
