@@ -19,7 +19,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.pose import follow_joints
 from compplan.robot.shapes import load_form
-from compplan.robot.solids import as_mesh, triangulate_rod
+from compplan.robot.solids import triangulate, triangulate_rod
 from compplan.robot.urdf import Colour, read_urdf
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
@@ -90,9 +90,10 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     for shape in read_urdf(robot.urdf, Path(robot.name) / "robot.urdf").shapes:
         missing = shape.form[0] == "mesh" and find_mesh(shape.form[1], robot.folder) is None
         if shape.kind == "visual" and shape.link in poses and not missing:
-            mesh, pose = as_mesh(load_form(shape.form, robot.folder)), poses[shape.link] @ shape.placement
-            vertices = np.asarray(mesh.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
-            shapes.append(Shape(shape.link, vertices, np.asarray(mesh.faces, int), shape.colour or UNPAINTED))
+            vertices, faces = triangulate(load_form(shape.form, robot.folder))
+            pose = poses[shape.link] @ shape.placement
+            vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
+            shapes.append(Shape(shape.link, vertices, faces, shape.colour or UNPAINTED))
     behind = {joint.child for joint in robot.joints[_first_behind(robot) :]}
     start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
     long = float(np.linalg.norm(end - start))
