@@ -149,15 +149,6 @@ class Robot(Shown):
             *(("source", f"{name}: {text}") for name, text in list(self.sources.items())[:6]),
         ]
 
-    def columns(self) -> dict[str, Any]:
-        """Return a row a commanded joint: name, limits, velocity, in its own unit."""
-        size = np.where(self.prismatic, 1e3, 180.0 / np.pi)
-        return {
-            "joint": list(self.joint_names), "unit": ["mm" if slides else "deg" for slides in self.prismatic],
-            "lower": self.lower * size, "upper": self.upper * size, "velocity_per_s": self.velocity_limits * size,
-            "effort_SI": self.effort_limits,
-        }  # fmt: skip
-
     @property
     def loading_bodies(self) -> tuple[Body, ...]:
         """Masses that load the springs: all with gravity in the model, else the difference of the tools."""
