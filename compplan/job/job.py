@@ -255,11 +255,6 @@ class Job(StrictTable):
         return self.part.pose
 
     @property
-    def touched_off(self) -> bool:
-        """Whether the part frame is touched off, or else absolute."""
-        return self.part.touched_off
-
-    @property
     def tool_x_base(self) -> Array:
         """Direction of the TCP frame's x axis without free rotation about the tool axis, base axes. Shape (3,)."""
         direction = self.T_base_part[:3, :3] @ np.asarray(self.plan.tool_x)

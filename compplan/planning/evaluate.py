@@ -1,4 +1,4 @@
-"""How far a run is from its path."""
+"""Evaluate a run against its path."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def evaluate_run(task: PlanTask, q: Array, cell: SimulatedRobot, bias: Array | N
 
 
 def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
-    """Compare a command (n, nq) with the nominal path as the planner's own model sees the loaded tool."""
+    """Compare the loaded tool of a command (n, nq), as the planner models it, with the nominal path."""
     if task.robot.effects:
         found = attain_rows(task, q, np.arange(len(q)), slope=False)
     else:

@@ -1,4 +1,4 @@
-"""By what factor a run is too fast for velocity, acceleration and torque of its joints.
+"""Factors by which a run is too fast for the velocity, acceleration and torque limits of the joints.
 
 Velocity and acceleration count by differences of the joint positions, torque along a cubic spline over time.
 """
@@ -19,7 +19,7 @@ Torques = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 
 
 def measure_torque_use(q: Array, time: Array, torques: Torques) -> Array:
-    """Tell by what factor a run from rest to rest is too fast for joint torques: 1 at a limit. Shape (k,).
+    """Return the factor by which a run from rest to rest is too fast for joint torques: 1 at a limit. Shape (k,).
 
     Slower by a factor f, a run has 1/f^2 of what inertia puts on the joints: with the torque D of inertia and S of
     weight and force within L, the factor is (D / (L - S))^(1/2). It counts at the waypoints of a cubic spline over time

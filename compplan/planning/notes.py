@@ -1,4 +1,4 @@
-"""Notes of a plan: where the feed is lowered and why, what is assumed."""
+"""Notes of a plan: questions about the job, assumptions, where and why the feed is lowered."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TURNING = ("milling", "end_mill", "drill")
 def list_notes(
     task: PlanTask, command: Command, timing: Timing, motion: Motion | None, job: Job | None
 ) -> tuple[Check, ...]:
-    """Return what a user should know of a plan, as checks that failed."""
+    """Return the notes of a plan, as checks that failed."""
     notes = [*task.nominal.notes, "" if task.law is None else task.law.note]
     if job is not None:
         notes += [describe_spindle(task, job), "" if job.part.fit is None else job.part.fit.tell()]
@@ -49,7 +49,7 @@ def list_notes(
 
 
 def describe_inertia(task: PlanTask, motion: Motion | None, job: Job | None) -> str:
-    """Say how far inertia bends the arm where the plan does not compensate it; "" for a small share of the tolerance"""
+    """Note how far inertia bends the arm if the plan does not compensate it; "" below a tenth of the tolerance."""
     inertia = 0.0 if task.inertia or motion is None else greatest_shift(motion.answer[task.cut])
     if inertia <= WORTH_A_NOTE * task.tolerance:
         return ""
@@ -63,7 +63,7 @@ def describe_inertia(task: PlanTask, motion: Motion | None, job: Job | None) -> 
 
 
 def describe_spindle(task: PlanTask, job: Job) -> str:
-    """Say that nothing turns the spindle of a cut that comes from a CAM file; "" where something does."""
+    """Note that a CAM file does not start the spindle of a cut; "" if it does."""
     turned = any(event.kind in ("spindle_cw", "spindle_ccw") for event in task.nominal.events)
     read = isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
     if job.process.model not in TURNING or not read or turned or job.output.templates:
@@ -81,7 +81,7 @@ LONG = 0.5
 
 
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
-    """Ask about a tool that leaves the flange sideways without a mesh of it, is very long, or has a guessed frame."""
+    """Question a tool across the flange without a mesh, a very long one, or an unconfirmed pendant frame."""
     assert job.tool is not None
     pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
     length, notes = float(np.linalg.norm(pose[:3, 3])), list[str]()
@@ -107,7 +107,7 @@ def ask_about_tool(job: Job, robot: Robot) -> list[str]:
 
 
 def look_at_spindle(axis: Array, job: Job) -> str:
-    """Ask about a path whose spindle stands on the side of -z of the part all along. axis: base axes, shape (n, 3)."""
+    """Question a path with the spindle on the side of -z of the part all along. axis: base axes, shape (n, 3)."""
     if not len(axis) or float((axis @ job.T_base_part[:3, 2]).max()) > -np.cos(np.radians(SIDEWAYS)):
         return ""
     return Stop("The spindle is on the side of -z of the part frame all along. Is z of the part reversed, or i j k of "
@@ -121,7 +121,7 @@ def _angle(a: Array, b: Array) -> float:
 
 
 def describe_outside(job: Job) -> str:
-    """Name templates from outside the job's folder, links followed: their lines go into programs; "" for none."""
+    """Name templates outside the job's folder, links resolved, since programs contain their lines; "" for none."""
     home = (job.folder if job.file.is_file() else Path.cwd()).resolve()
     files = {name: (job.folder / text).resolve() for name, text in job.output.templates.items()}
     listed = "; ".join(f"{name} = {path}" for name, path in files.items() if not path.is_relative_to(home))
@@ -149,7 +149,7 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
 
 
 def find_top_feed(task: PlanTask, timing: Timing) -> float | None:
-    """Return the greatest feed of the cuts that nowhere reach the programmed one, or None if all do. [m/s]"""
+    """Return the greatest feed of the cuts that never reach the programmed one; None if all reach it. [m/s]"""
     runs = cutting_runs(task.nominal.rapid | task.lead)
     short = [timing.feed[a + 1 : b + 1].max() for a, b in runs if timing.lowered[a + 1 : b + 1].all()]
     return float(max(short)) if short else None

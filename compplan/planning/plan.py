@@ -1,4 +1,4 @@
-"""The plan: from a job, or from a robot and a path, to corrected joint positions, timed and judged."""
+"""Plan a job, or a path of a robot: posture, correction, timing, checks."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a plan may do, as the tables [plan] and [limits] of a job say it."""
+    """Options of a plan, as the tables [plan] and [limits] of a job state them."""
 
     strategy: str = "nlp"  #: none, mirror, iterated_mirror or nlp.
     spin_free: bool = True  #: Whether the tool may rotate about its axis.
@@ -60,7 +60,7 @@ class PlanOptions:
     acceleration_scale: float = 1.0  #: Share of the robot's acceleration limits that may be used.
     #: What is asked of the posture; by default one configuration and the tool's x where `tool_x` has it.
     posture: PostureSettings = field(default_factory=lambda: PostureSettings(search=False))
-    feed: FeedRequest = field(default_factory=FeedRequest)  #: What the process asks of the feed.
+    feed: FeedRequest = field(default_factory=FeedRequest)  #: Requirements of the process on the feed.
     law: ForceLaw | None = None  #: The law of the wrench; None where the path carries its wrench.
     #: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out. [m]
     chord: float | None = None
@@ -73,7 +73,7 @@ class PlanOptions:
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
-    """Plan a job; `progress` is told what is being done, an exception raised in it ends the call.
+    """Plan a job; `progress` gets the name of each step, and an exception raised in it ends the call.
 
     Raises:
         InputError: If the job, or a file that it names, is not what it has to be, or the part is out of reach.
@@ -87,7 +87,7 @@ def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
-    """Load what a job refers to: the robot with its tool, the nominal path with its wrench, and what the plan may do.
+    """Load what a job refers to: the robot with its tool, the nominal path with its wrench, and the options.
 
     Raises:
         InputError: If a file that the job names is not what it has to be.
@@ -111,7 +111,7 @@ def plan_compensation(
 ) -> Plan:  # fmt: skip
     """Plan a path with its predicted wrench, base frame: choose the posture, compensate, time, and check as modelled.
 
-    `progress` is told what is being done; an exception raised in it ends the call.
+    `progress` gets the name of each step; an exception raised in it ends the call.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
@@ -126,9 +126,9 @@ def plan_task(
     task: PlanTask, strategy: str, *, name: str = "path", feed: FeedRequest | None = None, job: Job | None = None,
     progress: Callable[[str], None] = lambda text: None, output: OutputTable | None = None,
 ) -> Plan:  # fmt: skip
-    """Let one strategy command a task; time and judge its command; `progress` is told what is being done.
+    """Correct a task by a strategy, time and check the command; `progress` gets the name of each step.
 
-    `output` says what programs are asked for where no job is given.
+    `output`: the programs that are asked for where no job is given.
 
     Raises:
         InfeasibleError: If the arm buckles under the load; with waypoint and joint.
@@ -163,7 +163,7 @@ def plan_task(
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
-    """Prepare what a strategy is told: posture, orientation, wrench, times and limits; `file` is for messages.
+    """Prepare the task of a strategy: posture, orientation, wrench, times and limits; `file` is for messages.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
@@ -190,7 +190,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
 
 
 def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:
-    """State what a strategy is told of a path that starts so."""
+    """State the task of a path with a given start."""
     nominal = start.nominal
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
@@ -225,7 +225,7 @@ def job_robot(job: Job) -> Robot:
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:
-    """Return what a job says about its plan, in SI."""
+    """Return the options that a job states, in SI units."""
     table = job.plan
     return PlanOptions(
         strategy=table.strategy,
@@ -241,5 +241,5 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         force=read_force_spread(job),
         tube=job.tolerance.tube,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
-        touch=read_touch(job) if job.touched_off else None,
+        touch=read_touch(job) if job.part.touched_off else None,
     )

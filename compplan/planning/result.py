@@ -1,4 +1,4 @@
-"""What a plan is: the record of everything that it was made from, and its figures as plan.json holds them."""
+"""The plan as a record: task, command, run, checks, error band, verdict, and the content of plan.json."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ LISTED = 3
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
-    """A plan, with everything that it was made from."""
+    """A plan, with its input and intermediate results."""
 
     name: str  #: Name of the job.
     task: PlanTask  #: Robot, nominal path, predicted wrench, posture, limits.
     strategy: str  #: How the command was found.
-    command: Command  #: Joint positions, status, failures, what the solver said.
+    command: Command  #: Joint positions, status, failures, figures of the solver.
     timing: Timing  #: Times, joint rates and feeds of the command.
     before: Evaluation  #: The uncorrected command (`task.q_start`) in the cell as modelled.
     after: Evaluation  #: The command in the cell as modelled.
@@ -79,11 +79,11 @@ class Plan(Shown):
 
     @property
     def reasons(self) -> tuple[Stop, ...]:
-        """Say why a plan is not confirmed, one sentence a reason; empty for any other plan."""
+        """Reasons why a plan is not confirmed, one sentence each; empty for other plans."""
         return tuple(Stop(f"Not confirmed: {text}.") for text in self.breaches if self.status == "not_confirmed")
 
     def add_checks(self, checks: tuple[Check, ...], *, first: bool = False) -> Plan:
-        """Return the plan with more checks; what has been worked out from the rest of it stays known."""
+        """Return the plan with more checks; what is computed from its other fields stays cached."""
         added = copy(self)
         object.__setattr__(added, "checks", (*checks, *self.checks) if first else (*self.checks, *checks))
         for name in ("breaches", "notes", "verdict"):
@@ -119,7 +119,7 @@ class Plan(Shown):
 
     @cached_property
     def error_band(self) -> ErrorBand | None:
-        """The band that holds the true tip with 95 %; None out of reach, or if a robot in it finds no equilibrium."""
+        """The 95 % band of the true tip; None if infeasible, or without equilibrium of a robot within the band."""
         if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
@@ -160,7 +160,7 @@ class Plan(Shown):
         )  # fmt: skip
 
     def explain_failures(self) -> str:
-        """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
+        """Return a sentence on failing waypoints and their limits, or on what is not confirmed; "" if solved."""
         failures, start = self.command.failures, self.task.start
         if not failures:
             return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
@@ -174,7 +174,7 @@ class Plan(Shown):
                 f"(s = {1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm): {stops}")  # fmt: skip
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the figures that a person asks for first."""
+        """Return the main figures."""
         band, nominal = self.error_band, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
@@ -229,7 +229,7 @@ class Plan(Shown):
             "robot": self.robot.name,
             "robot_grade": self.robot.grade,
             "robot_sources": dict(self.robot.sources),
-            **({} if self.job is None else {"part_frame": "touched_off" if self.job.touched_off else "absolute"}),
+            **({} if self.job is None else {"part_frame": "touched_off" if self.job.part.touched_off else "absolute"}),
             "waypoints": len(self.task),
             "configuration": dict(self.task.configuration),
             "solve_time_s": round(self.command.solve_time, 4),
@@ -276,7 +276,7 @@ class Plan(Shown):
 
 
 def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
-    """Return what plan.json says of the band; nothing where there is none."""
+    """Return the entries of plan.json on the error band; none without a band."""
     if error_band is None:
         return {}
     widest, known, before = error_band.widest, error_band.known, error_band.before

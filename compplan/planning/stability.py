@@ -21,7 +21,7 @@ TRIED = 400
 
 
 def explain_buckling(task: PlanTask) -> InfeasibleError | None:
-    """Name a waypoint at which the loaded arm finds no rest, and the joint that gives way the most; or return None."""
+    """Name a waypoint without loaded equilibrium, and the joint that yields the most; None if all have one."""
     for row in pick_even(np.flatnonzero(task.compensated), TRIED).tolist():
         q, wrench = task.q_start[[row]], task.wrench[[row]]
         try:
@@ -35,7 +35,7 @@ def explain_buckling(task: PlanTask) -> InfeasibleError | None:
     lever = np.linalg.norm(jacobian(task.chain, frames)[0, :3, elements], axis=1)
     name = task.chain.spring_names[int(np.argmax(np.abs(give) * lever))]
     message = (
-        f"the arm buckles at waypoint {row}: no equilibrium is found, the spring of {name} gives way the most; "
+        f"the arm buckles at waypoint {row}: no equilibrium is found, the spring of {name} yields the most; "
         "check the compliances and the force"
     )
     return InfeasibleError(message, waypoints=[row], limits=[f"equilibrium of {name}"])
@@ -46,7 +46,7 @@ MODES, PLACES = 5, 12
 
 
 def describe_depth_limit(task: PlanTask, q: Array) -> str:
-    """Return a sentence on the least limit of depth along a plan; "" where no end mill cuts or masses are unknown."""
+    """Return a sentence on the least depth limit along a plan; "" if no end mill cuts or masses are unknown."""
     cutting = None if task.law is None else task.law.cutting
     if cutting is None or not isinstance(cutting.process, EndMillProcess):
         return ""

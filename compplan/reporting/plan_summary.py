@@ -124,7 +124,7 @@ def describe_pose(pose: Array) -> str:
 
 def describe_part_frame(job: Job) -> str:
     """Return in a sentence how the part frame was found, and what deviations are relative to."""
-    if not job.touched_off:
+    if not job.part.touched_off:
         return "absolute in the robot base ([part] touched_off = false)"
     points = job.part.touched_points
     where = "three corners of the box around the toolpath" if points is None else f"the {len(points)} points of [part]"
@@ -233,7 +233,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
         sizes += f"; 95 % band {without}{format_mm(band.whole)}"
     basis = plan.verdict.basis or f"robot model: {plan.robot.grade}"
     if plan.job is not None:
-        frame = "taken as touched off" if plan.job.touched_off else "absolute in the robot base"
+        frame = "taken as touched off" if plan.job.part.touched_off else "absolute in the robot base"
         basis += f"; part frame {frame}"
     return [
         _format_verdict(plan), sizes, *wrap(f"largest cause: {plan.verdict.largest_cause}",

@@ -104,8 +104,8 @@ OPTIONS = {"toolpath": "CAMFILE"} | {
     robot_option("A folder in robots/ or a path.", required=False),
     click.option("--part", metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector."),
     click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP."),
-    click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library "
-                 "(Fusion, HSM, LinuxCNC, Heidenhain) whose lengths count from the spindle that --tool describes."),
+    click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library of "
+                 "Fusion, whose lengths count from the spindle that --tool describes."),
     click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted."),
     click.option("--program", "programs", multiple=True,
                  help=f"Language, may be given more than once: {', '.join(WRITERS)}."),

@@ -1,7 +1,7 @@
-"""What a posture costs: how far the tool would miss, and how well the robot stands.
+"""Costs of a posture: remaining deviation, nearness to joint limits, dexterity.
 
-The cost that matters is the sensitivity: what is left of the deviation after compensation, because wrench, compliance
-and joint zeros are known only so well. To first order, with theta = C tau the elastic coordinates under the load,
+The sensitivity is the deviation that remains after compensation because wrench, compliance and joint zeros are
+uncertain. To first order, with theta = C tau the elastic coordinates under the load,
 
     remaining deviation = J (e_c * theta) + J C J^T (e_w * w) + J_q e_q,
 
@@ -29,13 +29,13 @@ LEAST_LEVEL = 1e-8
 
 @dataclass(frozen=True)
 class ModelScatter:
-    """How well the inputs of a plan are known (assumed): one standard deviation each, errors independent and normal."""
+    """Assumed standard deviations of the inputs of a plan; errors are independent and normal."""
 
     wrench: float = 0.1  #: Relative error of each component of the wrench, part axes.
     compliance: float = 0.1  #: Relative error of each elastic coordinate.
 
 
-#: What is assumed where nothing is known.
+#: The assumed uncertainty.
 ASSUMED = ModelScatter()
 #: Inverse condition number below which a posture counts as singular and costs steeply (assumed).
 SINGULARITY_MARGIN = 0.03
@@ -43,7 +43,7 @@ SINGULARITY_MARGIN = 0.03
 
 @dataclass(frozen=True)
 class Weights:
-    """What each criterion is worth in mm^2 of squared sensitivity, the currency of the search."""
+    """Weights of the criteria, in mm^2 of squared sensitivity."""
 
     sensitivity: float = 1.0  #: Per mm^2 of remaining deviation, mean square along the cut.
     #: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
@@ -58,9 +58,9 @@ class Weights:
     rate: float = 0.0
 
 
-#: Presets: least remaining deviation, least band, least joint motion, shortest cycle; what else a preset counts decides
-#: between equals. `sensitivity` counts as it stands; the others are shares of the least squared sensitivity that any
-#: posture along the path has, so that a preset means the same for light and heavy cuts.
+#: Presets: least remaining deviation, least band, least joint motion, shortest cycle; their other weights decide
+#: between equals. All but `sensitivity` are multiplied by the least squared sensitivity of the postures along the path,
+#: so that a preset has the same meaning for light and heavy cuts.
 PRESETS: dict[str, Weights] = {
     "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0),
     "error_band": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
@@ -72,7 +72,7 @@ RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate")
 
 
 class NodeCosts(NamedTuple):
-    """What n postures are like."""
+    """Criteria of n postures."""
 
     sensitivity: Array  #: Expected (root mean square) remaining deviation of the tool tip. Shape (n,). [m]
     limits: Array  #: Nearness to joint limits, see `measure_limits`. Shape (n,).

@@ -34,15 +34,15 @@ from compplan.statics.ik import (
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import Toolpath, pick_even
 
-#: What a robot of four joints cannot do.
+#: Note on robots of four joints.
 FOUR_JOINTS = (
-    "The robot has four joints: it cannot choose where its tool points. The tip is corrected; what the load leans the"
-    " tool stays (tilt_after_deg in plan.json), and points of the tool above the tip are aside by it."
+    "The robot has four joints: it cannot choose where its tool points. The tip is corrected; the tilt due to the"
+    " load stays (tilt_after_deg in plan.json) and displaces points of the tool above the tip."
 )
-#: Waypoints that are looked at where none is reached within the limits.
+#: Waypoints that are tried without joint limits where none is reached within them.
 LOOKED_AT = 20
-#: Two folders whose joints stand nearer than this are of one machine (assumed: measured geometry differs by
-#: millimetres). [m], and the same for axes [rad]
+#: Greatest difference of joint places [m] and axes [rad] between two folders of one machine (assumed: a measured
+#: geometry differs by millimetres).
 SAME_PLACE, SAME_AXIS = 0.05, 0.1
 
 
@@ -57,7 +57,7 @@ def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: Posture
     problem = PostureProblem(robot, nominal, np.asarray(tool_x, float), asked)
     if robot.nq < 6:
         return _follow_few_joints(problem)
-    stated = settings.start is not None and not robot.prismatic[: robot.nq - 6].all()  # where seven axes stand
+    stated = settings.start is not None and not robot.prismatic[: robot.nq - 6].all()  # an arm of seven joints
     if settings.search and stated and (followed := _follow_start(problem)):
         return followed
     try:
@@ -140,7 +140,7 @@ def build_start(posture_choice: PostureSummary, nominal: Toolpath, settings: Pos
 
 
 def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
-    """Measure the clearance of a command; also tell the waypoints that come too near, and what is in the way."""
+    """Measure the clearance of a command, and name what comes too near at which waypoints."""
     if start is None or start.settings.scene is None:
         return None, {}
     wanted = start.settings.clearance
@@ -156,7 +156,7 @@ def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | N
 
 
 def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> Start | None:
-    """Start with one configuration and the tool's x as the job has it, in place of what the graph chose.
+    """Return the start with one configuration and the x axis of the tool as programmed.
 
     None where the graph chose it already, or it cannot be kept.
     """
@@ -167,7 +167,7 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
 
 
 def find_partial(problem: PostureProblem, reason: str) -> Start:
-    """Start with the stretches of a path that an arm can follow, whatever is in the way; `reason` says why not all.
+    """Start with the stretches of a path that the arm can follow, collisions ignored; `reason` says why not all.
 
     Raises:
         InputError: If no waypoint is reached.
@@ -183,7 +183,7 @@ def find_partial(problem: PostureProblem, reason: str) -> Start:
 
 
 def _start_nearest(problem: PostureProblem) -> Start:
-    """Start as near as the arm comes to a path that it reaches beyond the limits of its joints alone.
+    """Start as near as possible to a path that the arm reaches beyond its joint limits only.
 
     Raises:
         InputError: If it does not reach it without them either, or not in the wanted configuration.
@@ -201,7 +201,7 @@ def _start_nearest(problem: PostureProblem) -> Start:
 
 
 def _say_missed(problem: PostureProblem, start: Start) -> Start:
-    """Add to a start what stops the first waypoint that is missed: limits of joints, or the reach of the arm."""
+    """Note which joint limits, or the reach of the arm, stop the first missed waypoint of a start."""
     robot, missed, nominal = problem.robot, start.missed, start.nominal
     first = np.flatnonzero(missed)[:1]
     best, _ = reach_tip_and_axis(problem.arm, start.q[first], nominal.position[first], start.rotation[first],
@@ -219,7 +219,7 @@ def _say_missed(problem: PostureProblem, start: Start) -> Start:
 
 
 def _explain_reach(problem: PostureProblem) -> str:
-    """Say why no waypoint is reached."""
+    """Return a sentence on why no waypoint is reached."""
     arm, words = problem.arm, problem.settings.configuration
     if words and choose_partial(replace(problem, settings=replace(problem.settings, configuration={}))) is not None:
         wanted = ", ".join(words.values())
@@ -234,7 +234,7 @@ def _explain_reach(problem: PostureProblem) -> str:
 
 
 def read_lock(job: Job, robot: Robot) -> Robot | None:
-    """Read whose posture a job keeps ([plan] keep): that of another model of the same machine, or of none."""
+    """Return the robot whose posture a job keeps ([plan] keep), another model of the same machine; None for none."""
     if job.plan.keep == "nothing":
         return None
     try:

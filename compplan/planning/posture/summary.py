@@ -19,7 +19,7 @@ from compplan.toolpath.toolpath import Toolpath, pick_even
 
 @dataclass(frozen=True)
 class PostureTrace:
-    """How the robot stands at every waypoint, unloaded."""
+    """The posture at every waypoint, unloaded."""
 
     q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
     rotation: Array  #: Orientation of the TCP frame, z out of the tool, leads and leans included. Shape (n, 3, 3).
@@ -31,15 +31,15 @@ class PostureTrace:
 
 @dataclass(frozen=True)
 class PostureSummary(PostureTrace):
-    """How the robot stands along a path before anything is corrected, and what that costs."""
+    """The posture along an uncorrected path, and its costs."""
 
     configuration: dict[str, str]  #: Shoulder, elbow and wrist along most of the path.
     #: Where the configuration changes: first waypoint afterwards, words before, words after.
     changes: tuple[tuple[int, str, str], ...]
     settings: PostureSettings  #: What was asked for.
-    costs: dict[str, float]  #: What the posture costs, by criterion, with the unit in the key.
+    costs: dict[str, float]  #: Costs by criterion, with the unit in the key.
     plain: bool = False  #: Whether it is the plain posture in place of the graph's way.
-    #: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
+    #: Costs of the postures that were compared, by preset, in the unit of `compared_by`.
     compared: Mapping[str, float] = field(default_factory=dict)
     compared_by: str = ""  #: The cost that they were compared by, such as "driven_s".
 
@@ -49,7 +49,7 @@ class PostureSummary(PostureTrace):
         return np.asarray(-self.rotation[:, :, 2])
 
     def describe_errors(self) -> dict[str, Any]:
-        """Describe for plan.json and place.json what the sensitivity counts."""
+        """Return what plan.json and place.json say of the uncertainty behind the sensitivity."""
         if self.settings.errors is not None:
             return {"error_band_from": self.settings.errors.source}
         return {"uncertainty_assumed": vars(ASSUMED)}
@@ -70,7 +70,7 @@ class PostureSummary(PostureTrace):
 
 
 def measure_remaining(problem: PostureProblem, q: Array) -> float:
-    """Return the rms deviation that postures (n, nq) leave over the cut after correction, as expected. [mm]"""
+    """Return the expected rms deviation over the cut that remains at postures (n, nq) after correction. [mm]"""
     steps = np.where(problem.nominal.rapid[1:], 0.0, problem.nominal.steps)
     share = np.r_[steps, 0.0] + np.r_[0.0, steps]
     rows = np.flatnonzero(share > 0)
@@ -83,7 +83,7 @@ def measure_remaining(problem: PostureProblem, q: Array) -> float:
 
 
 def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
-    """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
+    """Return all costs of joint positions q (n, nq) along a path."""
     chain, robot, nominal = problem.chain, problem.robot, problem.nominal
     length, parts = natural_length(chain, robot.arm_limits), np.array_split(q, len(q) // CHUNK + 1)
     dexterity = (measure_dexterity(joint_jacobian(chain, locate_frames(chain, part)), length) for part in parts)
@@ -103,7 +103,7 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
 
 
 class Easing(NamedTuple):
-    """How a run goes beside the fastest one, so that the arm rings less where its band is widest."""
+    """How a run is slowed, compared with the fastest one, so that the arm vibrates less where its band is widest."""
 
     window: float  #: Windows of smoothing as a share of those that plans have.
     places: Array  #: Places along the toolpath, waypoints counted from 0. Shape (k,).
@@ -112,7 +112,7 @@ class Easing(NamedTuple):
 
 @dataclass(frozen=True)
 class Start:
-    """Where a plan starts."""
+    """The path, posture and speed that a plan starts from."""
 
     nominal: Toolpath  #: The path, its tool axis leaning as chosen.
     q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
@@ -122,13 +122,12 @@ class Start:
     settings: PostureSettings  #: What was asked for.
     #: What the graph chose, or None where it found nothing (or was not asked).
     posture_choice: PostureSummary | None = None
-    notes: tuple[str, ...] = ()  #: What a user should know, one sentence each.
+    notes: tuple[str, ...] = ()  #: Notes for the user, one sentence each.
     mend: str = ""  #: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
-    #: What the program of posture and speed made of the graph's posture, as plan.json holds it; None where that is
-    #: kept.
+    #: Figures of the program of posture and speed for plan.json; None where the posture of the graph is kept.
     program: Mapping[str, Any] | None = None
-    pace: Easing | None = None  #: How the run goes beside the fastest one, None where it is that.
-    #: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
+    pace: Easing | None = None  #: How the run is slowed, None for the fastest one.
+    #: Offset from the programmed path within its tube, None for none. Shape (n, 3). [m]
     aside: Array | None = None
-    #: Tool axis as programmed where `nominal` leans, None where it does not. Shape (n, 3).
+    #: Programmed tool axis, None where `nominal` has it. Shape (n, 3).
     upright: Array | None = None
