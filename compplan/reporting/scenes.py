@@ -19,7 +19,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.pose import follow_joints
 from compplan.robot.shapes import load_form
-from compplan.robot.solids import as_mesh
+from compplan.robot.solids import triangulate, triangulate_rod
 from compplan.robot.urdf import Colour, read_urdf
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
@@ -90,20 +90,19 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     for shape in read_urdf(robot.urdf, Path(robot.name) / "robot.urdf").shapes:
         missing = shape.form[0] == "mesh" and find_mesh(shape.form[1], robot.folder) is None
         if shape.kind == "visual" and shape.link in poses and not missing:
-            mesh, pose = as_mesh(load_form(shape.form, robot.folder)), poses[shape.link] @ shape.placement
-            vertices = np.asarray(mesh.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
-            shapes.append(Shape(shape.link, vertices, np.asarray(mesh.faces, int), shape.colour or UNPAINTED))
+            vertices, faces = triangulate(load_form(shape.form, robot.folder))
+            pose = poses[shape.link] @ shape.placement
+            vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
+            shapes.append(Shape(shape.link, vertices, faces, shape.colour or UNPAINTED))
     behind = {joint.child for joint in robot.joints[_first_behind(robot) :]}
     start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
     long = float(np.linalg.norm(end - start))
     if behind & {shape.link for shape in shapes} or long < SHORTEST_ROD:
         return shapes
-    import trimesh
-
     neck = end + (start - end) * min(0.5, CUTTER[0] / long)  # thin at its end, so that the cut is seen
-    rods = ((0.02, (start, neck)), (CUTTER[1], (neck, end)))
-    rod = trimesh.util.concatenate([trimesh.creation.cylinder(r, segment=ends, sections=20) for r, ends in rods])
-    return [*shapes, Shape(robot.tcp, np.asarray(rod.vertices), np.asarray(rod.faces, int), ROD)]
+    holder, sides = triangulate_rod(start, neck, 0.02, sections=20)
+    cutter, more = triangulate_rod(neck, end, CUTTER[1], sections=20)
+    return [*shapes, Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)]
 
 
 def _first_behind(robot: Robot) -> int:

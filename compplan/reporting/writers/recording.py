@@ -28,6 +28,7 @@ from compplan.reporting.scenes import (
 )
 from compplan.robot import Array, Robot
 from compplan.robot.pose import follow_joints
+from compplan.robot.solids import triangulate_box
 
 if TYPE_CHECKING:
     from compplan.planning.plan import Plan
@@ -111,9 +112,7 @@ def _place_cell(plan: Plan) -> list[Shape]:
     if plan.job is None or stock is None:
         return shapes
     if stock.block_mm is not None:
-        import trimesh
-
-        corners, faces = simplify_mesh(trimesh.creation.box(bounds=1e-3 * np.asarray(stock.block_mm, float)))
+        corners, faces = triangulate_box(*(1e-3 * np.asarray(stock.block_mm, float)))
     else:
         from compplan.io.meshes import load_mesh
 
