@@ -18,7 +18,7 @@ from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
-from compplan.toolpath.readers.cnc.origins import Layers, Origins, change_frame
+from compplan.toolpath.readers.cnc.origins import Layers, Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
 from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
@@ -47,8 +47,7 @@ suffixes = (
     ".fnc", ".dnc", ".din", ".pim", ".anc",
 )  # fmt: skip
 #: Words that a move may have, and those of them that say where it goes.
-MOVING = frozenset((*"XYZABCIJKRUVW", "A3", "B3", "C3"))
-PLACES = frozenset((*"XYZABCUVW", "A3", "B3", "C3"))
+MOVING, PLACES = frozenset("XYZABCIJKRUVW"), frozenset("XYZABCUVW")
 CYCLES = frozenset({73.0, 74.0, 76.0, *(float(number) for number in range(81, 90))})
 #: Codes of a unit, and those of blocks whose words are no lengths of the path.
 UNITS = frozenset({20.0, 21.0, 70.0, 71.0})
@@ -173,9 +172,6 @@ class Rs274:
         state.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
         if not state.unit_stated and values:
             self._ask_for_unit(block)
-        if block.names:
-            change_frame(it, block.names[0], block)
-            return False
         takes = self._run_codes(block) if codes else ""
         if "F" in values and 4.0 not in codes:
             state.set_feed(values["F"])

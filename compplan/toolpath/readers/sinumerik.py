@@ -17,7 +17,6 @@ from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
-from compplan.toolpath.readers.cnc.rs274_lexer import HARMLESS
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
 from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame
@@ -31,17 +30,11 @@ suffixes = (".mpf", ".spf", ".arc")
 
 #: Words with a value that say nothing about the programmed path.
 VALUES = {"SPOS", "SPOSA", "LIMS", "ADIS", "ADISPOS", "OVR", "OVRA", "ACC", "CTOL", "OTOL", "DISC", "FL"}
-#: Words that change the path or its frame, or call a cycle at every place.
-CHANGING = (
-    r"A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|MCALL|[ABC]SPLINE|POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|OFFN|CIP|"
-    r"INVCC?W"
-)
-KLARTEXT = {"FMAX", "TCPM", "STAY"}
+MARKS = "|".join((*sorted(lexer.HARMLESS - {"FMAX", "TCPM", "STAY"}), lexer.CHANGING))
 #: What no other language has, and what G-code of others may hold as well.
 SURE = re.compile(
     r"^[ \t]*%_N_\w+_(MPF|SPF)|^;\$PATH=|\b(CYCLE|POCKET|SLOT|HOLES|LONGHOLE)\d*[ \t]*\(|\bGOTO[FB][ \t]+\w|\bSUPA\b|"
-    rf"^[ \t/]*([A-Z][ \t]*=?[ \t]*[-+.\d]+[ \t]*)*(?<![.\w])({'|'.join(sorted(HARMLESS - KLARTEXT))}|{CHANGING})\b"
-    r"(?![ \t]*/)|"
+    rf"^[ \t/]*([A-Z][ \t]*=?[ \t]*[-+.\d]+[ \t]*)*(?<![.\w])({MARKS})\b(?![ \t]*/)|"
     r"^[ \t]*(N\d+[ \t]*)?DEF[ \t]+(REAL|INT|BOOL)\b|\bWORKPIECE\s*\(|[XYZIJK]\s*=\s*(AC|IC)\s*\(|"
     r"^[ \t]*(N\d+[ \t]*)?MSG[ \t]*\(|\bORI(WKS|MKS|AXES|VECT)\b|\bTRAFOOF\b|\b(CR|SPOS|TURN|AR|RND|CHR|CHF)=|"
     r"^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=|\b[MS]\d{1,2}=|\bT\d*[ \t]*=[ \t]*\"|"
@@ -329,7 +322,7 @@ WORDS: dict[float | str, Code] = {
     # nothing of the path
     **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
                                 451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),
-    **dict.fromkeys((*HARMLESS - {"TRAORI", "TRAFOOF"}, *VALUES, "DIAM90"), ignore()),
+    **dict.fromkeys((*lexer.HARMLESS - {"TRAORI", "TRAFOOF"}, *VALUES, "DIAM90"), ignore()),
     # refused
     5.0: refuse("another motion"), 7.0: refuse("oblique plunging"), 12.0: refuse("another motion"),
     35.0: refuse("threading"),

@@ -46,7 +46,7 @@ def test_exponents_are_read_or_refused_and_never_dropped(read) -> None:
         ("G1 X10,5 F9", "cannot read ',5'"),
         ("G1 X1 R2 F9", "R2 in a straight move is not read"),
         ('T="MILL X10', r"a quote \(\"\) is opened and never closed"),
-        ("(a (b) X5", "brackets within a comment"),
+        ("(a (b) X5", "cannot read"),
         ("G123 X5", "G123 with coordinates is not read"),
         ("G70 I5 J0 L4", "lathe cycle or bolt circle"),
         ("G10 L2 P0 X5", "moves the work offset in force, and what it was is not known"),

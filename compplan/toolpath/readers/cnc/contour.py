@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, arc_about, centre_from_radius, combine, cross, dot, normalise
+from compplan.toolpath.readers.arcs import Point, centre_from_radius, combine, cross, dot, normalise
 from compplan.toolpath.readers.cnc.course import Course
 
 #: Angles below this count as none. [rad]
@@ -177,38 +178,52 @@ def join_corner(
     return replace(before, end=first), joint, replace(after, start=last)
 
 
+#: A line, a point of it and its direction, or a circle, its centre and radius; places of a plane are complex numbers.
+Flat = tuple[complex, complex | float]
+
+
 def _find_rounding(
     before: Element, after: Element, radius: float, normal: Point, *, right_hand: bool
 ) -> tuple[Point, Point, Point]:
     """Return centre, begin and end of the arc of a radius that touches two elements from inside their corner."""
-    point = before.end
-    u = before.tangent(point)
+    corner, u = before.end, before.tangent(before.end)
     v = cross(normal, u)
-    found: list[tuple[float, Point, Point, Point]] = []
+
+    def flatten(place: Point) -> complex:
+        arm = combine(1.0, place, -1.0, corner)
+        return complex(dot(arm, u), dot(arm, v))
+
+    def move_inwards(element: Element) -> Flat:
+        if element.centre is None:
+            way = flatten(combine(1.0, corner, 1.0, element.tangent(corner)))
+            return 1j * left * way, way
+        centre = flatten(element.centre)
+        return centre, abs(abs(centre) + (-left if element.right_hand else left))
+
+    def touch(element: Element, centre: complex) -> complex | None:
+        """Return where the arc about a centre touches an element, None beyond its ends."""
+        start, end = flatten(element.start), flatten(element.end)
+        if element.centre is None:
+            way = (end - start) / abs(end - start)
+            along = ((centre - start) * way.conjugate()).real
+            return start + along * way if -1e-6 <= along <= abs(end - start) + 1e-6 else None
+        middle, sense = flatten(element.centre), 1.0 if element.right_hand else -1.0
+        place = middle + (centre - middle) * abs(start - middle) / max(abs(centre - middle), 1e-12)
+        part, whole = (sense * cmath.phase((to - middle) / (start - middle)) % math.tau for to in (place, end))
+        whole = math.tau if element.turns > 1 or abs(end - start) < 1e-9 else whole
+        return place if part <= whole + 1e-6 or abs(place - start) < 1e-6 else None
+
     left = radius if right_hand else -radius
-    for place in _meet(*(_move_inwards(element, point, left, u, v) for element in (before, after))):
-        centre = combine(1.0, combine(1.0, point, place.real, u), place.imag, v)
-        first, last = (_touch(element, centre, normal) for element in (before, after))
-        if _lies_on(before, first) and _lies_on(after, last):
-            found.append((math.dist(centre, point), centre, first, last))
+    found: list[tuple[float, list[complex]]] = []
+    for centre in _meet(move_inwards(before), move_inwards(after)):
+        first, last = touch(before, centre), touch(after, centre)
+        if first is not None and last is not None:
+            found.append((abs(centre), [centre, first, last]))
     if not found:
         raise ValueError(f"a rounding of radius {radius:g} does not fit between its elements")
-    return min(found)[1:]
-
-
-#: A line, its point and direction, or a circle, its centre and radius; places of a plane are complex numbers.
-Flat = tuple[complex, complex | float]
-
-
-def _move_inwards(element: Element, point: Point, left: float, u: Point, v: Point) -> Flat:
-    """Return an element moved to its left, in the plane."""
-    if element.centre is None:
-        t = element.tangent(point)
-        along = complex(dot(t, u), dot(t, v))
-        return 1j * left * along, along
-    arm = combine(1.0, element.centre, -1.0, point)
-    size = math.dist(element.centre, point) + (-left if element.right_hand else left)
-    return complex(dot(arm, u), dot(arm, v)), abs(size)
+    nearest = min(found, key=lambda places: places[0])[1]
+    places = [combine(1.0, combine(1.0, corner, z.real, u), z.imag, v) for z in nearest]
+    return places[0], places[1], places[2]
 
 
 def _meet(one: Flat, other: Flat) -> list[complex]:
@@ -222,40 +237,9 @@ def _meet(one: Flat, other: Flat) -> list[complex]:
         inside = along * along - (abs(to) ** 2 - radius**2)
         root = math.sqrt(max(inside, 0.0))
         return [start + t * way for t in (-along + root, -along - root)] if inside >= -1e-9 else []
-    if abs(to) < 1e-12:
-        return []
-    along = (abs(to) ** 2 + radius**2 - way**2) / (2.0 * abs(to))
+    along = (abs(to) ** 2 + radius**2 - way**2) / (2.0 * abs(to)) if abs(to) > 1e-12 else math.inf
     across = math.sqrt(max(radius**2 - along**2, 0.0))
-    return (
-        [centre + to / abs(to) * complex(along, s * across) for s in (1.0, -1.0)] if abs(along) <= radius + 1e-9 else []
-    )
-
-
-def _touch(element: Element, centre: Point, normal: Point) -> Point:
-    """Return where a rounding about a centre touches an element."""
-    if element.centre is None:
-        t = element.tangent(element.start)
-        return combine(1.0, element.start, dot(combine(1.0, centre, -1.0, element.start), t), t)
-    arm = combine(1.0, centre, -1.0, element.centre)
-    arm = combine(1.0, arm, -dot(arm, normal), normal)
-    size, radius = math.hypot(*arm), math.dist(element.centre, element.start)
-    return combine(1.0, element.centre, radius / max(size, 1e-12), arm)
-
-
-def _lies_on(element: Element, place: Point) -> bool:
-    """Return whether a point of an element's line or circle lies within its ends."""
-    if element.centre is None:
-        t = element.tangent(element.start)
-        along = dot(combine(1.0, place, -1.0, element.start), t)
-        return -1e-6 <= along <= math.dist(element.start, element.end) + 1e-6
-    if element.turns > 1:
-        return True
-    whole, part = (
-        abs(arc_about(element.start, end, element.centre, element.normal, right_hand=element.right_hand).sweep)
-        for end in (element.end, place)
-    )
-    near = math.dist(place, element.start) < 1e-6
-    return part <= whole + 1e-6 or near
+    return [centre + to / abs(to) * complex(along, s * across) for s in (1, -1)] if abs(along) <= radius + 1e-9 else []
 
 
 def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) -> tuple[Point, bool] | None:
