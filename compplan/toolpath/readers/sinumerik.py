@@ -19,7 +19,7 @@ from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAI
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
-from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame
+from compplan.toolpath.readers.frames import PLANE_NORMALS, Frame
 from compplan.toolpath.readers.gcode import BEGINNING
 from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
@@ -158,7 +158,15 @@ class Sinumerik:
         """Carry out a block; return whether the program ends."""
         it, values, names = self.it, block.values, block.names
         for variable, indices, value in block.assigned:
-            self._assign(variable, indices, value)
+            if re.match(r"\$P_\w*(FR|FRAME)\w*", variable):
+                raise InputError(f"{variable} sets a frame and is not read; use TRANS and ROT")
+            if variable.startswith("$"):
+                it.note(f"system variable {variable[:24]} is not read")
+            elif value is None:
+                it.unknown[variable] = f"line {it.flow.line} gives it text"
+                self.values.numbers.pop((variable, indices), None)
+            else:
+                self.values.numbers[variable, indices] = value
         if '"' in raw and (named := TOOL_NAME.search(raw)):
             it.state.tool, it.state.tool_name = 0.0, named.group(1)
         if frame := next((word for word in names if word in FRAME_WORDS), None):
@@ -226,47 +234,25 @@ class Sinumerik:
                 raise InputError("words of an arc (CR, AR, TURN) in a straight block")
             if block.has(CENTRES):
                 it.note("I J K in straight moves are not read")
-        elif values.get("TURN") and not block.has(POLAR):
-            start, target = it.contour.position, it.motion.target(block)[0]
-            if all(abs(target[axis] - start[axis]) < 1e-9 for axis in PLANE_AXES[state.plane]):
-                turns = values["TURN"]
-                it.note(f"a full circle with TURN={turns:g} is read as {turns + 1:g} turns: TURN adds to the circle "
-                        "itself")  # fmt: skip
         it.motion.move(block)
         return True
 
-    def _assign(self, variable: str, indices: tuple[float, ...], value: float | None) -> None:
-        if variable.startswith("$"):
-            if re.match(r"\$P_\w*(FR|FRAME)\w*", variable):
-                raise InputError(f"{variable} sets a frame and is not read; use TRANS and ROT")
-            self.it.note(f"system variable {variable[:24]} is not read")
-        elif value is None:
-            self.it.unknown[variable] = f"line {self.it.flow.line} gives it text"
-            self.values.numbers.pop((variable, indices), None)
-        else:
-            self.values.numbers[variable, indices] = value
-
     def _call(self, called: str, arguments: list[str], times: float) -> None:
-        """Carry out a subprogram with values for its parameters."""
+        """Carry out a subprogram with values for its parameters: PROC NAME(REAL A, INT B)."""
         values = [self.evaluate(text) if text else 0.0 for text in arguments]
         for _ in range(int(times) if values else 1):
             if values and self.it.flow.find_beside(called):
-                self._take_arguments(self.it.flow.programs[called], called, values)
+                program = self.it.flow.programs[called]
+                heads = map(strip, program.lines[program.first : min(program.first + 20, program.last)])
+                head = next((text for text in heads if re.match(r"PROC\s+\w+\s*\(", text)), "()")
+                texts = lexer.read_brackets(head, head.index("("))[0]
+                if len(values) > len(texts):
+                    raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
+                for text, value in zip(texts, values, strict=False):
+                    name = text.partition("=")[0].split()[-1]
+                    self.values.names.add(name)
+                    self.values.numbers[name, ()] = value
             self.it.call(called, 1.0 if values else times)
-
-    def _take_arguments(self, program: CncProgram, called: str, values: list[float]) -> None:
-        """Give the parameters of PROC NAME(REAL A, INT B) their values."""
-        for line in program.lines[program.first : min(program.first + 20, program.last)]:
-            text = strip(line)
-            if found := re.match(r"PROC\s+\w+\s*\(", text):
-                names = [part.partition("=")[0].split()[-1] for part in lexer.read_brackets(text, found.end() - 1)[0]]
-                if len(values) > len(names):
-                    break
-                for variable, value in zip(names, values, strict=False):
-                    self.values.names.add(variable)
-                    self.values.numbers[variable, ()] = value
-                return
-        raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
 
     def set_motion(self, block: CncBlock, code: float | str) -> None:
         """G0 to G3, CIP, CT: the motion of this block and those after it."""
@@ -303,10 +289,6 @@ class Sinumerik:
             raise InputError("a pole in polar coordinates is not read")
         state.pole = point[0], point[1], point[2]
 
-    def control_tip(self, block: CncBlock, code: str) -> None:
-        """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
-        self.it.control_tip(code == "TRAORI")
-
 
 OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code))
 WORDS: dict[float | str, Code] = {
@@ -318,7 +300,7 @@ WORDS: dict[float | str, Code] = {
     25.0: ignore("once"), 26.0: ignore("once"),
     **dict.fromkeys((110.0, 111.0, 112.0), Code(Sinumerik.set_pole, 2, "once")),
     **dict.fromkeys((54.0, 55.0, 56.0, 57.0, 500.0, *(float(code) for code in range(505, 600))), OFFSET),
-    **dict.fromkeys(("TRAORI", "TRAFOOF"), Code(Sinumerik.control_tip)),
+    **dict.fromkeys(("TRAORI", "TRAFOOF"), Code(lambda dialect, block, code: dialect.it.control_tip(code == "TRAORI"))),
     # nothing of the path
     **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
                                 451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),

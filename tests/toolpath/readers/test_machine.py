@@ -319,7 +319,7 @@ def test_macros_loops_jumps_and_subprograms_of_the_file_are_carried_out(read) ->
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("N1 G1 X1 F9\nGOTO 1", ":4: this jump repeats without end"),
+        ("N1 G1 X1 F9\nGOTO 1", "letters of blocks are carried out again"),
         ("#1=0\nN1 #1=#1+1\nGOTO 1", ": more than 4000000 letters"),
         ("#1=0\nN1 #1=#1+1" + "+0" * 400 + "\nGOTO 1", ":4: more than 4000000 letters of blocks"),
         ("WHILE [#1 LT 3] DO" + " 1" * 400 + "\n#1=#1+1\nEND1", r":3: .* expected WHILE \[..\] DO and a number"),

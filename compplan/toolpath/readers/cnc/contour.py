@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, centre_from_radius, combine, cross, dot, normalise
+from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise
 from compplan.toolpath.readers.cnc.course import Course
 
 #: Angles below this count as none. [rad]
@@ -67,8 +67,8 @@ Approach = Callable[[Element], list[Element]]
 class Contour:
     """Hold what waits for the next element: an approach, or an element that a corner ends."""
 
-    def __init__(self, course: Course, unit: str = " mm") -> None:
-        self.course, self.unit = course, unit
+    def __init__(self, course: Course) -> None:
+        self.course = course
         self.held: tuple[Element, Corner] | None = None
         self.approach: Approach | None = None
         self.target: Point = (0.0, 0.0, 0.0)
@@ -100,7 +100,7 @@ class Contour:
             before, asked = self.held
             self.held = None
             try:
-                first, between, element = join_corner(before, asked, element, self.unit)
+                first, between, element = join_corner(before, asked, element)
             except ValueError as fault:
                 raise InputError(f"{fault}, in the corner of line {asked.line}") from None
             self._put(first)
@@ -134,14 +134,11 @@ class Contour:
             course.arc(element.end, element.named, element.feed, *about)
 
 
-def join_corner(
-    before: Element, corner: Corner, after: Element, unit: str = ""
-) -> tuple[Element, Element | None, Element]:
+def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Element, Element | None, Element]:
     """Return two elements cut back to a corner between them, and what joins them; ValueError if no such corner fits.
 
     Two lines turning by t lose r tan(t / 2) each to a rounding of radius r, and c / (2 cos(t / 2)) to a chamfer of
-    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet. `unit` is that of
-    messages, "" where it depends on the program.
+    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet.
     """
     point, normal = before.end, after.normal if after.centre is not None else before.normal
     one, other = before.tangent(point), after.tangent(point)
@@ -155,7 +152,7 @@ def join_corner(
     if turn > math.radians(179.9):
         raise ValueError("the path turns back at this corner")
     if corner.size < 0.0:
-        raise ValueError(f"a corner of {corner.size:g}{unit}, expected a size above 0")
+        raise ValueError(f"a corner of {corner.size:g}, expected a size above 0")
     feed = before.feed if corner.feed is None else corner.feed
     if lines:
         normal = normalise(across)
@@ -165,7 +162,7 @@ def join_corner(
         }[corner.kind]  # fmt: skip
         shortest = min(math.dist(before.start, point), math.dist(point, after.end))
         if reach > shortest + 1e-6:
-            raise ValueError(f"a corner of {corner.size:g}{unit} takes {reach:g}{unit} of moves of {shortest:g}{unit}")
+            raise ValueError(f"a corner of {corner.size:g} takes {reach:g} of moves of {shortest:g}")
         first, last = combine(1.0, point, -reach, one), combine(1.0, point, reach, other)
         middle = combine(1.0, first, corner.size, cross(normal, one)) if corner.kind == "ROUND" else None
         right_hand = True
@@ -255,15 +252,3 @@ def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) 
         return None
     radius = dot(travel, travel) / (2.0 * aside)
     return combine(1.0, start, radius, left), radius > 0.0
-
-
-def find_centre(start: Point, end: Point, normal: Point, radius: float, unit: str, *, right_hand: bool) -> Point:
-    """Return the centre of an arc that is given by its radius (negative: the longer of the two); else a ValueError."""
-    centre = centre_from_radius(start, end, normal, radius, right_hand=right_hand)
-    if centre is None:
-        travel = combine(1.0, end, -1.0, start)
-        far = math.hypot(*combine(1.0, travel, -dot(travel, normal), normal))
-        raise ValueError(f"arc of radius R {radius:g}{unit} cannot join ends that are {far:g}{unit} apart, expected "
-                         f"0 < distance <= {2 * abs(radius):g}{unit}; correct R or an end point, "
-                         "or post arcs with their centre")  # fmt: skip
-    return centre

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, normalise
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise
 from compplan.toolpath.readers.frames import UNIT, Frame
-from compplan.toolpath.readers.moves import HasLine, MoveLog
+from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
 #: Greatest turn of the tool between waypoints. [deg]
@@ -20,12 +21,13 @@ TURN_STEP = 1.0
 #: Turns of the tool below this are none. [rad]
 STEADY = 1e-9
 UP: Point = (0.0, 0.0, 1.0)
+ZERO: Point = (0.0, 0.0, 0.0)
 
 
 class Course:
     """Hold where the tool is, in the coordinates of the program, and put down its moves in the part."""
 
-    def __init__(self, reader: HasLine, options: CamTable, *, starts_at_zero: bool = False) -> None:
+    def __init__(self, reader: Any, options: CamTable, *, starts_at_zero: bool = False) -> None:
         self.reader, self.options, self.starts_at_zero = reader, options, starts_at_zero
         self.log = MoveLog(CHORD_MM, reader)
         self.frame = Frame()
@@ -41,8 +43,9 @@ class Course:
         #: Why moves are left out: what is said of a cut among them, and noted of a rapid one ("": nothing).
         self.muted: dict[str, tuple[str, str]] = {}
         self.left_out = 0
-        #: The arc that was cut last, True for a line, None where nothing was cut right before.
-        self.way: Arc | bool | None = None
+        #: Two places of the program, from one to the other in the direction in which the last cut ended; None where
+        #: nothing was cut right before.
+        self.way: tuple[Point, Point] | None = None
 
     @property
     def knows(self) -> bool:
@@ -52,13 +55,6 @@ class Course:
     def is_unknown(self, axis: int) -> bool:
         """Tell whether a coordinate of the tool is not known."""
         return axis in self.lost or axis in self.untold
-
-    @property
-    def direction(self) -> Point | None:
-        """Direction in the part in which the last cut ended, None where nothing was cut right before."""
-        return (
-            self.way.tangent(self.way.sweep) if isinstance(self.way, Arc) else self.log.direction if self.way else None
-        )
 
     def note(self, message: str) -> None:
         """Note something that was assumed or read past, at the line that is read."""
@@ -213,15 +209,17 @@ class Course:
         if axis is not None and angle > math.radians(TURN_STEP):
             counts, before = dict(self.log.counts), self.log.axis
             pieces = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9)
-            for share in (piece / pieces for piece in range(1, pieces + 1)):
+            for share in (piece / pieces for piece in range(1, pieces + 1)):  # on the great circle
                 point = end if share == 1.0 else combine(1.0 - share, start, share, end)
-                self.log.line(point, feed, _turn_towards(before, axis, share))
+                from_before, to_axis = (math.sin(part * angle) / math.sin(angle) for part in (1.0 - share, share))
+                way = axis if share == 1.0 else combine(from_before, before, to_axis, axis)
+                self.log.line(point, feed, way)
             self.log.count_one(counts)
         else:
             self.log.line(end, feed, axis)
-        self.position = target
         if math.dist(start, end) > 1e-9:
-            self.way = True
+            self.way = self.position, target
+        self.position = target
 
     def arc(self, target: Point, named: Iterable[int], feed: float, centre: Point, normal: Point, right_hand: bool,
             turns: int) -> None:  # fmt: skip
@@ -238,17 +236,9 @@ class Course:
         arc = arc_about(start, end, frame.apply(centre), unit, right_hand=hand, turns=turns)
         arc.check_circle()
         self.log.arc(arc, end, feed)
-        self.position, self.way = target, arc
+        along = cross(normal, combine(1.0, target, -1.0, centre))
+        self.position, self.way = target, (ZERO, along) if right_hand else (along, ZERO)
 
 
 def _angle(before: Point, after: Point) -> float:
     return math.atan2(math.hypot(*cross(before, after)), dot(before, after))
-
-
-def _turn_towards(start: Point, end: Point, share: float) -> Point:
-    """Return a direction on the great circle between two, which are not opposite, after a share of the turn."""
-    angle = _angle(start, end)
-    if angle < STEADY or share == 1.0:
-        return end
-    sine = math.sin(angle)
-    return combine(math.sin((1.0 - share) * angle) / sine, start, math.sin(share * angle) / sine, end)

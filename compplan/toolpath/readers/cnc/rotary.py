@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
@@ -42,9 +41,9 @@ class RotaryMachine:
         """
         axis = UP
         for letter, sense in self.head[::-1]:
-            axis = _turn(letter, sense * angles.get(letter, 0.0), axis)
+            axis = rotate("ABC".index(letter), sense * angles.get(letter, 0.0)).turn(axis)
         for letter, sense in self.table:
-            axis = _turn(letter, -sense * angles.get(letter, 0.0), axis)
+            axis = rotate("ABC".index(letter), -sense * angles.get(letter, 0.0)).turn(axis)
         return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
 
     def place(self, angles: Mapping[str, float]) -> Frame:
@@ -64,45 +63,6 @@ class RotaryMachine:
                 placed = turn_about(centre, turn).then(placed)
                 centre = combine(1.0, centre, 1.0, self.offset)
         return placed
-
-
-def _turn(letter: str, angle: float, vector: Point) -> Point:
-    """Return a vector turned about the axis of a rotary letter by the right hand; angle in degrees."""
-    sine, cosine = math.sin(math.radians(angle)), math.cos(math.radians(angle))
-    x, y, z = vector
-    if letter == "A":
-        return x, cosine * y - sine * z, sine * y + cosine * z
-    if letter == "B":
-        return cosine * x + sine * z, y, cosine * z - sine * x
-    return cosine * x - sine * y, sine * x + cosine * y, z
-
-
-def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
-    """Return the machine that the user states, of the letters that the file turns.
-
-    Axes stand in order, the one that carries the other first; in a head_table the first is the head's.
-    """
-    used, kind, missing = sorted(set(letters)), options.rotary, ""
-    order = list(options.axes.rotary_axes or (used[::-1] if kind == "head" else used))
-    unnamed = [letter for letter in used if letter not in {axis[-1] for axis in order}]
-    if unnamed:
-        missing = f"rotary_axes with {unnamed[0]}, which the file turns"
-    elif options.axes.rotary_axes is None and (
-        set(used) >= TILTS or (kind == "head_table" and len(used) == 2 and "C" not in used)
-    ):
-        example = "C" if kind == "table" else "B"
-        missing = f'rotary_axes = ["A", "{example}"], the axis that carries the other (or the head\'s) first'
-    elif kind == "head_table" and len(order) == 1:
-        missing = 'rotary = "head" or "table": one axis alone is not both'
-    if missing:
-        raise RotaryError(f"of rotary axes {', '.join(used)}, which carries the other is not known; state {missing}")
-    signed = [(axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in order]
-    head = {"head": len(order), "head_table": 1}.get(kind or "", 0)
-    centre, offset = options.axes.rotary_centre_mm, options.axes.rotary_offset_mm
-    return RotaryMachine(
-        tuple(signed[:head]), tuple(signed[head:]), None if centre is None else (centre[0], centre[1], centre[2]),
-        (offset[0], offset[1], offset[2]), options.axes.pivot_mm,
-    )  # fmt: skip
 
 
 class Rotary:
@@ -143,8 +103,33 @@ class Rotary:
         """The machine that turns the axes which the program has turned so far."""
         turned = self._turned.union(letter for letter, angle in self.angles.items() if angle)
         if self._machine is None or turned != self._turned:
-            self._machine, self._turned = build_machine(self.options, turned), turned
+            self._machine, self._turned = self._build_machine(sorted(turned)), turned
         return self._machine
+
+    def _build_machine(self, used: list[str]) -> RotaryMachine:
+        """Return the machine that the user states, of the letters that the file turns.
+
+        Axes stand in order, the one that carries the other first; in a head_table the first is the head's.
+        """
+        kind, axes, missing = self.options.rotary, self.options.axes, ""
+        order = list(axes.rotary_axes or (used[::-1] if kind == "head" else used))
+        unnamed = [letter for letter in used if letter not in {axis[-1] for axis in order}]
+        if unnamed:
+            missing = f"rotary_axes with {unnamed[0]}, which the file turns"
+        elif axes.rotary_axes is None and (
+            set(used) >= TILTS or (kind == "head_table" and len(used) == 2 and "C" not in used)
+        ):
+            example = "C" if kind == "table" else "B"
+            missing = f'rotary_axes = ["A", "{example}"], the axis that carries the other (or the head\'s) first'
+        elif kind == "head_table" and len(order) == 1:
+            missing = 'rotary = "head" or "table": one axis alone is not both'
+        if missing:
+            raise RotaryError(f"of {', '.join(used)}, which carries the other is not known; state {missing}")
+        signed = tuple((axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in order)
+        head = {"head": len(order), "head_table": 1}.get(kind or "", 0)
+        centre, (x, y, z) = axes.rotary_centre_mm, axes.rotary_offset_mm
+        middle = None if centre is None else (centre[0], centre[1], centre[2])
+        return RotaryMachine(signed[:head], signed[head:], middle, (x, y, z), axes.pivot_mm)
 
     def point_tool(self, angles: Mapping[str, float] | None = None) -> Point:
         """Return the tool axis in the part, for these angles or for those in force."""

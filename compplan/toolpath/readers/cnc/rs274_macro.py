@@ -153,14 +153,6 @@ class MacroFlow:
             self.flow.programs.setdefault(number, CncProgram(lines, index + 1, stop, file))
         return CncProgram(lines, 0, numbers[1][0] if len(numbers) > 1 else len(lines), file)
 
-    def _jump(self, index: int) -> None:
-        """Go on at a line; refuse to jump without end."""
-        now, passed = [*self.variables.local[-1].items(), *self.variables.shared.items()], self.flow.call.passed
-        if passed.get(self.flow.line) == now:
-            raise InputError("this jump repeats without end: no variable has changed since the last time")
-        passed[self.flow.line] = now
-        self.next = index
-
     def _find_number(self, number: int) -> int:
         """Return where block N number stands in this program: the first one."""
         program = self.flow.call.program
@@ -201,12 +193,12 @@ class MacroFlow:
             number, used = self.variables.work_out(found.group(1))
             if number is None or number != int(number) or found.group(1)[used:].strip():
                 raise InputError(f"{unread} GOTO and the number of a block")
-            self._jump(self._find_number(int(number)))
+            self.next = self._find_number(int(number))
         elif found := WHILE.match(line):
             if found.group(1) and not self.variables.work_out(found.group(1))[0]:
-                self._jump(self._find_loop(self.flow.line, 1, found.group(2)) + 1)
+                self.next = self._find_loop(self.flow.line, 1, found.group(2)) + 1
         elif found := END_LOOP.match(line):
-            self._jump(self._find_loop(self.flow.line - 2, -1, found.group(1)))
+            self.next = self._find_loop(self.flow.line - 2, -1, found.group(1))
         elif line.startswith("WHILE"):
             raise InputError(f"{unread} WHILE [..] DO and a number from 1 to 9")
         return found is not None

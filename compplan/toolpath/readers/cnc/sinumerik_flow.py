@@ -37,7 +37,7 @@ class SinumerikFlow:
 
     def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
         """Find the programs of a file; return the first main program, or the first at all."""
-        heads: list[tuple[int, int, str, bool]] = []
+        heads: list[tuple[int, int, str, bool]] = []  # line, first line of the program, name, whether a main program
         for index, line in enumerate(lines):
             if ("%_N_" in line or "%_n_" in line) and (found := HEAD.match(line)):
                 heads.append((index, index + 1, found.group(1).upper(), found.group(2).upper() == "MPF"))
@@ -50,7 +50,9 @@ class SinumerikFlow:
             (mains if main else others).append(program)
             if not main:
                 self.flow.programs[called] = program
-        return next((main for main in mains if _holds(main)), others[0] if others else mains[0])
+        code = re.compile(r"[ \t]*[^;\s]")
+        held = (main for main in mains if any(code.match(line) for line in lines[main.first : main.last]))
+        return next(held, others[0] if others else mains[0])
 
     def prepare(self, program: CncProgram) -> None:
         """Find the labels of a program that is carried out, and where its blocks of control close."""
@@ -110,8 +112,12 @@ class SinumerikFlow:
             self._declare(text)
         if word in ("MSG", "DEF", "PROC", "EXTERN"):
             return index + 1
+        if word == "IF" and "GOTO" in rest:
+            condition, how, label = match_form(GOTO, rest, "IF: IF .. GOTOF label").groups()
+            return self._find_goto(how, label, program, index) if self.evaluate(condition) else index + 1
         if word == "IF":
-            return self._run_if(rest, program, index)
+            other = program.alternatives.get(index, program.partners[index])
+            return index + 1 if self.evaluate(rest) else other + 1
         if word == "ELSE" and index in program.alternatives:
             return program.partners[program.alternatives[index]] + 1
         if word in ("WHILE", "UNTIL"):
@@ -119,27 +125,20 @@ class SinumerikFlow:
         if word in ("ENDWHILE", "ENDLOOP", "ENDFOR"):
             return program.partners[index]
         if word == "FOR":
-            return self._run_for(rest, program, index)
+            name, first, last = match_form(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)", rest, "FOR: FOR I = 1 TO 5").groups()
+            key, counting = find_key(name), self.flow.call.counting
+            self.values.names |= {name} if key[0] != "R" else set()
+            value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(first)
+            self.values.numbers[key] = counting[index] = value
+            return program.partners[index] + 1 if value > self.evaluate(last) else index + 1
         if word.startswith("GOTO"):
             return self._find_goto(word, rest, program, index)
-        if word in ("REPEAT", "REPEATB") and rest:
-            return self._repeat(word, rest, program, index)
+        if word in ("REPEAT", "REPEATB") and rest:  # from the label to here, P times more
+            pattern = r"([A-Z_]\w*)(?:\s*P\s*=?\s*(.+))?" if word == "REPEAT" else "(?!)"
+            label, times = match_form(pattern, rest, "REPEAT: REPEAT label P=n").groups()
+            start = self._find_goto("GOTOB", label, program, index)
+            return start if self.flow.repeat(index, lambda: self.evaluate(times or "1")) else index + 1
         return index + 1
-
-    def _run_if(self, rest: str, program: CncProgram, index: int) -> int:
-        if "GOTO" in rest:
-            condition, how, label = match_form(GOTO, rest, "IF: IF .. GOTOF label").groups()
-            return self._find_goto(how, label, program, index) if self.evaluate(condition) else index + 1
-        return index + 1 if self.evaluate(rest) else program.alternatives.get(index, program.partners[index]) + 1
-
-    def _run_for(self, rest: str, program: CncProgram, index: int) -> int:
-        variable, first, last = match_form(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)", rest, "FOR: FOR I = 1 TO 5").groups()
-        key = find_key(variable)
-        self.values.names |= {variable} if key[0] != "R" else set()
-        counting = self.flow.call.counting
-        value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(first)
-        self.values.numbers[key] = counting[index] = value
-        return program.partners[index] + 1 if value > self.evaluate(last) else index + 1
 
     def _find_goto(self, how: str, label: str, program: CncProgram, index: int) -> int:
         """Return the line of a label or block number, forwards (GOTOF), backwards (GOTOB), or both."""
@@ -156,19 +155,6 @@ class SinumerikFlow:
         if how == "GOTOC":
             return index + 1
         raise InputError(f"{how} {label[:24]}: this label does not stand {'before' if how == 'GOTOB' else 'after'} it")
-
-    def _repeat(self, word: str, rest: str, program: CncProgram, index: int) -> int:
-        """Carry out REPEAT label P=n: from the label to here, n times more."""
-        pattern = r"([A-Z_]\w*)(?:\s*P\s*=?\s*(.+))?" if word == "REPEAT" else "(?!)"
-        label, times = match_form(pattern, rest, "REPEAT: REPEAT label P=n").groups()
-        start = self._find_goto("GOTOB", label, program, index)
-        return start if self.flow.repeat(index, lambda: self.evaluate(times or "1")) else index + 1
-
-
-def _holds(program: CncProgram) -> bool:
-    """Return whether a program has a line that is no comment."""
-    lines = program.lines[program.first : program.last]
-    return any(line.strip() and not line.lstrip().startswith(";") for line in lines)
 
 
 def strip(raw: str) -> str:

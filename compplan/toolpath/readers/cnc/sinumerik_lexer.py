@@ -15,6 +15,7 @@ LETTER = re.compile(rf"([A-Z])\s*({NUMBER})(?![\d.]|\s*[=(\[])")
 NAMED = re.compile(r"([$A-Z_][$\w]*)\s*", re.ASCII)
 PLACED = re.compile(r"(AC|IC|DC|ACP|ACN|CAC|CIC|CDC)\s*\(")
 BLOCK_NUMBER = re.compile(r"\s*(?:/\d?\s*)?(?:[N:]\s*\d+\s*)?(?:/\d?\s*)?")
+LEADING = re.compile(BLOCK_NUMBER.pattern + r"\(([^)]*)\)?(.*)")
 LABEL = re.compile(r"([A-Z_][A-Z0-9_]*)\s*:(?!=)\s*", re.ASCII)
 #: A comment in brackets after words with numbers.
 REMARK = re.compile(rf"(?:^|\s)[A-Z]\s*=?\s*{DECIMAL}\s*(\()", re.IGNORECASE)
@@ -235,19 +236,11 @@ def read_brackets(text: str, place: int) -> tuple[list[str], int]:
 
 
 def cut_comment(line: str) -> tuple[str, str]:
-    """Return a line without its comment, and the comment: after ; or alone in brackets; a ; within quotes is none."""
+    """Return a line without its comment, and the comment: after ; or in brackets, first or after words with numbers."""
     comment = ""
-    if "(" in line:
-        number = BLOCK_NUMBER.match(line)
-        rest = line[number.end() :] if number else line
-        if rest.startswith("("):
-            close = rest.find(")")
-            comment = rest[1 : close if close > 0 else len(rest)].strip()
-            line = rest[close + 1 :] if close > 0 else ""
-    line, told = cut_after(line)
-    comment = told or comment
-    body = line.strip()
+    if "(" in line and (leading := LEADING.match(line)):
+        comment, line = leading.groups()
+    body, told = cut_after(line)
     if "(" in body and (found := REMARK.search(body)):
-        comment = body[found.end() :].rstrip(") ") or comment
-        body = body[: found.start(1)].strip()
-    return body, comment
+        told, body = body[found.end() :].rstrip(") ") or told, body[: found.start(1)]
+    return body.strip(), (told or comment).strip()
