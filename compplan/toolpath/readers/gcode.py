@@ -20,7 +20,7 @@ from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Int
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
-from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
+from compplan.toolpath.readers.cnc.rs274_macro import Macros
 from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
@@ -108,14 +108,14 @@ class Rs274:
     """Carry out a program of the RS-274 family."""
 
     tip_word = ""
-    frames: tuple[str, ...] = ("shift", "plane", "rotation", "scale", "mirror", "program", "origin")
+    frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
     ends, moving = ENDS, MOVING
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
         self.it = Interpreter(file, options, state, self, Flow(file), starts_at_zero=True)
         self.origins = Origins(self.it, "G10 L2")
-        self.macros = MacroFlow(self.it.flow)
+        self.macros = Macros(self.it.flow)
         self.plain = PRINTED if state.printer else PLAIN
         self.lexer = Lexer(self.it, self.macros)
 
@@ -139,8 +139,6 @@ class Rs274:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
         if it.steady and (found := self.plain.fullmatch(raw)) and it.motion.cut_plain(found):
-            if it.state.printer and found.group(5):
-                it.note("axis E is not read")
             return index + 1
         block = self.lexer.read(raw)
         ended = block is not None and self.run_block(block)
@@ -220,11 +218,8 @@ class Rs274:
     def move(self, block: CncBlock) -> None:
         """Carry out the motion of a block, in the words that all dialects share."""
         it, state, values = self.it, self.it.state, block.values
-        for letter in "UVW":
-            if letter in values:
-                raise InputError(f"axis {letter}{values[letter]:g} moves the tool or the part and is not read")
-        if "E" in values:
-            it.note("axis E is not read")
+        if other := next((letter for letter in "UVW" if letter in values), ""):
+            raise InputError(f"axis {other}{values[other]:g} moves the tool or the part and is not read")
         if state.polar and ("X" in values or "Y" in values):
             if (state.incremental and "X" in values) or state.plane != 17:
                 raise InputError("polar coordinates (G16) are not read outside of the plane G17, nor a radius in G91")

@@ -11,13 +11,13 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
-from compplan.toolpath.readers.cnc import sinumerik_lexer as lexer
+from compplan.toolpath.readers.cnc import sinumerik_program as lexer
 from compplan.toolpath.readers.cnc.cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
-from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
+from compplan.toolpath.readers.cnc.sinumerik_program import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
 from compplan.toolpath.readers.frames import PLANE_NORMALS, Frame
 from compplan.toolpath.readers.gcode import BEGINNING
@@ -94,7 +94,7 @@ class Sinumerik:
         self.stated = False
         self.it = Interpreter(file, options, State(scale, feed_scale=scale, motion=1.0), self, Flow(file))
         self.origins = Origins(self.it)
-        self.values = lexer.SinumerikVariables(self.it.unknown)
+        self.values = lexer.SinumerikBlocks(self.it)
         self.evaluate = self.values.evaluate
         self.flow = SinumerikFlow(self.it, self.values)
         self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
@@ -148,8 +148,7 @@ class Sinumerik:
             return index + 1
         if word := FLOW.match(text):
             return self.flow.run_flow(word.group(1), text, raw, program, index)
-        values = self.values
-        block = lexer.split_block(text, values.look_up_home if HOME.search(text) else values.look_up, values.names)
+        block = self.values.split(text, home=HOME.search(text) is not None)
         ended = self.run_block(block, raw)
         it.steady = self.stated and self.cycles.modal is None and it.motion.is_steady()
         return END if ended else index + 1
@@ -157,16 +156,6 @@ class Sinumerik:
     def run_block(self, block: CncBlock, raw: str) -> bool:
         """Carry out a block; return whether the program ends."""
         it, values, names = self.it, block.values, block.names
-        for variable, indices, value in block.assigned:
-            if re.match(r"\$P_\w*(FR|FRAME)\w*", variable):
-                raise InputError(f"{variable} sets a frame and is not read; use TRANS and ROT")
-            if variable.startswith("$"):
-                it.note(f"system variable {variable[:24]} is not read")
-            elif value is None:
-                it.unknown[variable] = f"line {it.flow.line} gives it text"
-                self.values.numbers.pop((variable, indices), None)
-            else:
-                self.values.numbers[variable, indices] = value
         if '"' in raw and (named := TOOL_NAME.search(raw)):
             it.state.tool, it.state.tool_name = 0.0, named.group(1)
         if frame := next((word for word in names if word in FRAME_WORDS), None):
@@ -194,8 +183,8 @@ class Sinumerik:
         takes = it.run_words(block, (*block.codes, *names), find_word)
         if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
-        if values and self._move(block, takes):
-            self.cycles.drill_here()
+        if values and self._move(block, takes) and self.cycles.modal:
+            self.cycles.drill(*self.cycles.modal)
         for called, arguments in block.calls:
             if called == "TRAORI":
                 it.control_tip(True)
@@ -211,8 +200,6 @@ class Sinumerik:
         it, state, values = self.it, self.it.state, block.values
         for address in values:
             if address not in MOVING and address not in SILENT:
-                if re.fullmatch(r"[ABC][2-7]", address):
-                    raise InputError(f"orientation {address}= is not read, expected A3= B3= C3= or rotary axes A B C")
                 raise InputError(f"word {address} is not read and may move the tool; post-process without it")
         if "RNDM" in values:
             state.rounding = values["RNDM"] * state.scale
@@ -290,6 +277,7 @@ class Sinumerik:
         state.pole = point[0], point[1], point[2]
 
 
+UNREAD = refuse("it changes the path or its frame")
 OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code))
 WORDS: dict[float | str, Code] = {
     **COMMON,
@@ -306,14 +294,8 @@ WORDS: dict[float | str, Code] = {
                                 451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),
     **dict.fromkeys((*lexer.HARMLESS - {"TRAORI", "TRAFOOF"}, *VALUES, "DIAM90"), ignore()),
     # refused
-    5.0: refuse("another motion"), 7.0: refuse("oblique plunging"), 12.0: refuse("another motion"),
-    35.0: refuse("threading"),
-    58.0: refuse("a shift of the frame"), 59.0: refuse("a shift of the frame"), 92.0: refuse("a shift of the frame"),
-    68.0: refuse("coordinate rotation"), 291.0: refuse("ISO mode"), 331.0: refuse("tapping"), 332.0: refuse("tapping"),
-    147.0: refuse("soft approach"), 247.0: refuse("soft approach"), 347.0: refuse("soft approach"),
-    148.0: refuse("soft departure"), 248.0: refuse("soft departure"), 348.0: refuse("soft departure"),
+    **dict.fromkeys(map(float, (5, 7, 12, 35, 58, 59, 68, 92, 147, 148, 247, 248, 291, 331, 332, 347, 348)), UNREAD),
 }  # fmt: skip
-UNREAD = refuse("it changes the path or its frame")
 
 
 def find_word(word: float | str) -> Code | None:

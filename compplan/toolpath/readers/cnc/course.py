@@ -12,7 +12,7 @@ from typing import Any
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise
-from compplan.toolpath.readers.frames import UNIT, Frame
+from compplan.toolpath.readers.frames import NOWHERE, UNIT, Frame
 from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
@@ -21,7 +21,6 @@ TURN_STEP = 1.0
 #: Turns of the tool below this are none. [rad]
 STEADY = 1e-9
 UP: Point = (0.0, 0.0, 1.0)
-ZERO: Point = (0.0, 0.0, 0.0)
 
 
 class Course:
@@ -237,7 +236,7 @@ class Course:
         arc.check_circle()
         self.log.arc(arc, end, feed)
         along = cross(normal, combine(1.0, target, -1.0, centre))
-        self.position, self.way = target, (ZERO, along) if right_hand else (along, ZERO)
+        self.position, self.way = target, (NOWHERE, along) if right_hand else (along, NOWHERE)
 
 
 def _angle(before: Point, after: Point) -> float:

@@ -252,15 +252,10 @@ class SinumerikCycles:
         elif modal:
             self.modal = called, numbers
         else:
-            self._drill(called, numbers)
+            self.drill(called, numbers)
         return True
 
-    def drill_here(self) -> None:
-        """Drill with the modal cycle after a block that moved the tool."""
-        if self.modal is not None:
-            self._drill(*self.modal)
-
-    def _drill(self, called: str, numbers: Numbers) -> None:
+    def drill(self, called: str, numbers: Numbers) -> None:
         """Carry out CYCLE8x(RTP, RFP, SDIS, DP, DPR, ..): from RFP + SDIS to DP, back to RTP.
 
         DPR, where it is not 0, is the depth below RFP in place of DP.
@@ -305,4 +300,4 @@ class SinumerikCycles:
         for u, v, _ in places:
             place = set_level(self.it.course.position, first, u * self.it.state.scale)
             self.it.course.rapid(set_level(place, second, v * self.it.state.scale), (first, second))
-            self.drill_here()
+            self.drill(*self.modal)

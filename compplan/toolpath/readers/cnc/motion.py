@@ -121,7 +121,9 @@ class MotionReader:
                     named.append(axis)
         if block.has(POLAR):
             plane, pole = state.pole_plane or state.plane, state.pole or (0.0, 0.0, 0.0)
-            now = state.polar_now((point[0], point[1], point[2]), plane)
+            first, second = PLANE_AXES[plane]
+            dx, dy = point[first] - pole[first], point[second] - pole[second]
+            now = {"RP": math.hypot(dx, dy) / state.scale, "AP": math.degrees(math.atan2(dy, dx))}
             if not self.keeps_polar:
                 state.polar_words.clear()
             for address in ("RP", "AP"):
@@ -132,7 +134,6 @@ class MotionReader:
                 else:
                     base = now[address] if state.counts_on(block, address) else 0.0
                     state.polar_words[address] = values[address] + base
-            first, second = PLANE_AXES[plane]
             radius, angle = state.polar_words["RP"] * state.scale, math.radians(state.polar_words["AP"])
             point[first] = pole[first] + radius * math.cos(angle)
             point[second] = pole[second] + radius * math.sin(angle)

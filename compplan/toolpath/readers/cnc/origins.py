@@ -11,18 +11,10 @@ from collections.abc import Sequence
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
-from compplan.toolpath.readers.cnc.course import UP, ZERO
+from compplan.toolpath.readers.cnc.course import NOWHERE, UP
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock
-from compplan.toolpath.readers.frames import (
-    DEEP_AXIS,
-    PLANE_AXES,
-    Frame,
-    rotate,
-    scale_about,
-    shift,
-    turn_about,
-)
+from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotate, scale_about, shift, turn_about
 
 DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
@@ -50,7 +42,7 @@ class Origins:
         self.origins: dict[float, dict[int, float]] = {}
         self.bases: dict[float, Point] = {}
         #: What G92 and G52 shift the origin by, and where that of the work offset stands; what G92.3 brings back.
-        self.origin = self.shifted = self.base = ZERO
+        self.origin = self.shifted = self.base = NOWHERE
         self.kept: Point | None = None
         #: Axes whose place is known by G92 alone.
         self.declared: set[int] = set()
@@ -80,7 +72,7 @@ class Origins:
             return
         old, new = self.origins.get(before, {}), self.origins.get(code, {})
         if OUTSIDE in course.muted and (code in self.bases or code == self.part_offset):
-            self.base = self.bases.get(code, ZERO)
+            self.base = self.bases.get(code, NOWHERE)
             course.unmute(OUTSIDE)
         elif len(old) == 3 and len(new) == 3 and OUTSIDE not in course.muted:
             self.base = combine(1.0, self.base, 1.0, (new[0] - old[0], new[1] - old[1], new[2] - old[2]))
@@ -188,7 +180,10 @@ class Origins:
         """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped."""
         if code == 92.3 and self.kept is None:
             raise InputError("G92.3 brings back an offset from before this program, which is not known; set it by G92")
-        self.origin, self.kept = (self.kept or ZERO) if code == 92.3 else ZERO, ZERO if code == 92.1 else self.kept
+        self.origin, self.kept = (
+            (self.kept or NOWHERE) if code == 92.3 else NOWHERE,
+            NOWHERE if code == 92.1 else self.kept,
+        )
         if code == 92.3:
             self.course.unmute(DECLARED)
         elif self.declared:
@@ -316,10 +311,10 @@ def change_frame(it: Interpreter, word: str, block: CncBlock) -> None:
         factors = [values.get(letter, 1.0) for letter in AXES]
         if len(set(factors)) > 1 or not 1e-6 < abs(factors[0]) < 1e6:
             raise InputError(f"{word} with different factors of its axes is not read")
-        step = scale_about(ZERO, (factors[0], factors[0], factors[0]))
+        step = scale_about(NOWHERE, (factors[0], factors[0], factors[0]))
     else:
         i, j, k = (-1.0 if letter in values else 1.0 for letter in AXES)
-        step = scale_about(ZERO, (i, j, k))
+        step = scale_about(NOWHERE, (i, j, k))
     it.contour.refuse_open()
     it.put(program=it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
 

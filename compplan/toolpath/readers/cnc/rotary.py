@@ -15,8 +15,13 @@ UP: Point = (0.0, 0.0, 1.0)
 TILTS = frozenset("AB")
 
 
-class RotaryError(InputError):
-    """Tell what is not known of the machine that turns A B C."""
+def ask_for(angles: Mapping[str, float], missing: str) -> InputError:
+    """Return the error that the place of the tip is not known where rotary axes turn by these angles."""
+    words = " ".join(f"{letter}{angle:g}" for letter, angle in angles.items())
+    return InputError(
+        f"{words} without control of the tip (G43.4, TRAORI, M128): X Y Z are positions of the machine; state {missing}"
+        ", or tip_control = true if they are the tip in the part frame, in NAME.toml of [cam] machine"
+    )
 
 
 @dataclass(frozen=True)
@@ -51,12 +56,12 @@ class RotaryMachine:
         placed = Frame()
         if any(angles.get(letter) for letter, _ in self.head):
             if self.pivot is None:
-                raise RotaryError("pivot_mm = the distance from the tool tip to where the rotary axes meet")
+                raise ask_for(angles, "pivot_mm = the distance from the tool tip to where the rotary axes meet")
             swing = combine(1.0, UP, -1.0, RotaryMachine(self.head).point_tool(angles))
             placed = Frame(origin=combine(self.pivot, swing, 0.0, swing))
         if any(angles.get(letter) for letter, _ in self.table):
             if self.centre is None:
-                raise RotaryError("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
+                raise ask_for(angles, "rotary_centre_mm = [x, y, z] of the first table axis, seen from the part zero")
             centre = self.centre
             for letter, sense in self.table:
                 turn = rotate("ABC".index(letter), -sense * angles.get(letter, 0.0))
@@ -124,7 +129,7 @@ class Rotary:
         elif kind == "head_table" and len(order) == 1:
             missing = 'rotary = "head" or "table": one axis alone is not both'
         if missing:
-            raise RotaryError(f"of {', '.join(used)}, which carries the other is not known; state {missing}")
+            raise InputError(f"of {', '.join(used)}, which carries the other is not known; state {missing}")
         signed = tuple((axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in order)
         head = {"head": len(order), "head_table": 1}.get(kind or "", 0)
         centre, (x, y, z) = axes.rotary_centre_mm, axes.rotary_offset_mm
@@ -140,15 +145,6 @@ class Rotary:
         """Return where X Y Z of the machine stand in the part, without control of the tip."""
         if not self.turned or self.unknown or self.ignored or self.spatial:
             return Frame()
-        machine = self.machine
-        if self.dynamic:
-            machine = replace(machine, centre=(0.0, 0.0, 0.0), offset=(0.0, 0.0, 0.0))
-        try:
-            return machine.place(self.angles)
-        except RotaryError as fault:
-            words = " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items())
-            raise RotaryError(
-                f"{words} without control of the tip (G43.4, TRAORI, M128): X Y Z are positions of the machine; "
-                f"state {fault.message}, or tip_control = true if they are the tip in the part frame, in NAME.toml "
-                "of [cam] machine"
-            ) from None
+        zero = (0.0, 0.0, 0.0)
+        machine = replace(self.machine, centre=zero, offset=zero) if self.dynamic else self.machine
+        return machine.place(self.angles)

@@ -7,8 +7,8 @@ import re
 from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import FARTHEST_WITHOUT_POINT
-from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
-from compplan.toolpath.readers.cnc.sinumerik_lexer import CHANGING
+from compplan.toolpath.readers.cnc.rs274_macro import Macros
+from compplan.toolpath.readers.cnc.sinumerik_program import CHANGING
 from compplan.toolpath.readers.cnc.state import CncBlock
 from compplan.toolpath.readers.lines import DECIMAL
 
@@ -110,7 +110,7 @@ class Lexer:
     Lines that are no block are dealt with here: comments, marks, assignments, jumps, words that are not known.
     """
 
-    def __init__(self, it: Interpreter, macros: MacroFlow) -> None:
+    def __init__(self, it: Interpreter, macros: Macros) -> None:
         self.it, self.macros = it, macros
         #: Whether a block was read.
         self.begun = False
@@ -127,7 +127,10 @@ class Lexer:
         if line[0] in "%<:O" and NAME_LINE.fullmatch(line):
             return CncBlock(machine=[17.0]) if line[0] == "%" and self.it.course.begun else None
         if "/" in line:
-            line = self._drop_marks(line)
+            marked = SKIP_WITHIN.sub(" ", SKIP_MARK.sub(r"\1", line, count=1) if SKIP_MARK.match(line) else line)
+            if marked != line:
+                self.it.note("blocks marked with / are read")
+            line = marked.strip()
         words, rest = split_words(line)
         if rest:
             found = self._read_more(line, raw, rest)
@@ -163,13 +166,6 @@ class Lexer:
                     f"{letter}{number} has no decimal point and may count in mm or in the control's least increment "
                     f"(0.001 mm); write it with a point ({letter}{number}. or {letter}{float(number) / 1e3:g})"
                 )
-
-    def _drop_marks(self, line: str) -> str:
-        """Return a line without the marks of blocks that an operator may skip."""
-        marked = SKIP_WITHIN.sub(" ", SKIP_MARK.sub(r"\1", line, count=1) if SKIP_MARK.match(line) else line)
-        if marked != line:
-            self.it.note("blocks marked with / are read")
-        return marked.strip()
 
     def _read_more(self, line: str, raw: str, rest: str) -> tuple[Words, str] | None:
         """Return the words of a line that holds more than words, and the line; None where it holds none.

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from compplan.toolpath.readers.arcs import Point, set_level
@@ -30,7 +29,7 @@ class CncBlock:
     """Hold the words of a block: numbers by address (X, CR, A3, I1 ..), G codes, M codes, words without a number.
 
     Numbers of some addresses are absolute, whatever the mode, or relative to where the tool is. `calls` are names with
-    their arguments as texts, `assigned` variables: name, indices, number (None: text).
+    their arguments as texts.
     """
 
     values: dict[str, float] = field(default_factory=dict)
@@ -40,7 +39,6 @@ class CncBlock:
     relative: set[str] = field(default_factory=set)
     names: list[str] = field(default_factory=list)
     calls: list[tuple[str, list[str]]] = field(default_factory=list)
-    assigned: list[tuple[str, tuple[float, ...], float | None]] = field(default_factory=list)
 
     def has(self, addresses: frozenset[str]) -> bool:
         """Return whether the block holds one of these addresses."""
@@ -136,12 +134,6 @@ class State:
                     number = start[axis] + (-number if self.centres == "reversed" else number)
                 centre = set_level(centre, axis, number)
         return centre
-
-    def polar_now(self, place: Point, plane: int) -> Mapping[str, float]:
-        """Return radius, in the program's unit, and angle [deg] of a place about the pole."""
-        pole, (first, second) = self.pole or (0.0, 0.0, 0.0), PLANE_AXES[plane]
-        dx, dy = place[first] - pole[first], place[second] - pole[second]
-        return {"RP": math.hypot(dx, dy) / self.scale, "AP": math.degrees(math.atan2(dy, dx))}
 
 
 class Machine:
