@@ -15,9 +15,9 @@ from compplan.toolpath.readers import CamFile, CamTable, read_cam
 from compplan.toolpath.readers.cnc import heidenhain_words, sinumerik_program
 from compplan.toolpath.readers.cnc.expressions import Grammar, evaluate
 from compplan.toolpath.readers.cnc.flow import Flow
-from compplan.toolpath.readers.cnc.rotary import RotaryMachine
+from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.rs274_macro import Macros
-from compplan.toolpath.readers.options import list_machines
+from compplan.toolpath.readers.options import MachineAxes, list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
 
@@ -171,13 +171,16 @@ def test_a_head_swings_its_tip_about_the_pivot(read) -> None:
 
 
 def test_axes_in_an_order_of_their_own_and_against_the_right_hand() -> None:
-    angles = {"A": 20.0, "B": 30.0, "C": 40.0}
-    assert RotaryMachine(head=(("A", 1.0), ("B", 1.0))).point_tool(angles) == pytest.approx(
-        turn("A", 20) @ turn("B", 30) @ [0, 0, 1]
-    )
-    assert RotaryMachine(table=(("B", -1.0), ("C", -1.0))).point_tool(angles) == pytest.approx(
-        (turn("B", -30) @ turn("C", -40)).T @ [0, 0, 1]
-    )
+    options = CamTable(rotary="head")
+    options._axes = MachineAxes(rotary_axes=["A", "B"])
+    rotary = Rotary(options)
+    rotary.angles = {"A": 20.0, "B": 30.0}
+    assert rotary.point_tool() == pytest.approx(turn("A", 20) @ turn("B", 30) @ [0, 0, 1])
+    options = CamTable(rotary="table")
+    options._axes = MachineAxes(rotary_axes=["-B", "-C"])
+    rotary = Rotary(options)
+    rotary.angles = {"B": 30.0, "C": 40.0}
+    assert rotary.point_tool() == pytest.approx((turn("B", -30) @ turn("C", -40)).T @ [0, 0, 1])
 
 
 def test_a_and_b_together_ask_which_carries_the_other(read) -> None:

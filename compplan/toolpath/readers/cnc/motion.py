@@ -248,8 +248,9 @@ class MotionReader:
             ways = [{n: before.get(n, 0.0) * (1 - s) + a * s for n, a in after.items()} for s in (0.0, 0.37, 0.71, 1.0)]
             if len({self.rotary.point_tool(way) for way in ways}) == 1:
                 return 1
-        elif self.rotary.machine.table:
-            radius = math.dist(target, self.rotary.machine.centre or (0.0, 0.0, 0.0))
+        elif self.rotary.axes[1]:
+            x, y, z = self.options.axes.rotary_centre_mm or (0.0, 0.0, 0.0)
+            radius = math.dist(target, (x, y, z))
             step = min(step, math.degrees(2.0 * math.acos(max(1.0 - CHORD_MM / max(radius, CHORD_MM), 0.0))))
         return max(1, math.ceil(turn / step - 1e-9))
 

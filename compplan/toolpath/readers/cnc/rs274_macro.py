@@ -150,7 +150,7 @@ class Macros:
         return CncProgram(lines, 0, numbers[1][0] if len(numbers) > 1 else len(lines), file)
 
     def _find(self, key: str, step: int = 0) -> int:
-        """Return the first line of a key (N10), or the next from here (END1, step 1) or the last before it (DO1, -1)."""
+        """Return the first line of a key (N10), or the next one from here (END1, step 1), or the last (DO1, -1)."""
         program, here = self.flow.call.program, self.flow.line - 1
         if program.labels is None:
             program.labels = {}
