@@ -249,7 +249,7 @@ class Rs274:
             raise InputError(f"R{values['R']:g} in a straight move is not read; a rounded corner is written ,R")
         elif block.has(CENTRES):
             it.note("I J K in straight moves are not read")
-        unknown = bool(it.course.untold or it.course.lost) and not it.course.muted
+        unknown = bool(it.course.unknown) and not it.course.muted
         if state.printer and state.motion == 1.0 and unknown and ("E" not in values or not it.log.waypoints):
             it.note(TRAVEL)
             it.course.rapid(*it.motion.target(block))

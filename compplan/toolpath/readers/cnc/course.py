@@ -31,8 +31,8 @@ class Course:
         self.log = MoveLog(CHORD_MM, reader)
         self.frame = Frame()
         self.position: Point = (0.0, 0.0, 0.0)
-        self.untold = {0, 1, 2}
-        self.lost: set[int] = set()
+        #: Axes whose coordinate is not known, and whether the tool has gone where only the machine knows (else untold).
+        self.unknown = dict.fromkeys(range(3), False)
         #: Whether a cut has begun, and whether the tool has gone where only the machine knows since its last move.
         self.begun = self.away = False
         self.reason = ""
@@ -46,15 +46,6 @@ class Course:
         #: nothing was cut right before.
         self.way: tuple[Point, Point] | None = None
 
-    @property
-    def knows(self) -> bool:
-        """Whether the place of the tool is known."""
-        return not self.untold and not self.lost
-
-    def is_unknown(self, axis: int) -> bool:
-        """Tell whether a coordinate of the tool is not known."""
-        return axis in self.lost or axis in self.untold
-
     def note(self, message: str) -> None:
         """Note something that was assumed or read past, at the line that is read."""
         self.log.note(message, self.reader.line)
@@ -64,12 +55,10 @@ class Course:
         if frame == self.frame:
             return
         back = frame.invert()
-        for unknown in (self.untold, self.lost):
-            if unknown and frame.rows != self.frame.rows:
-                spread = {i for i in range(3) if any(abs(self.frame.rows[i][j]) > 1e-12 for j in unknown)}
-                unknown_now = {i for i in range(3) if any(abs(back.rows[i][j]) > 1e-12 for j in spread)}
-                unknown.clear()
-                unknown.update(unknown_now)
+        if self.unknown and frame.rows != self.frame.rows:
+            mix = back.then(self.frame).rows
+            on = {i: [lost for j, lost in self.unknown.items() if abs(mix[i][j]) > 1e-12] for i in range(3)}
+            self.unknown = {axis: any(lost) for axis, lost in on.items() if lost}
         self.position = back.apply(self.frame.apply(self.position))
         self.move_frame(frame)
 
@@ -91,15 +80,14 @@ class Course:
 
     def lose(self, axes: Iterable[int] = range(3), reason: str = "after a move of the machine's axes") -> None:
         """Forget coordinates: the tool has gone where only the machine knows."""
-        axes = set(axes)
-        self.lost |= axes
-        self.untold -= axes
-        self.way, self.away, self.reason = None, self.away or bool(axes), reason
+        lost = dict.fromkeys(axes, True)
+        self.unknown.update(lost)
+        self.way, self.away, self.reason = None, self.away or bool(lost), reason
 
     def settle(self, axes: Iterable[int]) -> None:
         """Take coordinates as known."""
-        self.untold.difference_update(axes)
-        self.lost.difference_update(axes)
+        for axis in axes:
+            self.unknown.pop(axis, None)
 
     def mute(self, reason: str, refusal: str = "", note: str = "") -> None:
         """Leave moves out from here on; refuse a cut among them and note a rapid one where there is a text for it."""
@@ -112,7 +100,7 @@ class Course:
 
     def retreat(self) -> None:
         """Go straight up to the greatest height of a rapid so far: on the way to the machine's home."""
-        if self.muted or self.height is None or not self.knows or not self.log.waypoints:
+        if self.muted or self.height is None or self.unknown or not self.log.waypoints:
             return
         place = self.frame.apply(self.position)
         rise = self.height - dot(self.up, place)
@@ -139,7 +127,7 @@ class Course:
                 self.note(note)
             return
         point = self.frame.apply(target)
-        if not self.knows:
+        if self.unknown:
             log.counts["rapid_moves"] += target != before or bool(named)
             if not log.waypoints:
                 log.place(point, axis)
@@ -158,9 +146,8 @@ class Course:
         """Let a cut begin where the tool is, before its block says where it ends."""
         if self.muted:
             return
-        unknown = self.untold | self.lost
-        if unknown:
-            elsewhere, stated = bool(self.lost) or self.away, self.options.from_mm
+        if unknown := set(self.unknown):
+            elsewhere, stated = any(self.unknown.values()) or self.away, self.options.from_mm
             if stated is None and self.starts_at_zero and not elsewhere:
                 names = " ".join("XYZ"[axis] for axis in sorted(unknown))
                 self.note(
@@ -182,7 +169,7 @@ class Course:
 
     def check_place(self, axes: Iterable[int]) -> None:
         """Refuse a hole while a coordinate of the tool that its block does not state is not known."""
-        unknown = set(axes).intersection(self.untold | self.lost)
+        unknown = set(axes).intersection(self.unknown)
         if unknown and not self.muted:
             find_start(self.position, unknown, None, self.reason)
 
@@ -201,7 +188,7 @@ class Course:
         """Cut straight to a place with a feed in mm/s; the tool turns to `axis` on the great circle."""
         if self.leave_out(target, named):
             return
-        if not self.knows:
+        if self.unknown:
             self.begin_cut()
         start, end = self.frame.apply(self.position), self.frame.apply(target)
         angle = 0.0 if axis is None else _angle(self.log.axis, axis)
@@ -225,7 +212,7 @@ class Course:
         """Cut along an arc or a helix; everything stands in the coordinates of the program."""
         if self.leave_out(target, named):
             return
-        if not self.knows:
+        if self.unknown:
             self.begin_cut()
         frame = self.frame
         if frame.rows is not UNIT and not frame.similar:

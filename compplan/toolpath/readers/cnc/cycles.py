@@ -145,7 +145,7 @@ def begin_cycle(it: Interpreter, code: float) -> None:
     """Begin a cycle of G-code; the level it began at stays until it is cancelled."""
     state, axis = it.state, DEEP_AXIS[it.state.plane]
     if not state.cycle_code:
-        state.cycle_start = None if it.course.is_unknown(axis) else it.course.position[axis]
+        state.cycle_start = None if axis in it.course.unknown else it.course.position[axis]
         state.cycle = {}
     state.cycle_code = code
 
@@ -208,9 +208,9 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
     state, course, words = it.state, it.course, it.state.cycle
     start = _find_start(it, axis)
     clear, bottom = words.get("R", start), words[AXES[axis]]
-    level = max(start if axis in course.lost else course.position[axis], clear)
+    level = max(start if course.unknown.get(axis) else course.position[axis], clear)
     course.settle((axis,))
-    if level > course.position[axis] and course.knows:
+    if level > course.position[axis] and not course.unknown:
         course.rapid(set_level(course.position, axis, level))
     course.rapid(set_level(target, axis, level), named)
     feed, wait = it.motion.feed(abs(clear - bottom)), words.get("P", 0.0) if code in DWELLING else 0.0

@@ -71,7 +71,7 @@ class MotionReader:
         """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
         state, course = self.state, self.course
         return bool(
-            state.motion == 1.0 and state.feed and state.feed_mode == 94 and course.begun and course.knows
+            state.motion == 1.0 and state.feed and state.feed_mode == 94 and course.begun and not course.unknown
             and not (state.incremental or state.polar or state.rounding or state.cycle_code or course.muted)
             and self.contour.idle
         )  # fmt: skip

@@ -67,7 +67,7 @@ class Origins:
             raise InputError(f"{name_offset(code)} within a turned or scaled frame is not read; post-process without")
         self.active = code
         fresh = self.wcs is None and not course.begun
-        if fresh and not course.lost and len(course.untold) == 3:
+        if fresh and list(course.unknown.values()) == [False] * 3:
             self.part_offset = code
             return
         old, new = self.origins.get(before, {}), self.origins.get(code, {})
@@ -114,7 +114,7 @@ class Origins:
             raise InputError(f"G10 L2 P{number:g} names no work offset, expected P0 to P15")
         code = self.active if number == 0 else 53.0 + number if number <= 6 else 59.0 + (number - 6) / 10.0
         origin, base = self.origins.setdefault(code, {}), list(self.base)
-        cutting = code == self.active and (self.course.begun or len(self.course.untold) < 3)
+        cutting = code == self.active and (self.course.begun or list(self.course.unknown.values()).count(False) < 3)
         for axis in block.list_axes():
             place = values[AXES[axis]] * self.state.scale
             if cutting and axis not in origin:
@@ -160,9 +160,9 @@ class Origins:
         found = False
         for axis in block.list_axes():
             value = block.values[AXES[axis]] * self.state.scale
-            if course.is_unknown(axis):
-                step[axis] = 0.0 if axis in course.lost else value - position[axis]
-                found = found or axis in course.lost
+            if axis in course.unknown:
+                step[axis] = 0.0 if course.unknown[axis] else value - position[axis]
+                found = found or course.unknown[axis]
                 position[axis] = value
                 self.declared.add(axis)
             else:
@@ -226,7 +226,7 @@ class Origins:
         for axis in axes:
             if axis in named:
                 centre[axis] = block.values[AXES[axis]] * self.state.scale
-            elif self.course.is_unknown(axis):
+            elif axis in self.course.unknown:
                 raise InputError(f"a rotation or scale about the tool's place, whose {AXES[axis]} is not known")
         return combine(1.0, (centre[0], centre[1], centre[2]), 1.0, self.zero)
 

@@ -221,23 +221,17 @@ class SinumerikBlocks:
 
 def read_brackets(text: str, place: int) -> tuple[list[str], int]:
     """Return the arguments in the brackets that open at a place, and where they end."""
-    depth, quoted, start, parts = 0, False, place + 1, []
+    depth, quoted, parts = 0, False, [""]
     for index in range(place, len(text)):
         letter = text[index]
-        if letter == '"':
-            quoted = not quoted
-        elif quoted:
-            continue
-        elif letter in "([":
-            depth += 1
-        elif letter in ")]":
-            depth -= 1
-            if depth == 0:
-                parts.append(text[start:index].strip())
-                return ([] if parts == [""] else parts), index + 1
-        elif letter == "," and depth == 1:
-            parts.append(text[start:index].strip())
-            start = index + 1
+        quoted ^= letter == '"'
+        depth += 0 if quoted else (letter in "([") - (letter in ")]")
+        if depth == 0:
+            return ([] if parts == [""] else [part.strip() for part in parts]), index + 1
+        if letter == "," and depth == 1 and not quoted:
+            parts.append("")
+        elif index > place:
+            parts[-1] += letter
     raise ValueError(f"')' is missing in {text[:40]!r}")
 
 
