@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import re
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -158,10 +159,11 @@ class Macros:
                 for kind, pattern in LABELS.items():
                     if found := pattern.match(program.lines[index]):
                         program.labels.setdefault(kind + found.group(1), []).append(index)
-        places = [at for at in program.labels.get(key, []) if not step or (at - here) * step > 0]
-        if not places:
+        places = program.labels.get(key, [])
+        at = (bisect_right(places, here) if step > 0 else bisect_left(places, here) - 1) if step else 0
+        if not 0 <= at < len(places):
             raise InputError(f"a jump to {key}, which is not in this program")
-        return places[-1] if step < 0 else places[0]
+        return places[at]
 
     def run_macro(self, line: str) -> str | None:
         """Carry out the macro words of a line in capitals; return the block that is left, None without any."""
