@@ -85,7 +85,7 @@ class Klartext:
     def __init__(self, file: Path, options: CamTable) -> None:
         flow = Flow(file, DEEPEST)
         flow.weigh = lambda block: len(block.text)
-        self.it = Interpreter(file, options, State(motion=0.0), self, flow, unit="")
+        self.it = Interpreter(file, options, State(motion=0.0), self, flow)
         self.it.motion.keeps_polar = False
         self.words = KlartextWords(self.it)
         self.value = self.words.value

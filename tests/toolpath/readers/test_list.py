@@ -32,9 +32,9 @@ REFUSED = [
     (".nc", HEAD + "G1 XO F9\n", "word XO is not read and may move the tool"),
     (".nc", HEAD + "G1 Xnan F9\n", "word XNAN is not read and may move the tool"),
     (".nc", "G21 G54.1 P1 G0 X0 Y0 Z0\nG1 X1 F60\nG54.1 P2\nX2\n", "the file cuts in G54.1 P1 and in G54.1 P2"),
-    (".mpf", HEAD + "TRAORI\nG58 X10\nG1 X1 F9\n", "G58 (a shift of the frame) is not read"),
+    (".mpf", HEAD + "TRAORI\nG58 X10\nG1 X1 F9\n", "G58 (it changes the path or its frame) is not read"),
     (".mpf", HEAD + "TRAORI\nG1 X1 A3=0 B3=0 F9\n", "expected three numbers"),
-    (".mpf", HEAD + "TRAORI\nG1 X1 A2=0 B2=180 C2=0 F9\n", "expected A3= B3= C3= or rotary axes"),
+    (".mpf", HEAD + "TRAORI\nG1 X1 A2=0 B2=180 C2=0 F9\n", "word A2 is not read"),
     (".apt", write_apt("INDEX/1"), "INDEX is not read"),
     (".apt", write_apt("PLUNGE/5"), "PLUNGE is not read"),
     (".apt", write_apt("CYCLE/ "), "a cycle has no kind"),
@@ -65,7 +65,7 @@ def test_what_may_change_the_path_is_refused(read, suffix: str, text: str, sente
 
 #: suffix, text, expected tips [mm] without the first, expected feeds [mm/s], words of a note or "".
 READ = [
-    (".nc", HEAD + "M104 S0\nG1 X1 E5 F60\n", [[1, 0, 0]], [1], "axis E is not read"),
+    (".nc", HEAD + "M104 S0\nG1 X1 E5 F60\n", [[1, 0, 0]], [1], ""),
     (".nc", HEAD + "G1 X1 F60 M77\n", [[1, 0, 0]], [1], "M77 is not read"),
     (".apt", write_apt("INSERT/G1 X5"), [[20, 0, 0]], [1], "text for the control is not read"),
     (".src", write_krl("SLIN {X 5} WITH $VEL.CP=0.2"), [[5, 0, 0], [20, 0, 0]], [200, 50], ""),
