@@ -44,7 +44,7 @@ STRAIGHT = {"off": "# ", "straight": "", "frame": "flange", "position": [0.0, 0.
             "centre": [0.0, 0.0, 60.0]}  # fmt: skip
 DEFAULTS: dict[str, Any] = {
     "robot": "staubli_tx200", "language": "val3", "toolpath": "", "place": "[1500.0, 0.0, 183.0]", "tool": STRAIGHT,
-    "tools": (), "model": "isf", "assumed": False, "cut": (), "spindle_rpm": None, "axial_N": 1200.0,
+    "tools": (), "model": "isf", "assumed": False, "cut": {}, "spindle_rpm": None, "axial_N": 1200.0,
     "lateral_N": 400.0, "eased": "",
 }  # fmt: skip
 
@@ -95,8 +95,7 @@ def describe_tools(tools: Sequence[CalledTool]) -> dict[str, Any]:
     """Return the words of the tools of a CAM file: several are [[tool]] each, the cut of one stands in [process]."""
     if len(tools) != 1:
         return {"tools": tools}
-    cut = tools[0].cut
-    return {"model": "", "cut": [f"{k} = {json.dumps(v)}" for k, v in cut.items()]} if tools[0].drills else cut
+    return {"model": "", "cut": tools[0].cut} if tools[0].drills else tools[0].cut
 
 
 def shorten_job(text: str) -> str:
@@ -134,23 +133,6 @@ class CalledTool:
         """Keys of its force model beyond those of a milling cutter."""
         speed: dict[str, str | float] = {} if self.spindle_rpm is None else {"spindle_rpm": self.spindle_rpm}
         return {"model": "drill", **DRILL, "stock_top_mm": self.top_mm, **speed} if self.drills else speed
-
-    @property
-    def label(self) -> str:
-        """Its name in the file."""
-        return repr(self.name) if self.name else f"T{self.number}"
-
-    @property
-    def key(self) -> str:
-        """The line of [[tool]] that identifies it."""
-        return f"name = {json.dumps(self.name)}" if self.name else f"number = {self.number}"
-
-    @property
-    def process(self) -> str:
-        """The line of [[tool]] for its cut, or ""."""
-        table = ", ".join(f"{key} = {json.dumps(value)}" for key, value in self.cut.items())
-        source = "assumed: put yours" if self.drills else "S of the CAM file"
-        return f"process = {{ {table} }}  # {source}\n" if table else ""
 
 
 def read_called_tools(path: Path) -> list[CalledTool]:

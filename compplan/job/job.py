@@ -381,9 +381,6 @@ def _change_key(data: dict[str, Any], change: str) -> str:
     return key
 
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-
-
 def describe_schema() -> dict[str, Any]:
     """Return the JSON schema of a job file."""
     schema = Job.model_json_schema(by_alias=True)
@@ -392,7 +389,7 @@ def describe_schema() -> dict[str, Any]:
     tables["PlanTable"]["properties"]["configuration"] = {
         "anyOf": [{"const": "auto"}, {"$ref": wanted["$ref"]}], "default": "auto"
     }  # fmt: skip
-    return {"$schema": DIALECT, **schema, "title": "compplan job"}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "compplan job"}
 
 
 def write_schema() -> str:

@@ -18,8 +18,6 @@ from compplan.io.tomlfile import read_toml
 OWN = ("name", "toolpath", "profile")
 #: Tables that are replaced as a whole.
 WHOLE = frozenset({"part", "tool", "tools", "process"})
-#: Tables that exclude each other.
-EITHER = ({"tool", "tools"},)
 
 
 def apply_profile(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
@@ -39,9 +37,8 @@ def apply_profile(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
     if not isinstance(named, str):
         raise InputError(f"is {named!r}, expected the name of a TOML file", file=file, where="profile")
     merged = read_profile(Path(file).parent / named)
-    for tables in EITHER:
-        if tables & data.keys():
-            merged = {key: value for key, value in merged.items() if key not in tables}
+    if {"tool", "tools"} & data.keys():  # they exclude each other
+        merged = {key: value for key, value in merged.items() if key not in ("tool", "tools")}
     return _merge(merged, data)
 
 

@@ -99,7 +99,9 @@ def find_listed(
     entry = take_tool(library, operation.number, operation.name, file)
     if entry is None:
         return None
-    return Described(_mount(entry, spindle or ToolTable()), {}, "tools.file", _describe_cutter(entry))
+    keys = {"kind", *(key for own in CUTTERS.values() for key in own)}
+    cutter = entry.model_dump(include=keys, exclude_none=True)
+    return Described(_mount(entry, spindle or ToolTable()), {}, "tools.file", cutter)
 
 
 def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
@@ -114,12 +116,6 @@ def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
         plain["mass_kg"] = base + entry.mass_kg
         plain["centre_of_mass_mm"] = tuple((moment / max(base + entry.mass_kg, 1e-12)).tolist())
     return plain
-
-
-def _describe_cutter(entry: LibraryTool) -> dict[str, Any]:
-    """Return the cutter of a tool table in keys of [process], with its `kind`."""
-    keys = {"kind", *(key for own in CUTTERS.values() for key in own)}
-    return entry.model_dump(include=keys, exclude_none=True)
 
 
 def fill_process(common: Mapping[str, Any], described: Described, speed: float | None) -> dict[str, Any] | None:
