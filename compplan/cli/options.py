@@ -64,11 +64,6 @@ FOLDER, TABLE, INPUT = ResultPath(), ResultPath(".csv"), click.Path(path_type=Pa
 out_folder = click.option("--out", "folder", type=FOLDER, default="out", show_default=True, help="Folder to write to.")
 out_table = click.option("--out", required=True, type=TABLE, help="CSV file to write.")
 assume_ok = click.option("--assume-ok", is_flag=True, help="Go on where the data raise a question.")
-#: Whose posture is kept.
-posture_kept = click.option(
-    "--keep", type=click.Choice(["robot", "nothing"]),
-    help="Posture to keep: with --robot that which the job's own robot chooses, or none.  [default: as the job says]",
-)  # fmt: skip
 
 
 def make_command(*options: Callable[[Any], Any], epilog: str | None = None) -> Callable[[Any], click.Command]:
@@ -103,17 +98,11 @@ def make_job_command(
 
     def make(function: Callable[..., CommandResult]) -> click.Command:
         @wraps(function)
-        def run(
-            job: Path,
-            changes: tuple[str, ...],
-            robot_instead: str | None = None,
-            keep: str | None = None,
-            **values: Any,
-        ) -> CommandResult:
+        def run(job: Path, changes: tuple[str, ...], robot_instead: str | None = None, **values: Any) -> CommandResult:
             from compplan.job.job import load_job
             from compplan.job.operations import settle_job
 
-            checked = load_job(job, robot_instead, keep, changes)
+            checked = load_job(job, robot_instead, changes)
             return function(job=checked if several else settle_job(checked), **values)
 
         return make_command(argument, *options, changes, epilog=epilog)(run)

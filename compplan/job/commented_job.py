@@ -74,7 +74,6 @@ def describe_mount(robot: Robot, *, used: bool) -> dict[str, Any]:
     Args:
         robot: The robot of the folder.
         used: Whether the table is active where the folder's TCP is on the flange; otherwise it stays a comment.
-
     """
     tool, out = mounted_tool(robot), outward_axis(robot)
     pendant = locate_pendant(robot)

@@ -42,8 +42,6 @@ REMOVED = Path(__file__).with_name("removed.toml")
 BARE_WORD = re.compile(r"[\w./-]+")
 #: Default corner rounding as a share of the tolerance.
 ROUNDED = 0.25
-#: Greatest length of a name.
-LONGEST_NAME = 200
 
 
 class Configuration(StrictTable):
@@ -182,7 +180,7 @@ class Job(StrictTable):
     """A job; `load_job` reads it, `load_nominal` its toolpath."""
 
     schema_: SchemaOne = Field(alias="schema")
-    name: str = Field(default="", max_length=LONGEST_NAME)
+    name: str = Field(default="", max_length=200)
     profile: str | None = None
     robot: str = Field(max_length=LONGEST_PATH)
     toolpath: Annotated[str, Field(max_length=LONGEST_PATH)] | CircleTable | SpiralTable | ConeTable
@@ -274,7 +272,6 @@ def check_job(
 
     Raises:
         InputError: With file and key.
-
     """
     plain = data = apply_profile(data, file)
     _refuse_removed(data, file)
@@ -324,18 +321,16 @@ def _holds_key(table: Any, key: list[str]) -> bool:
     return wanted and (len(key) == 1 or _holds_key(inner, key[1:]))
 
 
-def load_job(path: str | Path, robot: str | None = None, keep: str | None = None, changes: Sequence[str] = ()) -> Job:
+def load_job(path: str | Path, robot: str | None = None, changes: Sequence[str] = ()) -> Job:
     """Read a job file.
 
     Args:
         path: The file.
         robot: Robot folder or shipped robot in place of the job's; relative to the working directory.
-        keep: Replaces [plan] keep.
         changes: Keys in place of the file's, such as "plan.tolerance_mm=0.05" (--set).
 
     Raises:
         InputError: With file and line or key, if it is invalid.
-
     """
     suffix = Path(path).suffix.lower()
     if suffix != ".toml" and suffix in list_suffixes():
@@ -348,8 +343,6 @@ def load_job(path: str | Path, robot: str | None = None, keep: str | None = None
     own = data.get("robot")
     if robot is not None:
         data["robot"] = str(find_robot_folder(robot).resolve())
-    if keep is not None and isinstance(data.setdefault("plan", {}), dict):
-        data["plan"]["keep"] = keep
     try:
         job = check_job(data, path)
     except InputError as error:

@@ -29,7 +29,6 @@ def apply_profile(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
 
     Raises:
         InputError: If the profile is invalid.
-
     """
     named = data.get("profile")
     if named is None:
@@ -47,15 +46,12 @@ def read_profile(file: Path) -> dict[str, Any]:
 
     Raises:
         InputError: If it is no TOML file, or contains keys of a job alone.
-
     """
     data = read_toml(file)
     for key in OWN:
         if key in data:
             raise InputError("belongs to a job, not to a profile", file=file, where=key)
-    found = _place_files(data, file.parent.absolute())
-    assert isinstance(found, dict)
-    return found
+    return dict(_place_files(data, file.parent.absolute()))
 
 
 def write_profile_text(robot: str, language: str) -> str:
@@ -64,7 +60,6 @@ def write_profile_text(robot: str, language: str) -> str:
     Args:
         robot: Robot of the cell: folder or shipped robot.
         language: Language of its controller.
-
     """
     text = files(__package__).joinpath("commented_profile.toml").read_text(encoding="utf-8")
     return text.replace("ROBOT", robot).replace("LANGUAGE", language)

@@ -66,7 +66,6 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
 
     Raises:
         InputError: If there is none, one is invalid, or two have the same number.
-
     """
     if not entries:
         raise InputError("is empty, expected a table for every tool", file=file, where="tool")
@@ -125,7 +124,6 @@ def fill_process(common: Mapping[str, Any], described: Described, speed: float |
         common: [process] of the job.
         described: The tool.
         speed: Spindle speed of the operation in the file, or None. [1/min]
-
     """
     own, cutter = dict(described.process), described.cutter
     if not common and not own:

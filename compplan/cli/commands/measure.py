@@ -21,7 +21,6 @@ from compplan.cli.options import (
     measured_options,
     out_folder,
     out_table,
-    posture_kept,
     robot_instead,
     robot_option,
     split_names,
@@ -263,7 +262,7 @@ def run_campaign(
     click.option("--reach-mm", type=click.FloatRange(0.0, 1000.0, min_open=True),
                  help="How far from the path of the tip the tool makes that surface; else 1 mm more than the radius of"
                  " the cutter in [process]."),
-    assume_ok, posture_kept,
+    assume_ok,
 )  # fmt: skip
 def run_learn(
     job: Job, measured: Path, robot_name: str, folder: Path, **options: Any

@@ -15,7 +15,6 @@ from compplan.cli.options import (
     make_command,
     make_job_command,
     out_folder,
-    posture_kept,
     robot_instead,
     robot_option,
     take_cam_options,
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from compplan.planning.result import Plan
 
 
-@make_job_command(out_folder, robot_instead, posture_kept, several=True)
+@make_job_command(out_folder, robot_instead, several=True)
 def run_plan(job: Job, folder: Path) -> CommandResult:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs.
 
