@@ -52,8 +52,7 @@ def run_plan(job: Job, folder: Path) -> CommandResult:
 def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     """Plan a job, a plan for each tool that it calls, and write what came of it; `note` is added to the first."""
     from compplan.api.verbs import plan_operations
-    from compplan.planning.result import summarise_operations, summarise_plan
-    from compplan.reporting.operations import describe_operations, describe_order
+    from compplan.reporting.operations import describe_operations, describe_order, summarise_operations
     from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
 
     with show_progress() as announce:
@@ -61,7 +60,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     fault = explain_failures(done.plans)
     if len(done.plans) == 1:
         plan = done.plans[0]
-        return CommandResult(summarise_plan(plan), format_plan(plan, folder, done.files), fault)
+        return CommandResult(plan.to_dict(), format_plan(plan, folder, done.files), fault)
     name = job.name or job.file.stem
     summary = summarise_operations(done.plans, name)
     lines = [f"{name}: {describe_operations(summary)}"]
@@ -79,7 +78,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
 
 def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
     """Return which waypoints and limits stop plans that are not solved; None where all are."""
-    from compplan.planning.result import worst_status
+    from compplan.reporting.operations import worst_status
 
     failing = [plan for plan in plans if plan.status != "solved"]
     if not failing:

@@ -58,7 +58,7 @@ DECIMAL = re.compile(r"(?<![\w.])-?\d+\.\d+")
 class Commanded:
     """What was planned at the rows that programs hold: the way there, the path, the way back. Shapes (m, ..)."""
 
-    q: Array  #: Joint positions that programs hold: commanded, or what leads by the lag of drives. [rad or m]
+    q: Array  #: Commanded joint positions. [rad or m]
     time: Array  #: [s]
     feed: Array  #: Feed that is driven in the move to each row, 0 in rapid moves. [mm/s]
     stands: NDArray[np.bool_]  #: Whether the tool has to stand still, beside the ends of rapid moves.

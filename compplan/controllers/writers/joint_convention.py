@@ -199,7 +199,7 @@ def locate_link(robot: Robot, q: Array, link: str) -> Array:
 
 
 def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Array]:
-    """Return the poses of the frames of some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
+    """Return the poses of the frames of the base and some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
 
     Raises:
         InputError: If the chain has no such link.
