@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
-from scipy.spatial.transform import Rotation
 
 from compplan.robot import Array
 
@@ -35,17 +31,6 @@ class UrdfShape:
         return as_mesh(self.form).apply_transform(self.placement)
 
 
-def read_colour(element: ElementTree.Element) -> tuple[float, float, float, float] | None:
-    """Return red, green, blue, alpha (0 to 1) of a <color>, or None."""
-    try:
-        numbers = [float(word) for word in element.attrib.get("rgba", "0.6 0.6 0.6 1").split()]
-    except ValueError:
-        return None
-    if len(numbers) != 4 or not all(0.0 <= number <= 1.0 for number in numbers):
-        return None
-    return numbers[0], numbers[1], numbers[2], numbers[3]
-
-
 def as_mesh(form: Any) -> Any:
     """Return a shape as a mesh (trimesh)."""
     import trimesh
@@ -59,31 +44,6 @@ def as_mesh(form: Any) -> Any:
     if form[0] == "capsule":
         return trimesh.creation.capsule(height=form[2], radius=form[1], count=[SECTIONS, SECTIONS])
     return trimesh.creation.icosphere(subdivisions=2, radius=form[1])
-
-
-def triangulate_box(low: Array, high: Array) -> tuple[Array, NDArray[np.int_]]:
-    """Return corners, shape (8, 3) [m], and triangles, shape (12, 3), of a box between two corners. [m]"""
-    at_high = np.indices((2, 2, 2)).reshape(3, 8).T
-    return _triangulate_hull(np.where(at_high, np.asarray(high, float), np.asarray(low, float)))
-
-
-def triangulate_rod(start: Array, end: Array, radius: float, sections: int) -> tuple[Array, NDArray[np.int_]]:
-    """Return vertices, shape (2 m, 3) [m], and triangles of a cylinder of m sides between two points. [m]"""
-    way = np.asarray(end, float) - start
-    angle = 2.0 * np.pi * np.arange(sections) / sections
-    ring = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(sections)])
-    ring = Rotation.align_vectors([way / np.linalg.norm(way)], [[0.0, 0.0, 1.0]])[0].apply(ring)
-    return _triangulate_hull(np.vstack([ring + start, ring + end]))
-
-
-def _triangulate_hull(corners: Array) -> tuple[Array, NDArray[np.int_]]:
-    """Return vertices and outward triangles of a convex hull."""
-    hull = ConvexHull(corners)
-    faces = np.array(hull.simplices, int)
-    a, b, c = (corners[faces[:, k]] for k in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-    faces[inward] = faces[inward][:, ::-1]
-    return corners, faces
 
 
 def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array, float, Array]:
