@@ -54,7 +54,7 @@ def identify_campaign(
 
     Frames are fitted first (to unloaded poses where there are enough), then along with everything else, so that the
     intervals carry what the frames leave open. Geometry enters as far as it earns its place on held-out poses, a spring
-    that the robot lacks where it is surely above zero; effects of the robot folder stay as they are.
+    that the robot lacks where its 95 % interval lies above zero; effects of the robot folder stay as they are.
 
     Raises:
         InputError: If the log holds too little, or an option names something that does not exist.

@@ -80,24 +80,6 @@ SHORT = 0.02
 LONG = 0.5
 
 
-def describe_frames(task: PlanTask, job: Job) -> list[str]:
-    """Ask about a tool across the flange or too long and a spindle below the part; say how a part frame was fitted."""
-    notes = [] if job.part.fit is None else [job.part.fit.tell()]
-    if job.tool is not None:
-        notes += ask_about_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
-    return [*notes, *look_at_spindle(task.nominal.axis, job)]
-
-
-def describe_part_frame(job: Job) -> str:
-    """Return in a sentence how the part frame was found, and what deviations are relative to."""
-    if not job.part.touched_off:
-        return "absolute in the robot base ([part] touched_off = false)"
-    points = job.part.touched_points
-    where = "three corners of the box around the toolpath" if points is None else f"the {len(points)} points of [part]"
-    return (f"touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
-            "to it (if the part is not touched off, set [part] touched_off = false)")  # fmt: skip
-
-
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
     """Question a tool across the flange without a mesh, a very long one, or an unconfirmed pendant frame."""
     assert job.tool is not None

@@ -217,65 +217,62 @@ class Plan(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what plan.json holds."""
-        return summarise_plan(self)
-
-
-def summarise_plan(plan: Plan) -> dict[str, Any]:
-    """Return the content of plan.json."""
-    failures, margins, between = plan.command.failures, plan.margins, plan.between
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
-    learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
-    summary: dict[str, Any] = {
-        "schema": 1,
-        "status": plan.status,
-        "verdict": plan.verdict.describe(),
-        "strategy": plan.strategy,
-        "name": plan.name,
-        "robot": plan.robot.name,
-        "robot_grade": plan.robot.grade,
-        "robot_sources": dict(plan.robot.sources),
-        **({} if plan.job is None else {"part_frame": "touched_off" if plan.job.part.touched_off else "absolute"}),
-        "waypoints": len(plan.task),
-        "configuration": dict(plan.task.configuration),
-        "solve_time_s": round(plan.command.solve_time, 4),
-        **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
-        "error_before_mm": plan.before.figures,
-        "error_after_mm": plan.after.figures,
-        "between_waypoints_mm": {"max": between.max_deviation * 1e3}
-        | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
-        **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
-        **plan.bending.describe(),
-        **summarise_band(plan.error_band),
-        "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
-        "within_tolerance": plan.after.share_within(plan.task.tolerance),
-        "correction_mm": {"max": margins.max_correction * 1e3},
-        "margins": {
-            "position_limit_deg": float(np.degrees(margins.position)),
-            "position_limit_joint": plan.robot.joint_names[margins.joint],
-            "velocity_ratio": margins.velocity_ratio,
-            "acceleration_ratio": margins.acceleration_ratio,
-        },
-        "duration_s": float(plan.timing.time[-1]),
-        "judge": EXACT_EVALUATION,
-        "checks": [check.describe() for check in plan.checks if check.severity == STOP],
-        "notes": [*plan.reasons, *plan.notes],
-        "stops": list_stops([*plan.reasons, *plan.notes]),
-        "made_by": describe_origin(),
-    }  # fmt: skip
-    if learned is not None:
-        turn = np.degrees(learned.turn).tolist()
-        summary["process_force"] = {"level": learned.level, "turn_deg": turn, "source": learned.source}
-    start = plan.task.start
-    if start is not None and start.posture_choice is not None:
-        program = {} if start.program is None else {"program": dict(start.program)}
-        summary["posture"] = {**start.posture_choice.describe(), **program}
-    if plan.clearance is not None:
-        summary["clearance"] = summarise_clearance(plan.clearance, None if start is None else start.settings.scene)
-    if failures:
-        summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
-    if plan.status != "solved":
-        summary["failure"] = plan.explain_failures()
-    return summary
+        failures, between, (room, nearest) = self.command.failures, self.between, self.limit_room
+        ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
+        learned = None if self.task.law is None else self.task.law.learned  # what measured parts said of the force
+        summary: dict[str, Any] = {
+            "schema": 1,
+            "status": self.status,
+            "verdict": self.verdict.describe(),
+            "strategy": self.strategy,
+            "name": self.name,
+            "robot": self.robot.name,
+            "robot_grade": self.robot.grade,
+            "robot_sources": dict(self.robot.sources),
+            **({} if self.job is None else {"part_frame": "touched_off" if self.job.part.touched_off else "absolute"}),
+            "waypoints": len(self.task),
+            "configuration": dict(self.task.configuration),
+            "solve_time_s": round(self.command.solve_time, 4),
+            **({"nlp": self.command.nlp} if self.command.nlp else {}),
+            "error_before_mm": self.before.figures,
+            "error_after_mm": self.after.figures,
+            "between_waypoints_mm": {"max": between.max_deviation * 1e3}
+            | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
+            **({} if self.executed is None else {"executed_mm": self.executed.describe()}),
+            **({} if self.motion is None else {
+                "inertia_mm": {"max": 1e3 * self.inertia, "compensated": self.task.inertia}}),
+            **summarise_band(self.error_band),
+            "tilt_after_deg": {"max": float(np.degrees(self.after.max_tilt))},
+            "within_tolerance": self.after.share_within(self.task.tolerance),
+            "correction_mm": {"max": self.max_correction * 1e3},
+            "margins": {
+                "position_limit_deg": float(np.degrees(room)),
+                "position_limit_joint": nearest,
+                "velocity_ratio": self.timing.velocity_ratio,
+                "acceleration_ratio": self.timing.acceleration_ratio,
+            },
+            "duration_s": float(self.timing.time[-1]),
+            "judge": EXACT_EVALUATION,
+            "checks": [check.describe() for check in self.checks if check.severity == STOP],
+            "notes": [*self.reasons, *self.notes],
+            "stops": list_stops([*self.reasons, *self.notes]),
+            "made_by": describe_origin(),
+        }  # fmt: skip
+        if learned is not None:
+            turn = np.degrees(learned.turn).tolist()
+            summary["process_force"] = {"level": learned.level, "turn_deg": turn, "source": learned.source}
+        start = self.task.start
+        if start is not None and start.posture_choice is not None:
+            program = {} if start.program is None else {"program": dict(start.program)}
+            summary["posture"] = {**start.posture_choice.describe(), **program}
+        if self.clearance is not None:
+            scene = None if start is None else start.settings.scene
+            summary["clearance"] = summarise_clearance(self.clearance, scene)
+        if failures:
+            summary["failures"] = [{"waypoint": k, "limit": limit} for k, limit in sorted(failures.items())]
+        if self.status != "solved":
+            summary["failure"] = self.explain_failures()
+        return summary
 
 
 def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:

@@ -124,7 +124,7 @@ def describe_pose(pose: Array) -> str:
 
 def describe_part_frame(job: Job) -> str:
     """Return in a sentence how the part frame was found, and what deviations are relative to."""
-    if not job.touched_off:
+    if not job.part.touched_off:
         return "absolute in the robot base ([part] touched_off = false)"
     points = job.part.touched_points
     where = "three corners of the box around the toolpath" if points is None else f"the {len(points)} points of [part]"
