@@ -9,7 +9,6 @@ taught folder. No command may end with another status than 0 (`diagnose` may ask
 Every program is then run again and again, clamping and repeatability drawn anew for every part: the table gives the
 median of the true rms across the path under the shop's own force. Bands are held against parts whose force is drawn
 anew by 7 %: the true 95 % point, and the share of tips within.
-`--with sockets` measures plates of two sockets instead, joints alone.
 
 Steps whose files are in DIR are not done again. A noise floor is sqrt(3) times the standard deviations of the
 instrument, the robot and the clamping per axis, and with them, in squares, what one standard deviation of a part's own
@@ -50,9 +49,6 @@ FLOOR = float(np.sqrt(3.0) * np.sqrt(TRACKER**2 + REPEATABILITY**2 + CLAMPED[0] 
 #: Poses; parts that a band is held against, their force drawn anew, and parts of the shop's own force.
 POSES, DRAWS, STEADY = 12, 20, 5
 WEIGHTS, PULL = "0,60", 400.0
-#: Poses with sockets, and how far two of a plate are apart. [mm]
-SEATED, PLATE = 36, 200.0
-INSTRUMENTS = ("tracker", "sockets")
 #: Robots: middle of path A [mm], the force as a share of that on the KUKA KR 270, and the language of programs.
 ROBOTS = {
     "kuka_kr270": ((1700.0, 0.0, 900.0), 1.0, "krl"), "abb_irb6640_185_280": ((1600.0, 0.0, 800.0), 0.7, "rapid"),
@@ -192,22 +188,14 @@ def judge_program(shop: VirtualShop, out: Path) -> Program:
     )  # fmt: skip
 
 
-def measure_robot(shop: VirtualShop, robot: str, job: Path, work: Path, instrument: str) -> Path:
+def measure_robot(shop: VirtualShop, robot: str, job: Path, work: Path) -> Path:
     """Measure poses of the shop's robot and diagnose them; return the folder."""
     poses, log = work / "poses", work / "log.csv"
-    loads, sigma = ("--weights-kg", WEIGHTS, "--pull-N", PULL), ("--sigma-mm", 1e3 * TRACKER)
-    same = replace(shop, random=np.random.default_rng([20261122, shop.seed, 2]))
-    if instrument == "tracker":
-        run_product(poses, "campaign", job, "--poses", POSES, *loads, *sigma)
-        told: tuple[object, ...] = ("--register", "base,tool")
-    else:
-        # nobody pulls at a ball that has to sit in its socket
-        run_product(poses, "campaign", job, "--poses", SEATED, "--with", instrument, "--length-mm", PLATE,
-                    "--register", "tool", *loads[:2], *sigma)  # fmt: skip
-        told = ("--register", "tool", "--instrument", poses / "instrument.toml")
+    run_product(poses, "campaign", job, "--poses", POSES, "--weights-kg", WEIGHTS, "--pull-N", PULL,
+                "--sigma-mm", 1e3 * TRACKER)  # fmt: skip
     if not log.exists():
-        fill_log(same, poses / "campaign.csv", log)
-    run_product(work / "diagnosed", "diagnose", log, "--robot", robot, *told, "--assume-ok")
+        fill_log(replace(shop, random=np.random.default_rng([20261122, shop.seed, 2])), poses / "campaign.csv", log)
+    run_product(work / "diagnosed", "diagnose", log, "--robot", robot, "--register", "base,tool", "--assume-ok")
     return work / "diagnosed" / "robot"
 
 
@@ -216,13 +204,13 @@ def draw_part(seed: int) -> np.random.Generator:
     return np.random.default_rng([20261122, seed, 6])
 
 
-def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str = "tracker") -> ShopResult:
+def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> ShopResult:
     """Run one shop; return what every program of it left and had promised."""
     shop = draw_shop(ROOT / "robots" / robot, seed)
     a, b = write_jobs(work, robot, waypoints)
     run_product(work / "nominal_A", "plan", a)
     run_product(work / "nominal_B", "plan", b)
-    folder = measure_robot(shop, robot, a, work, instrument)
+    folder = measure_robot(shop, robot, a, work)
     for name, job in (("A", a), ("B", b)):
         run_product(work / f"poses_{name}", "plan", job, "--robot", folder)
     part = work / "part.csv"
@@ -241,7 +229,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robot", choices=ROBOTS, help="One robot for all; else they take turns.")
     parser.add_argument("--waypoints", type=int, default=90)
-    parser.add_argument("--with", dest="instrument", choices=INSTRUMENTS, default="tracker")
     parser.add_argument("--out", type=Path, help="Folder to keep the shops' files in.")
     words = parser.parse_args()
     print(f"noise floor {1e3 * FLOOR:.4f} mm; true rms across / widest band, mm, share held: {', '.join(ROUNDS)}")
@@ -254,7 +241,7 @@ def main() -> None:
             work.mkdir(parents=True, exist_ok=True)
             start = time.monotonic()
             try:
-                shop = run_shop(seed, robot, words.waypoints, work, words.instrument)
+                shop = run_shop(seed, robot, words.waypoints, work)
             except (RuntimeError, ValueError) as error:
                 failed += 1
                 print(f"{seed:3d} {robot} failed: {error}", flush=True)

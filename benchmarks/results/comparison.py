@@ -19,23 +19,15 @@ from compplan.studies.summary import estimate_quantile
 from compplan.studies.workers import Workers
 
 TITLE = "Comparison: which strategy leaves least?"
-QUESTION = (
-    "A plan knows the model and the predicted force, encoders behind the gears see what the gears yield, a force sensor"
-    " sees the force. What is left by each, where more and more of a joint's compliance lies in links and bearings?"
-)
+QUESTION = "What is left by a plan, by encoders behind the gears and by a force sensor, the softer the links are?"
 METHOD = (
-    "A circle of 120 mm radius under a constant force, as in [the loop](loop.md). Each of 256 robots of a Monte Carlo"
-    " study is drawn from the assumed uncertainty of the shipped folder, with force, part frame and sensors; all"
-    " strategies meet the same robots. *Link share*: part of each joint's compliance beyond its link-side encoder,"
-    " `link_share` of its spring, exact here. Cells: median rms deviation in mm with its 95 % interval."
-    " `tests/studies/test_encoder_strategies.py` holds mirror and both encoder strategies on ten robots, within 5 %,"
-    " beside a Monte Carlo that shares no code with compplan."
+    "A circle of 120 mm radius under a constant force, as in [the loop](loop.md); 256 robots of a Monte Carlo study,"
+    " drawn from the shipped folder's assumed uncertainty, the same for all strategies. *Link share*: part of each"
+    " joint's compliance beyond its link-side encoder, exact here. Cells: median rms deviation, mm, with half its 95 %"
+    " interval. `tests/studies/test_encoder_strategies.py` holds mirror and both encoder strategies within 5 % of a"
+    " Monte Carlo of its own, on ten robots."
 )
-LIMITS = (
-    "Robots are simulated; compliances of shipped folders are from papers, scaled or assumed.",
-    "One path, one force. Folders give 0.4 as the link share of most robots (assumed).",
-    "Sensors have no delay.",
-)
+LIMITS = ("Simulated robots, compliances from papers, scaled or assumed; one path, one force; sensors without delay.",)
 STRATEGIES = ("mirror", "iterated_mirror", "nlp", "secondary_encoder", "both_encoders", "force_sensor")
 CHART = Chart("median rms deviation, mm", {
     name: (name, 0) for name in ("mirror", "secondary_encoder", "both_encoders", "force_sensor")
@@ -52,7 +44,7 @@ def measure(settings: Settings) -> Findings:
             rms = 1e3 * draw_rms(robot, share)
             found = [estimate_quantile(column, 0.5) for column in rms.T]
             medians[robot, share] = dict(zip(STRATEGIES, (one.value for one in found), strict=True))
-            rows.append((f"{robot}, {words}", *(f"{one.value:.3f} [{one.low:.3f}, {one.high:.3f}]" for one in found)))
+            rows.append((f"{robot}, {words}", *(f"{one.value:.2f}±{one.half_width:.2f}" for one in found)))
             print(*rows[-1], flush=True)
     wins = {share: sum(medians[r, share]["secondary_encoder"] < medians[r, share]["mirror"] for r in COMPARED)
             for share in SHARES.values()}  # fmt: skip
@@ -95,7 +87,7 @@ def list_paper(settings: Settings) -> tuple[str, dict[str, Any]]:
     """Return the table of Klimchik and Pashkevich 2018 beside its reproduction, and its row of both encoders."""
     time_command("reproduce", "klimchik2018", "--out", settings.work / "paper")
     rows = json.loads((settings.work / "paper" / "reproduction.json").read_text("utf-8"))["rows"]
-    left = [row for row in rows if "left" in row["quantity"]]
+    left = [row for row in rows if "mean left" in row["quantity"]]
     cells = [(r["quantity"], f"{r['paper']:g} %", f"{r['ours']:.1f} %", r["verdict"]) for r in left]
     table = draw_table(("Klimchik 2018, KUKA KR 120", "paper", "here", "verdict"), cells)
-    return table, next(row for row in left if row["quantity"].startswith("Both encoders") and "mean" in row["quantity"])
+    return table, next(row for row in left if row["quantity"].startswith("Both encoders"))
