@@ -1,6 +1,6 @@
 """The loop in virtual shops, to a second, different part: the product sees programs in and measurements out only.
 
-    python -m benchmarks loop --shops 40 --seed 0 --out DIR     files of every shop, rounds.json and report.html in DIR
+    python -m benchmarks loop --shops 40 --seed 0 --out DIR     files of every shop and rounds.json in DIR
 
 A shop (`benchmarks.shop`) hides three effects and everyday errors. It plans path A with the nominal folder and measures
 twelve poses that `compplan campaign` designs for it, in a frame of the tracker's own; the log is diagnosed; it plans
@@ -9,7 +9,6 @@ taught folder. No command may end with another status than 0 (`diagnose` may ask
 Every program is then run again and again, clamping and repeatability drawn anew for every part: the table gives the
 median of the true rms across the path under the shop's own force. Bands are held against parts whose force is drawn
 anew by 7 %: the true 95 % point, and the share of tips within.
-`--with sockets` measures plates of two sockets instead, joints alone.
 
 Steps whose files are in DIR are not done again. A noise floor is sqrt(3) times the standard deviations of the
 instrument, the robot and the clamping per axis, and with them, in squares, what one standard deviation of a part's own
@@ -25,13 +24,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.coverage.__main__ import read_band
-from benchmarks.loop_page import ROUNDS, Program, ShopResult, describe_shops, write_loop_page
 from benchmarks.shop import (
     CLAMPED,
     REPEATABILITY,
@@ -44,14 +43,12 @@ from benchmarks.shop import (
     fill_log,
     probe_part,
 )
+from compplan.io.quantities import format_length, format_percent
 
 FLOOR = float(np.sqrt(3.0) * np.sqrt(TRACKER**2 + REPEATABILITY**2 + CLAMPED[0] ** 2))
 #: Poses; parts that a band is held against, their force drawn anew, and parts of the shop's own force.
 POSES, DRAWS, STEADY = 12, 20, 5
 WEIGHTS, PULL = "0,60", 400.0
-#: Poses with sockets, and how far two of a plate are apart. [mm]
-SEATED, PLATE = 36, 200.0
-INSTRUMENTS = ("tracker", "sockets")
 #: Robots: middle of path A [mm], the force as a share of that on the KUKA KR 270, and the language of programs.
 ROBOTS = {
     "kuka_kr270": ((1700.0, 0.0, 900.0), 1.0, "krl"), "abb_irb6640_185_280": ((1600.0, 0.0, 800.0), 0.7, "rapid"),
@@ -61,6 +58,13 @@ ROBOTS = {
 FORCE = np.array([440.0, 1370.0, -635.0])
 #: Path B beside A [mm], and the radii of both. [mm]
 ELSEWHERE, RADII = (-150.0, 350.0, -200.0), (120.0, 70.0)
+#: Programs of a shop, by folder, and what people call them.
+ROUNDS = {
+    "nominal_A": "A nominal", "nominal_B": "B nominal", "poses_A": "A, 12 poses", "poses_B": "B, 12 poses",
+    "taught_A": "A, one part", "taught_B": "B, one part of A",
+}  # fmt: skip
+#: What is asked: noise floors of A, ratio of B to poses alone, floors of B and their share, held tips, width of a band.
+FLOORS, BETTER, WORSE, SECOND, HELD, WIDE = 1.2, 0.55, 1.05, 1.5, (0.93, 0.97), 1.6
 JOB = """schema = 1
 name = "path {name}"
 robot = "{robot}"
@@ -85,6 +89,52 @@ part_frame_deg = {turn}
 [output]
 programs = ["{language}"]
 """
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program on the true robot."""
+
+    true: float  #: Median over parts of the shop's own force of the true rms deviation across the path. [m]
+    whole: float  #: The same in 3D, along the path too. [m]
+    band: float  #: The 95 % band at its widest. [m]
+    point: float  #: What 95 % of the parts keep within where they stray most, 3D. [m]
+    held: float  #: Share of tips within the band, all parts and places.
+    floor: float  #: Noise floor, what a part's own force moves in it. [m]
+
+
+@dataclass(frozen=True)
+class ShopResult:
+    """What happened in one virtual shop: its seed, robot and hidden causes, and its programs by folder."""
+
+    seed: int
+    robot: str
+    hidden: tuple[str, ...]
+    programs: Mapping[str, Program]
+
+
+def describe_shops(shops: Sequence[ShopResult], floor: float) -> list[str]:
+    """Say how the shops stand beside what is asked; `floor` is the noise floor without a part's own force. [m]"""
+    true = {name: np.array([shop.programs[name].true for shop in shops]) for name in ROUNDS}
+    own = {name: np.array([shop.programs[name].floor for shop in shops]) for name in ROUNDS}
+    a, b = (true[name] / own[name] for name in ("taught_A", "taught_B"))
+    plain = [format_percent(float(np.mean(true[f"taught_{path}"] <= most * floor)))
+             for path, most in (("A", FLOORS), ("B", SECOND))]  # fmt: skip
+    solid = np.mean([s.programs["taught_A"].whole <= FLOORS * s.programs["taught_A"].floor for s in shops])
+    ratio = true["taught_B"] / true["poses_B"]
+    near, second = float(np.mean(a <= FLOORS)), float(np.mean(b <= SECOND))
+    scatter = format_length(float(np.median(own["taught_A"])))
+    worse = [int((true[f"taught_{path}"] > 1.001 * true[f"nominal_{path}"]).sum()) for path in "AB"]
+    return [
+        f"Path A after one part: at most {FLOORS} noise floors off across the path in {format_percent(near)} (asked:"
+        f" 95 %), {plain[0]} if the force is left out of the floor, median {np.median(a):.2f}; in 3D in"
+        f" {format_percent(float(solid))} (asked: 90 %), {worse[0]} worse than nominal. Noise floor: instrument,"
+        f" robot and clamping {format_length(floor)}, with force scatter {scatter}.",
+        f"Path B after one part of A: {np.median(ratio):.2f} of after poses alone in the median (asked: at most"
+        f" {BETTER}), {ratio.max():.2f} in the worst (asked: {WORSE}), {int((ratio > WORSE).sum())} above that; at most"
+        f" {SECOND} noise floors in {format_percent(second)} (asked: 60 %), {plain[1]} if the force is left out;"
+        f" {worse[1]} worse than nominal.",
+    ]
 
 
 def run_product(out: Path, *words: object) -> None:
@@ -121,8 +171,8 @@ def judge_program(shop: VirtualShop, out: Path) -> Program:
     band = read_band(out / "deviation.csv")
     band = band[np.isfinite(band)]
     chance = [20261122, shop.seed, 5]
-    same, told = (replace(shop, force=level, random=np.random.default_rng(chance)) for level in (shop.force, 1.0))
-    steady, calm = ([cut_part(one, out, scatter=0.0) for _ in range(STEADY)] for one in (same, told))
+    same = replace(shop, random=np.random.default_rng(chance))
+    steady = [cut_part(same, out, scatter=0.0) for _ in range(STEADY)]
     cuts = [cut_part(same, out) for _ in range(DRAWS)]
     away = np.array([np.linalg.norm(cut.tip - cut.wanted, axis=1) for cut in cuts])
     band = np.interp(np.linspace(0, 1, away.shape[1]), np.linspace(0, 1, len(band)), band)
@@ -134,26 +184,18 @@ def judge_program(shop: VirtualShop, out: Path) -> Program:
     return Program(
         float(np.median([cut.across for cut in steady])), float(np.median([cut.whole for cut in steady])),
         float(band.max()), float(np.quantile(away, 0.95, axis=0).max()), float((away <= band).mean()),
-        float(np.hypot(FLOOR, own)), float(np.median([cut.across for cut in calm])),
+        float(np.hypot(FLOOR, own)),
     )  # fmt: skip
 
 
-def measure_robot(shop: VirtualShop, robot: str, job: Path, work: Path, instrument: str) -> Path:
+def measure_robot(shop: VirtualShop, robot: str, job: Path, work: Path) -> Path:
     """Measure poses of the shop's robot and diagnose them; return the folder."""
     poses, log = work / "poses", work / "log.csv"
-    loads, sigma = ("--weights-kg", WEIGHTS, "--pull-N", PULL), ("--sigma-mm", 1e3 * TRACKER)
-    same = replace(shop, random=np.random.default_rng([20261122, shop.seed, 2]))
-    if instrument == "tracker":
-        run_product(poses, "campaign", job, "--poses", POSES, *loads, *sigma)
-        told: tuple[object, ...] = ("--register", "base,tool")
-    else:
-        # nobody pulls at a ball that has to sit in its socket
-        run_product(poses, "campaign", job, "--poses", SEATED, "--with", instrument, "--length-mm", PLATE,
-                    "--register", "tool", *loads[:2], *sigma)  # fmt: skip
-        told = ("--register", "tool", "--instrument", poses / "instrument.toml")
+    run_product(poses, "campaign", job, "--poses", POSES, "--weights-kg", WEIGHTS, "--pull-N", PULL,
+                "--sigma-mm", 1e3 * TRACKER)  # fmt: skip
     if not log.exists():
-        fill_log(same, poses / "campaign.csv", log)
-    run_product(work / "diagnosed", "diagnose", log, "--robot", robot, *told, "--assume-ok")
+        fill_log(replace(shop, random=np.random.default_rng([20261122, shop.seed, 2])), poses / "campaign.csv", log)
+    run_product(work / "diagnosed", "diagnose", log, "--robot", robot, "--register", "base,tool", "--assume-ok")
     return work / "diagnosed" / "robot"
 
 
@@ -162,13 +204,13 @@ def draw_part(seed: int) -> np.random.Generator:
     return np.random.default_rng([20261122, seed, 6])
 
 
-def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str = "tracker") -> ShopResult:
+def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> ShopResult:
     """Run one shop; return what every program of it left and had promised."""
     shop = draw_shop(ROOT / "robots" / robot, seed)
     a, b = write_jobs(work, robot, waypoints)
     run_product(work / "nominal_A", "plan", a)
     run_product(work / "nominal_B", "plan", b)
-    folder = measure_robot(shop, robot, a, work, instrument)
+    folder = measure_robot(shop, robot, a, work)
     for name, job in (("A", a), ("B", b)):
         run_product(work / f"poses_{name}", "plan", job, "--robot", folder)
     part = work / "part.csv"
@@ -187,7 +229,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robot", choices=ROBOTS, help="One robot for all; else they take turns.")
     parser.add_argument("--waypoints", type=int, default=90)
-    parser.add_argument("--with", dest="instrument", choices=INSTRUMENTS, default="tracker")
     parser.add_argument("--out", type=Path, help="Folder to keep the shops' files in.")
     words = parser.parse_args()
     print(f"noise floor {1e3 * FLOOR:.4f} mm; true rms across / widest band, mm, share held: {', '.join(ROUNDS)}")
@@ -200,7 +241,7 @@ def main() -> None:
             work.mkdir(parents=True, exist_ok=True)
             start = time.monotonic()
             try:
-                shop = run_shop(seed, robot, words.waypoints, work, words.instrument)
+                shop = run_shop(seed, robot, words.waypoints, work)
             except (RuntimeError, ValueError) as error:
                 failed += 1
                 print(f"{seed:3d} {robot} failed: {error}", flush=True)
@@ -210,7 +251,6 @@ def main() -> None:
         print(f"{seed:3d} {robot} {rounds}   {time.monotonic() - start:.0f} s  {', '.join(shop.hidden)}", flush=True)
         if words.out is not None:
             (words.out / "rounds.json").write_text(json.dumps([asdict(shop) for shop in shops], indent=1), "utf-8")
-            write_loop_page(shops, FLOOR, words.out / "report.html")
     if shops:
         print("\n".join(describe_shops(shops, FLOOR)))
     if failed:

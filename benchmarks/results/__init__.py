@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from benchmarks.results import coverage, diagnosis_drawn, diagnosis_real, forces, loop, planning, redundant
+from benchmarks.results import comparison, coverage, diagnosis_drawn, diagnosis_real, forces, loop, planning, redundant
 
 #: Every page by the name of its file.
 PAGES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
-    for module in (planning, coverage, redundant, forces, diagnosis_drawn, diagnosis_real, loop)
+    for module in (planning, comparison, coverage, redundant, forces, diagnosis_drawn, diagnosis_real, loop)
 }

@@ -7,8 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.loop import FLOOR, draw_part
-from benchmarks.loop_page import FLOORS, HELD, ROUNDS, WIDE, WORSE, Program, ShopResult, describe_shops
+from benchmarks.loop import (
+    FLOOR,
+    FLOORS,
+    HELD,
+    ROUNDS,
+    WIDE,
+    WORSE,
+    Program,
+    ShopResult,
+    describe_shops,
+    draw_part,
+)  # fmt: skip
 from benchmarks.results.chart import Chart
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 from benchmarks.shop import SCATTER
@@ -27,6 +37,9 @@ CHART = Chart("true rms across path A, mm", {
 }, log=True)  # fmt: skip
 LIMITS = (
     "Simulated robots, five kinds; circles under a constant force. Jobs with joint programs alone.",
+    "A shop keeps its robot: a band that holds 95 % of all is 1.7 to 1.8 times the true 95 % point of one (two tried).",
+    "By a force that scatters by 7 % the best estimate of one part leaves more than 1.2 floors in 18 %, more than 1.1"
+    " times the error after poses in 21 %.",
     "The points of the part have no s_mm, so the error along the path is not seen.",
 )
 SHOPS, FIRST = 40, 0
@@ -92,7 +105,9 @@ def _fall_short(shops: list[ShopResult]) -> list[str]:
             said.append(f"The band of {path} after one part holds {aim} in {len(few)} shops, at least {min(few):.0%}.")
         wide = {seed: part.band / part.point for seed, part in parts.items()}
         said += _count(f"The band of {path} after one part is wider than {WIDE} true 95 % points", wide, WIDE)
-    return [*said, *_lose_by_poses(shops)]
+        poses = {s.seed: s.programs[f"poses_{path}"].true / s.programs[f"nominal_{path}"].true for s in shops}
+        said += _count(f"Path {path} after poses alone: above {WORSE} times the shipped folder's error", poses, WORSE)
+    return said
 
 
 def _count(words: str, ratios: dict[int, float], most: float) -> list[str]:
@@ -100,21 +115,3 @@ def _count(words: str, ratios: dict[int, float], most: float) -> list[str]:
     beyond = {seed: ratio for seed, ratio in ratios.items() if ratio > most}
     seeds = f" ({', '.join(map(str, beyond))})" if len(beyond) <= 5 else ""
     return [f"{words} in {len(beyond)} shops{seeds}; at most {max(beyond.values()):.1f}."] if beyond else []
-
-
-def _lose_by_poses(shops: list[ShopResult]) -> list[str]:
-    """Say where poses alone left a path farther off than the shipped folder, and where the force alone is why."""
-    said = []
-    for path in "AB":
-        pairs = [(s.seed, s.programs[f"nominal_{path}"], s.programs[f"poses_{path}"]) for s in shops]
-        lost = [(seed, before, after) for seed, before, after in pairs if after.true > WORSE * before.true]
-        if not lost:
-            continue
-        calm = [seed for seed, before, after in lost if after.calm <= WORSE * before.calm]
-        named = ", ".join(str(seed) for seed, _, _ in lost)
-        tail = f"; not under the predicted force in {', '.join(map(str, calm))}" * bool(calm)
-        said.append(
-            f"After 12 poses alone path {path} is farther off than with the shipped folder in {len(lost)} shops"
-            f" ({named}){tail}."
-        )
-    return said

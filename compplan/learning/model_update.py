@@ -11,8 +11,9 @@ under which the part is most probable. The next program takes the posterior mean
 where the part, dealt to stretches, says that this helps on stretches that were not used. The band after it counts the
 next part's own g and o.
 
-Robot and force trade places on a path: each stays uncertain where their sum is known well. So an update leaves the path
-the covariance of its tip, and the next part on it starts from that (`path`), not from robot and force apart.
+Robot and force trade places on a path: each stays uncertain where their sum is known well. The robot folder keeps their
+joint covariance (`LearnedForce.robot`), and the next part starts from that. The part's own force has the very slopes of
+the level that all parts share: what is known before splits the two, never the shape of the deviation.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from compplan.measurement.distance import band_radius
 from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes
+from compplan.uncertainty.sensitivities import CORRELATION
 
 #: Sizes of the residual that are tried, in widths of the folder; and the least width. [m]
 SIZES, LEAST = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), 2e-5
@@ -38,11 +40,9 @@ SIZES, LEAST = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), 2e-5
 SCALES = (0.1, 0.3, 1.0)
 #: Parts that a cut part is dealt to, and neighbouring rows of the path that stay together.
 PARTS, STRETCH = 5, 2
-#: Directions at most in which a model update keeps what it leaves open.
-KEPT = 12
 #: Passes about what was found: compliance and force multiply.
 PASSES = 2
-#: A part whose deviations noise alone explains once in twenty teaches nothing.
+#: Deviations are by chance where noise alone makes as large ones in one part of twenty.
 BY_CHANCE = 0.95
 
 
@@ -74,7 +74,6 @@ class ModelUpdate(UpdateState):
 
     taken: bool  #: Whether a corrected program is written.
     reason: str  #: Why, or why not.
-    open: Array  #: What is left open of the next part's tip: columns u with covariance u u^T. Shape (k, 3, r). [m]
     band_before: Array  #: Radius that holds the true tip with 95 %, before. Shape (k,). [m]
     band_after: Array  #: The same for the next part. Shape (k,). [m]
     #: Both in the directions that were measured, at the rows of `gathered`. Shape (b,) each. [m]
@@ -102,17 +101,13 @@ class Own:
 
 @dataclass(frozen=True, eq=False)
 class UpdateModel:
-    """Prior covariances at the rows of the path, flattened to 3 k.
-
-    `path` is what an earlier part left open of the tip, as columns, (3 k, r) [m]; it stands for robot and force.
-    """
+    """Prior covariances at the rows of the path, flattened to 3 k."""
 
     slopes: Slopes
     known: Uncertainty
     own: Own
     size: float
     scale: float
-    path: Array | None = None
 
     def repeats(self) -> tuple[Array, Array, Array]:
         """Return what the next part repeats: parameters, force apart from them (columns), residual (covariance)."""
@@ -120,21 +115,15 @@ class UpdateModel:
         columns, force = (part.reshape(3 * k, -1) for part in self.slopes.columns(self.known))
         apart = cdist(self.slopes.tip, self.slopes.tip) / self.scale
         field = np.kron(self.size**2 * np.exp(-0.5 * apart**2), np.eye(3))
-        if self.path is not None:
-            return np.zeros_like(columns), np.zeros_like(force), field + self.path @ self.path.T
-        local = self.slopes.local[:, :, 0]
-        for row in range(k):
-            field[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] += np.outer(local[row], local[row])
-        return columns, force, field
+        local = self.slopes.local.ravel()
+        near = np.kron(np.exp(-apart * self.scale / CORRELATION), np.ones((3, 3)))
+        return columns, force, field + near * np.outer(local, local)
 
 
-def expect_deviations(
-    slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own, path: Array | None = None
-) -> Array:
+def expect_deviations(slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own) -> Array:
     """Return the covariance of the points by folder, force, clamping and instrument. Shape (3 b, 3 b). [m^2]"""
     k, b = len(slopes.rows), len(gathered.row)
-    path = None if path is None else path.reshape(3 * k, -1)
-    prior = prior_of(UpdateModel(slopes, known, own, max(LEAST, known.smooth), known.scale, path))
+    prior = prior_of(UpdateModel(slopes, known, own, max(LEAST, known.smooth), known.scale))
     run = (known.repeatability or 0.0) * np.tile(np.eye(3), (k, 1))
     loose = np.hstack([own.part.reshape(3 * k, -1), run])
     rows = (3 * gathered.row[:, None] + np.arange(3)).ravel()
@@ -144,21 +133,18 @@ def expect_deviations(
 
 
 def learn_part(
-    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, own: Own, least_size: float | None = None,
-    path: Array | None = None,
-) -> ModelUpdate:  # fmt: skip
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, own: Own, least_size: float | None = None
+) -> ModelUpdate:
     """Learn from a cut part: to first order, then again about what was found, exactly.
 
     slopes: the path as it was cut; exact: motion of the tip by values of parameters and force; least_size: standard
-    deviation per axis that an earlier update left of the residual [m], path: what it left open (`ModelUpdate.open`),
-    shape (k, 3, r) [m], or None.
+    deviation per axis that an earlier update left of the residual [m], or None.
     """
-    path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
     width = max(known.smooth, LEAST) if least_size is None else least_size
-    _, model = choose_model(UpdateModel(slopes, known, own, width, known.scale, path), gathered)
+    _, model = choose_model(UpdateModel(slopes, known, own, width, known.scale), gathered)
     seen = np.sqrt(np.mean(np.sum(gathered.deviation**2, axis=1)))
     plain, state = gathered, condition(model, gathered)
-    for _ in range(PASSES if path is None else 0):
+    for _ in range(PASSES):
         share = state.force + own.ratio * np.eye(len(state.force))[0] * state.own[0]
         own_push = own.part[:, :, 0] * state.own[0]
         curved = exact(state.values, share) - state.physics - state.pushed - own_push
@@ -174,7 +160,7 @@ def learn_part(
     following = _with_run(model, take_blocks(state.tip, k), own.following)
     learned = vars(state) if taken else {**vars(state), "covariance": known.covariance}
     return ModelUpdate(
-        **learned, taken=taken, reason=reason, open=_reduce_covariance(state.tip if taken else prior).reshape(k, 3, -1),
+        **learned, taken=taken, reason=reason,
         band_before=before, band_after=band_radius(following) if taken else before,
         band_seen=(seen_before, seen_after if taken else seen_before), gathered=plain, rms=float(seen), held_out=held,
         expected=float(np.sqrt(np.mean(np.trace(following, axis1=1, axis2=2)))), model=model,
@@ -243,15 +229,6 @@ def condition(model: UpdateModel, gathered: Gathered) -> UpdateState:
     )
 
 
-def _reduce_covariance(covariance: Array) -> Array:
-    """Return the few columns that make a covariance, (3 k, 3 k) to (3 k, r), its diagonal kept in every row."""
-    value, vector = np.linalg.eigh(covariance)
-    columns = vector[:, -KEPT:] * np.sqrt(np.maximum(value[-KEPT:], 0.0))
-    kept, whole = (columns**2).sum(axis=1), np.maximum(np.diag(covariance), 0.0)
-    columns = columns * np.sqrt(whole / np.maximum(kept, 1e-300))[:, None]
-    return np.pad(columns, ((0, 0), (0, KEPT - columns.shape[1])))
-
-
 def _log_evidence(model: UpdateModel, gathered: Gathered) -> float:
     y, H, own = _observe(model, gathered)
     total = H @ prior_of(model) @ H.T + own + 1e-18 * np.eye(len(y))
@@ -281,11 +258,11 @@ def _hold_out(model: UpdateModel, gathered: Gathered) -> float:
 
 
 def _decide(model: UpdateModel, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:
-    """Decide whether the step is supported, and say why."""
+    """Decide whether the step is supported, and say why: a part that chance explains tells what it repeats as well."""
     if _is_chance(model, gathered):
-        return False, (
+        return True, (
             f"the measured deviation of {rms * 1e3:.3g} mm rms is no more than instrument, repeatability, clamping and"
-            " the force of each part by itself make by chance: the program stays as it is"
+            " the force of each part by itself make by chance: the program takes off what is expected to repeat"
         )
     if held >= rms:
         return False, (

@@ -18,7 +18,7 @@ from compplan.io.tables import Table
 from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
 from compplan.learning.measured_path import MeasuredPath, match_points
-from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, take_blocks
+from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, prior_of, take_blocks
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
@@ -193,8 +193,7 @@ def learn_from_part(
     slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
     gathered, fitted = gather_points(matched, length), matched.motion is not None
     own = state_own(job.noise, job.T_base_part[:3, 3], slopes, whole, fitted=fitted)
-    left_open = None if old is None else interpolate(length, old.length, old.open)
-    expected = expect_deviations(slopes, known, gathered, own, left_open)
+    expected = expect_deviations(slopes, known, gathered, own)
     if not sure:
         band = band_radius(take_blocks(expected, len(gathered.row)))
         ask_possible(points, gathered, band)
@@ -202,12 +201,10 @@ def learn_from_part(
     stood, beyond = ("", False) if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3], expected)
     if beyond and align is None and not sure:
         raise points.error(f"{stood}; was the part there? {WHOLE_PART}")
-    learn = partial(learn_part, slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
-    model_update = learn(left_open)
-    # what the path left open stands for robot and force there: other paths are told what these say alone
-    wide = model_update if old is None else learn()
+    model_update = learn_part(slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
     told = model_update.taken
-    others = transfer_to_paths(job, robot, wide, known, whole) if told else transfer_nothing(job, robot, wide)
+    transfer = partial(transfer_to_paths, known=known, spread=whole) if told else transfer_nothing
+    others = transfer(job, robot, model_update)
     residual = old
     if told:
         residual, model_update = add_residual(old, model_update, cut, before.task, others)
@@ -217,7 +214,7 @@ def learn_from_part(
     after = with_band(after, model_update, slopes, known) if residual is not None else after
     return LearnedPart(
         job, robot, others.robot, model_update, matched, wanted, slopes, length, before, after,
-        residual, tuple(list_learned(known, wide.values, others.held)),
+        residual, tuple(list_learned(known, model_update.values, others.held)),
         _list_notes(model_update, others.travel, matched, wanted, stood), others.travel, others.force,
     )  # fmt: skip
 
@@ -309,12 +306,9 @@ def add_residual(
     """
     rows, slopes = pick_rows(task.cut, MOST_PLACES), cut.slopes
     length, at = cut.length[rows], cut.length[slopes.rows]
-    if old is not None:
-        before, moved = old.at(length), tip_of(cut.scene, rows) + interpolate(length, at, model_update.residual)
-    else:
-        before, moved = np.zeros((len(rows), 3)), cut.tip(model_update.values, model_update.force, rows)
-        moved = moved + model_update.residual_at(task.position[rows], slopes.tip)
-    own = moved - cut.tip(others.held, others.shares, rows)
+    before = np.zeros((len(rows), 3)) if old is None else old.at(length)
+    moved = cut.tip(model_update.values, model_update.force, rows) - cut.tip(others.held, others.shares, rows)
+    own = moved + model_update.residual_at(task.position[rows], slopes.tip)
     known = measured_directions(model_update.gathered, slopes.tip, task.position[rows])
     taken = np.einsum("nij,nj->ni", known, own)
     left = np.interp(at, length, np.linalg.norm(own - taken, axis=1))
@@ -324,8 +318,7 @@ def add_residual(
         expected=float(np.hypot(model_update.expected, np.sqrt(np.mean(left**2)))),
     )
     spread = np.interp(length, at, np.minimum(model_update.band_after / 2.8, max(model_update.model.size, 1e-7)))
-    residual = Residual(length, before + taken, spread, task.q_start[rows], interpolate(length, at, model_update.open))
-    return residual, model_update
+    return Residual(length, before + taken, spread, task.q_start[rows]), model_update
 
 
 def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:
@@ -343,6 +336,8 @@ def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Unce
     better = replace(error_band, radius=radius + plan.after.distance, parts=parts, known=known, before=None,
                      ladder=(), cheapest=())  # fmt: skip
     run = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (len(own), 3, 3))
-    drawn = draw_columns(np.concatenate([model_update.open, own, run], axis=2), np.random.default_rng(SEED), PATHS)
+    value, vector = np.linalg.eigh(model_update.tip if model_update.taken else prior_of(model_update.model))
+    repeats = (vector * np.sqrt(np.maximum(value, 0.0))).reshape(len(own), 3, -1)
+    drawn = draw_columns(np.concatenate([repeats, own, run], axis=2), np.random.default_rng(SEED), PATHS)
     whole = (better.greatest - better.between) * widen_to_path(drawn) + better.between
     return replace(plan, learned=replace(better, whole=whole))

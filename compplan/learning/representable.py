@@ -20,7 +20,6 @@ from compplan.errors import CompplanError
 from compplan.io.columns import FileColumn
 from compplan.io.tables import read_table
 from compplan.job.job import Job
-from compplan.learning.model_update import KEPT
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
 from compplan.toolpath.toolpath import interpolate
@@ -151,7 +150,6 @@ class Residual:
     deviation: Array  #: Deviation there, base axes. Shape (b, 3). [m]
     spread: Array  #: Standard deviation of it per axis. Shape (b,). [m]
     q: Array  #: How the arm stood there, unloaded on the path. Shape (b, nq). [rad or m]
-    open: Array  #: What the last update left open of the tip, as columns u with covariance u u^T. Shape (b, 3, r). [m]
 
     @property
     def typical(self) -> float:
@@ -179,12 +177,9 @@ def read_residual(file: Path | None, robot: Robot) -> Residual | None:
     columns = [FileColumn(name, "length", required=True) for name in ("s", "dx", "dy", "dz", "sigma")]
     for number, slides in enumerate(robot.prismatic, 1):
         columns.append(FileColumn(f"q{number}", "length" if slides else "angle", required=True))
-    names = [[f"u{n}{axis}" for axis in "xyz"] for n in range(1, KEPT + 1)]
-    columns += [FileColumn(name, "length", required=True) for own in names for name in own]
     table = read_table(file, columns)
     length = table.values["s"]
     if not len(length) or (np.diff(length) < 0).any():
         raise table.error("s_mm has to rise from row to row, and there has to be one")
     joints = table.stack([f"q{number}" for number in range(1, robot.nq + 1)])
-    left_open = np.stack([table.stack(own) for own in names], axis=2)
-    return Residual(length, table.stack(["dx", "dy", "dz"]), table.values["sigma"], joints, left_open)
+    return Residual(length, table.stack(["dx", "dy", "dz"]), table.values["sigma"], joints)

@@ -46,8 +46,11 @@ class Transfer:
     left: tuple[float, float, float]
 
 
-def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
-    """Ask stretches of a part that were left out what may be told to other paths."""
+def choose_transfer(model: UpdateModel, gathered: Gathered, *, learned: bool = False) -> Transfer:
+    """Ask stretches of a part that were left out what may be told to other paths.
+
+    A force that was learned from earlier parts (`learned`) goes on learning unless that makes the stretches worse.
+    """
     part = np.minimum(STRETCHES * np.arange(len(gathered.row)) // max(len(gathered.row), 1), STRETCHES - 1)
     if not part.any():
         return Transfer(False, False, "the part was measured at one place alone", (np.inf,) * 3)
@@ -61,7 +64,7 @@ def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
             left[k, test] = gathered.deviation[test] - seen
     rms = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
     pushes = bool(np.any(model.slopes.shared[:, :, 0]))
-    force = pushes and bool(rms[1] < FORCE * rms[0])
+    force = pushes and bool(rms[1] < (1.0 / FORCE if learned else FORCE) * rms[0])
     robot = bool(rms[2] < ROBOT * min(rms[0], rms[1]))
     names = ("nothing", "the force", "both")
     said = ", ".join(f"{1e3 * value:.3g} mm with {name}" for value, name in zip(rms, names, strict=True))
@@ -156,8 +159,9 @@ def transfer_to_paths(
     job: Job, robot: Robot, model_update: ModelUpdate, known: Uncertainty, spread: ForceSpread
 ) -> Others:
     """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole."""
-    travel = choose_transfer(model_update.model, model_update.gathered)
-    told = transfer_nothing(job, robot, model_update)._replace(travel=travel)
+    told = transfer_nothing(job, robot, model_update)
+    travel = choose_transfer(model_update.model, model_update.gathered, learned=told.force is not None)
+    told = told._replace(travel=travel)
     own_tool = job.tool is None
     if travel.force:
         name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]

@@ -73,8 +73,6 @@ def _write_residual(residual: Residual, robot: Robot, file: Path) -> None:
     columns |= {f"d{axis}_mm": residual.deviation[:, k] * 1e3 for k, axis in enumerate("xyz")}
     columns["sigma_mm"] = residual.spread * 1e3
     columns |= robot.joint_columns(residual.q)
-    for number, own in enumerate(np.moveaxis(residual.open, 2, 0), 1):
-        columns |= {f"u{number}{axis}_mm": own[:, k] * 1e3 for k, axis in enumerate("xyz")}
     write_table(file, columns, decimals=10)
 
 

@@ -196,7 +196,7 @@ class ChunkFolder:
         figures = {column: getattr(evaluated, name) for name, column in _COLUMNS.items()}
         about: dict[str, Any] = {"first": first, "strategies": np.array(strategies), "fingerprint": self.fingerprint}
         with replace_file(self.path(chunk)) as part, part.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **about, **figures)
+            np.savez(file, allow_pickle=False, **about, **figures)
 
     def read(self, chunk: int) -> ChunkResult | None:
         """Read a chunk back; None where there is none, or where it was cut off."""

@@ -31,13 +31,11 @@ from compplan.robot.pose import rigid_columns
 from compplan.studies.posterior import RobotPosterior, count_coordinates, move_by_posterior, take_posterior
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import read_placement
-from compplan.uncertainty.sensitivities import ForceSpread
+from compplan.uncertainty.sensitivities import CORRELATION, ForceSpread
 
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
 _PATH, _ENCODERS, _FORCE = range(3)
-#: Correlation length of the force along the path (assumed). [m]
-CORRELATION = 0.02
 #: Errors of motor-side encoders (assumed: 17 bits behind a gear, far finer than its mounting) and of link-side ones
 #: (assumed: a ring of 20 bits with its mounting error). [deg]
 ENCODERS = (0.0003, 0.0008)

@@ -6,7 +6,6 @@ held it is lost; a chunk that was lost with its worker is computed again elsewhe
 
 from __future__ import annotations
 
-import ctypes
 import os
 import pickle
 import re
@@ -19,21 +18,25 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, forkserver, get_all_start_methods, get_context, parent_process
+from multiprocessing.context import BaseContext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
-from time import sleep
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from compplan.errors import CompplanError, InputError
-from compplan.robot import Array
-from compplan.studies.study import ChunkResult, Chunks, Study, evaluate_points
+
+if TYPE_CHECKING:
+    from compplan.robot import Array
+    from compplan.studies.study import ChunkResult, Chunks, Study
 
 #: Greatest number of worker processes on one machine.
 MOST_WORKERS = 1024
 #: Threads of numeric libraries in a worker process.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: What the server that workers are forked from loads.
+LOADED = ["compplan.studies.study"]
 #: An address of a scheduler.
 ADDRESS = re.compile(r"(tcp|tls|ws|wss)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(?P<port>\d{1,5})/?")
 #: Time to wait for the scheduler. [s]
@@ -63,27 +66,44 @@ class Workers:
 
 
 @contextmanager
-def start_workers(workforce: Workers, chunks: int) -> Iterator[Workers]:
-    """Start the processes of this machine for so many chunks at most; they serve every study within.
+def _one_thread() -> Iterator[None]:
+    """Let processes that start here take one thread each."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
-    They load what they need while this process goes on.
-    """
+
+def start_server() -> BaseContext:
+    """Start the process that workers are forked from, once; it loads what they need while this process goes on."""
+    if "forkserver" not in get_all_start_methods():
+        return get_context("spawn")
+    context = get_context("forkserver")
+    context.set_forkserver_preload(LOADED)
+    with _one_thread():
+        forkserver.ensure_running()
+    return context
+
+
+@contextmanager
+def start_workers(workforce: Workers, chunks: int) -> Iterator[Workers]:
+    """Start the processes of this machine for so many chunks at most; they serve every study within."""
     count = min(workforce.workers or os.cpu_count() or 1, chunks)
     if workforce.scheduler is not None or workforce.pool is not None or count <= 1:
         yield workforce
         return
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     others = set(active_children())
-    pool = ProcessPoolExecutor(count, get_context("spawn"), die_with_parent, (os.getpid(),))
+    pool = ProcessPoolExecutor(count, start_server(), die_with_parent)
     try:
-        for _ in range(count):  # a process for each
-            pool.submit(os.getpid)
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        with _one_thread():
+            for _ in range(count):  # a process for each
+                pool.submit(os.getpid)
         yield replace(workforce, workers=count, pool=pool)
     finally:
         for worker in set(active_children()) - others:
@@ -101,6 +121,8 @@ def compute_chunks(study: Study, numbers: list[int], points: Callable[[int], Arr
     if workforce.scheduler is not None:
         yield from compute_on_cluster(study, numbers, points, workforce.scheduler)
         return
+    from compplan.studies.study import evaluate_points
+
     with start_workers(workforce, len(numbers)) as started:
         if started.pool is None:
             yield from ((number, evaluate_points(study, points(number))) for number in numbers)
@@ -134,27 +156,20 @@ def _read_study(file: Path) -> Study:
 
 
 def _evaluate_stored(file: Path, points: Array) -> ChunkResult:
+    from compplan.studies.study import evaluate_points
+
     return evaluate_points(_read_study(file), points)
 
 
-def die_with_parent(parent: int) -> None:
-    """Let this worker process end with the process of number `parent` that started it, whatever that one dies of.
-
-    Linux sends SIGKILL when the parent is gone; elsewhere the worker looks for its parent every second.
-    """
+def die_with_parent() -> None:
+    """Let this worker process end with the process that started it, whatever that one dies of."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted and ends its workers
-    set_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
-    try:
-        ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
-    except (AttributeError, OSError):
-        Thread(target=_watch_parent, args=(parent,), daemon=True).start()
-    if os.getppid() != parent:
-        os._exit(1)
+    Thread(target=_wait_for_parent, daemon=True).start()
 
 
-def _watch_parent(parent: int) -> None:
-    while os.getppid() == parent:
-        sleep(1.0)
+def _wait_for_parent() -> None:
+    if (parent := parent_process()) is not None:
+        parent.join()
     os._exit(1)
 
 
@@ -269,4 +284,6 @@ def _unpack(packed: bytes) -> Study:
 
 
 def _evaluate_packed(packed: bytes, points: Array) -> ChunkResult:
+    from compplan.studies.study import evaluate_points
+
     return evaluate_points(_unpack(packed), points)

@@ -42,6 +42,8 @@ from compplan.uncertainty.assumed import LINK_ELASTICITY
 ROWS = 200
 #: Share of a stated spread of the level that differs from part to part at most (assumed: half of the variance).
 SHARED = 0.7
+#: Distance over which the size of the force varies from place to place (assumed). [m]
+CORRELATION = 0.02
 #: Steps where a deviation is zero, and of the force.
 TINY, SHARE = 1e-9, 1e-3
 #: Variance that every parameter has apart, of its own: what goes with the force is told from rounding by it.

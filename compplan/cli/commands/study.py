@@ -44,12 +44,15 @@ def run_montecarlo(
 
     Example: compplan montecarlo paths/isf_cone.toml --samples 200 --seed 1 --out out
     """
+    from compplan.studies.workers import Workers, start_server
+
+    if scheduler is None and workers != 1:
+        start_server()  # loads beside the imports below
     from compplan.io.transaction import lock_folder
     from compplan.reporting.montecarlo import open_study, write_study
     from compplan.reporting.provenance import explain_grade
     from compplan.studies.job_study import study_job
     from compplan.studies.runner import Settings
-    from compplan.studies.workers import Workers
 
     if workers and scheduler:
         raise InputError("--workers and --scheduler are both given, choose one")
