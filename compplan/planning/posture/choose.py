@@ -32,7 +32,7 @@ from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureSummary, PostureTrace, summarise_costs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, refine_ik, solve_branches
+from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, refine_ik, solve_nearest
 from compplan.toolpath.toolpath import pick_even
 
 #: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
@@ -292,12 +292,8 @@ def trace_line(
     spin, lead, lean = PchipInterpolator(place[stations], turns)(place).T  # without overshoot and without kinks
     between = PchipInterpolator(place[stations], line.q)(place)
     rotation = upright = orient_tool(nominal, problem.tool_x, np.arange(len(nominal)), spin, lead, lean)
-    branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
-    away = branches - between[:, None]
-    away -= np.where(arm.robot.prismatic, 0.0, 2 * np.pi * np.round(away / (2 * np.pi)))
-    distance = np.nan_to_num(np.abs(away).max(axis=2), nan=np.inf)
-    rows, nearest = np.arange(len(nominal)), distance.argmin(axis=1)
-    followed, lost = between + away[rows, nearest], distance[rows, nearest] > NEAR
+    followed = solve_nearest(arm, nominal.position, rotation, between)
+    lost = ~(np.abs(followed - between).max(axis=1) <= NEAR)
     if lost.any():
         followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
