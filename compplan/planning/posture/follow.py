@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.ik import CLOSE, Arm, middle_of_limits, reach_pose
+from compplan.statics.sweep import CHUNK
 from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 
 #: Waypoints that are followed one by one; those between are reached from a line through these.
@@ -78,6 +79,11 @@ def reach_tip_and_axis(
     or `every_joint` within its limits, with `draw` first a little to the middle of them as far as the rest leaves free.
     Returns joint positions, and where tip and axis are right.
     """
+    if len(q) > CHUNK:
+        parts = [slice(k, k + CHUNK) for k in range(0, len(q), CHUNK)]
+        options = {"spin_free": spin_free, "every_joint": every_joint, "draw": draw}
+        found = [reach_tip_and_axis(arm, q[part], position[part], rotation[part], **options) for part in parts]
+        return np.vstack([joints for joints, _ in found]), np.hstack([reached for _, reached in found])
     q, robot = q.copy(), arm.robot
     moved = np.arange(robot.nq) if every_joint else arm.arm
     for count in range(STEPS):
