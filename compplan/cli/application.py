@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name in THREADS:  # read when numpy is imported, which no module does before a command is found
         os.environ.setdefault(name, "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
-    gc.set_threshold(50_000, 20, 50)  # a command makes much at its start that stays, and is over soon
+    gc.set_threshold(200_000, 20, 50)  # a command makes much at its start that stays, and is over soon
     with suppress(AttributeError, TypeError):  # other C libraries have no mallopt
         for option, size in KEPT_MEMORY.items():
             ctypes.CDLL(None).mallopt(option, size)

@@ -20,7 +20,7 @@ from compplan.robot import Array, Joint, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.pose import move_joint
 from compplan.robot.shapes import read_form
-from compplan.robot.solids import as_mesh, read_colour, triangulate_rod
+from compplan.robot.solids import read_colour, triangulate, triangulate_rod
 from compplan.robot.urdf import read_placement
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
@@ -146,9 +146,7 @@ def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> t
         return None
     if geometry[0].tag == "mesh" and find_mesh(geometry[0].attrib.get("filename", ""), folder) is None:
         return None
-    form = read_form(geometry, folder)
-    mesh = as_mesh(form)
-    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
+    return triangulate(read_form(geometry, folder))
 
 
 def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]]) -> list[Shape]:

@@ -197,10 +197,10 @@ def _assess(body: _Body, reach: float) -> BodyShapes:
     found = BodyShapes(body.link, body.moves, tuple(body.shapes), tuple(body.dropped), unknown)
     if not body.shapes:
         return found
-    placed = ((shape.mesh().vertices, body.poses[shape.link]) for shape in body.shapes)
+    placed = ((shape.vertices, body.poses[shape.link]) for shape in body.shapes)
     points = np.vstack([vertices @ pose[:3, :3].T + pose[:3, 3] for vertices, pose in placed])
     whole = float(np.linalg.norm(np.ptp(points, axis=0)))
-    sizes = [float(np.linalg.norm(np.ptp(shape.mesh().vertices, axis=0))) for shape in body.shapes]
+    sizes = [float(np.linalg.norm(np.ptp(shape.vertices, axis=0))) for shape in body.shapes]
     spans = body.way > LONG_WAY * reach
     if whole > reach:
         size_fault = f"its shape is {whole:.3g} m long, the whole arm {reach:.3g} m: a mesh in mm, or a wrong scale?"

@@ -31,8 +31,13 @@ class UrdfShape:
     placement: Array  #: Its pose in the link's frame. Shape (4, 4). [m]
 
     def mesh(self) -> Any:
-        """The shape as a mesh in the frame of the link."""
+        """The shape as a mesh (trimesh) in the frame of the link."""
         return as_mesh(self.form).apply_transform(self.placement)
+
+    @property
+    def vertices(self) -> Array:
+        """The vertices of that mesh. Shape (k, 3). [m]"""
+        return triangulate(self.form)[0] @ self.placement[:3, :3].T + self.placement[:3, 3]
 
 
 def read_colour(element: ElementTree.Element) -> tuple[float, float, float, float] | None:
@@ -50,15 +55,23 @@ def as_mesh(form: Any) -> Any:
     """Return a shape as a mesh (trimesh)."""
     import trimesh
 
+    return trimesh.Trimesh(*triangulate(form), process=False) if isinstance(form, tuple) else form.copy()
+
+
+def triangulate(form: Any) -> tuple[Array, NDArray[np.int_]]:
+    """Return vertices, shape (k, 3) [m], and outward triangles of a shape; those of primitives need no trimesh."""
     if not isinstance(form, tuple):
-        return form.copy()
-    if form[0] == "box":
-        return trimesh.creation.box(form[1])
-    if form[0] == "cylinder":
-        return trimesh.creation.cylinder(form[1], form[2], sections=SECTIONS)
-    if form[0] == "capsule":
-        return trimesh.creation.capsule(height=form[2], radius=form[1], count=[SECTIONS, SECTIONS])
-    return trimesh.creation.icosphere(subdivisions=2, radius=form[1])
+        return np.asarray(form.vertices, float), np.asarray(form.faces, int)
+    kind, *sizes = form
+    if kind == "box":
+        return triangulate_box(-0.5 * np.asarray(sizes[0], float), 0.5 * np.asarray(sizes[0], float))
+    half = np.array([0.0, 0.0, 0.0 if kind == "sphere" else 0.5 * sizes[1]])
+    if kind == "cylinder":
+        return triangulate_rod(-half, half, sizes[0], SECTIONS)
+    turn, tilt = np.meshgrid(*(2.0 * np.pi * np.arange(count) / SECTIONS for count in (SECTIONS, SECTIONS // 4 + 1)))
+    dome = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)], axis=2).reshape(-1, 3)
+    both = np.vstack([sizes[0] * dome + half, -sizes[0] * dome - half])
+    return _triangulate_hull(np.unique(both.round(12), axis=0))
 
 
 def triangulate_box(low: Array, high: Array) -> tuple[Array, NDArray[np.int_]]:
@@ -99,20 +112,20 @@ def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array
     """
     import coal
 
-    mesh = as_mesh(form)
+    vertices, faces = triangulate(form)
     if placement is not None:
-        mesh.apply_transform(placement)
-    box = np.array(mesh.bounds)
+        vertices = vertices @ placement[:3, :3].T + placement[:3, 3]
+    box = np.array([vertices.min(axis=0), vertices.max(axis=0)])
     centre = box.mean(axis=0)
-    radius = 1.01 * float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
+    radius = 1.01 * float(np.linalg.norm(vertices - centre, axis=1).max())
     if isinstance(form, tuple):
         kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "capsule": coal.Capsule, "sphere": coal.Sphere}
         sizes = form[1] if form[0] == "box" else form[1:]
         return kinds[form[0]](*(float(size) for size in sizes)), centre, radius, box
     geometry = coal.BVHModelOBBRSS()
-    geometry.beginModel(len(mesh.faces), len(mesh.vertices))
-    geometry.addVertices(np.asarray(mesh.vertices, float))
-    geometry.addTriangles(np.asarray(mesh.faces))
+    geometry.beginModel(len(faces), len(vertices))
+    geometry.addVertices(vertices)
+    geometry.addTriangles(faces)
     geometry.endModel()
     return geometry, centre, radius, box
 
