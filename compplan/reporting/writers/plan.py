@@ -282,16 +282,7 @@ def note_programs(plan: Plan) -> Plan:
 
 
 def make_program(plan: Plan) -> Program:
-    """Return what native programs are written from, approach and retract included.
-
-    The plan keeps it, as `Plan.add_checks` does; its comments say what the plan says now.
-    """
-    if "_program" not in plan.__dict__:
-        plan.__dict__["_program"] = _build_program(plan)
-    return replace(plan.__dict__["_program"], comments=tuple(_head(plan)))
-
-
-def _build_program(plan: Plan) -> Program:
+    """Return what native programs are written from, approach and retract included."""
     from compplan.controllers.writers import build_program
     from compplan.controllers.writers.joint_convention import load_motion
 
@@ -308,7 +299,7 @@ def _build_program(plan: Plan) -> Program:
     up = start + plan.timing.time[-1] + np.cumsum(plan.retract.key_gap)
     time = np.r_[down, start + plan.timing.time, up]
     program = build_program(
-        plan.robot, np.vstack([above, plan.sent, below]), feed, rapid, time=time, exact=exact,
+        plan.robot, np.vstack([above, plan.sent, below]), feed, rapid, time=time, comments=_head(plan), exact=exact,
         name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
         part=None if plan.job is None else plan.job.T_base_part,
         events=place_events(plan.task.nominal.events, before, len(plan.task), after),
