@@ -259,7 +259,9 @@ def _settle(
         change = update - theta
         last, step = step, math.sqrt(change @ change)
         theta = update
-        if step < tolerance or (step < 0.5 * last < math.inf and step * max(step / last, LEAST_RATIO) < 0.1 * tolerance):
+        if step < tolerance or (
+            step < 0.5 * last < math.inf and step * max(step / last, LEAST_RATIO) < 0.1 * tolerance
+        ):
             configuration[elastic] = straight + theta
             pin.forwardKinematics(model, data, configuration)
             pin.updateFramePlacement(model, data, exact_robot.tcp)
