@@ -21,16 +21,15 @@ from compplan.identification.parameters import FreeRobot, build_structure
 from compplan.measurement.campaign import Campaign, make_log
 from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows
 from compplan.measurement.pose_selection import take_clear
-from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
+from compplan.robot import Array, Body, Robot, Spring
 from compplan.robot.springs import link_springs, missing_springs
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 
 #: Models of a round trip: what is soft, how it is loaded, and what is unknown besides.
-MODELS = ("joints", "extra springs", "base plate", "links", "gravity", "double encoders", "frames", "differences")
+MODELS = ("joints", "extra springs", "base plate", "gravity", "double encoders", "frames", "differences")
 #: Assumed where a robot has none: a mass on every moving link, and the 6x6 of a slender link.
 ASSUMED_MASS = 60.0
-ASSUMED_LINK = np.diag([5e-9, 5e-9, 1e-9, 5e-8, 5e-8, 1e-7])
 GRAVITY = np.array([0.0, 0.0, -9.81])
 #: Batches of poses that are drawn at most; poses whose TCP is lower above the base frame are left out. [m]
 TRIES, LEAST_HEIGHT = 20, 0.1
@@ -197,7 +196,7 @@ def measure_coverage(trips: Sequence[RoundTrip], level: float = 0.95) -> Coverag
 
 
 def _build(robot: Robot, model: str) -> FreeRobot:
-    """Give a robot the springs, links and masses of a model, with values that are not zero."""
+    """Give a robot the springs and masses of a model, with values that are not zero."""
     rigid = [replace(spring, compliance=spring.compliance or 1e-6) for spring in missing_springs(robot)]
     soft = replace(robot, springs=(*robot.springs, *rigid), effects=())
     first, moving = soft.joints[0], soft.actuated
@@ -209,21 +208,18 @@ def _build(robot: Robot, model: str) -> FreeRobot:
         plate = [Spring(first.name, axis, 1e-7) for axis in ("rx", "ry", "rz")]
         taken = {(spring.joint, spring.axis) for spring in soft.springs}
         soft = replace(soft, springs=(*(s for s in plate if (s.joint, s.axis) not in taken), *soft.springs))
-    if model == "links" and not soft.link_elasticities:
-        blocks = tuple(LinkElasticity(joint.child, ASSUMED_LINK.copy()) for joint in moving[1:4])
-        soft = replace(soft, link_elasticities=blocks)
     if model == "gravity":
         bodies = soft.bodies or tuple(Body(joint.child, ASSUMED_MASS, np.array([0.1, 0.05, 0.2])) for joint in moving)
         soft = replace(soft, gravity=GRAVITY, bodies=bodies)
     if model == "double encoders":
         beyond = [replace(spring, compliance=2e-7) for spring in link_springs(soft)]
         soft = replace(soft, springs=(*soft.springs, *beyond))
-    return build_structure(soft, links="diagonal" if model == "links" else None)
+    return build_structure(soft)
 
 
 def _load(robot: Robot, model: str, poses: int, rng: np.random.Generator) -> tuple[Array, Array, NDArray[np.bool_]]:
     seed = int(rng.integers(2**31))
-    count = max(poses, 60) if model in ("links", "frames") else poses
+    count = max(poses, 60) if model == "frames" else poses
     force = 100.0 if robot.name in ("ur10", "fanuc_m10ia") else 1000.0
     drawn = draw_candidates(robot, count, force=force, seed=seed)
     q, wrench, nothing = drawn.q, drawn.wrench, np.zeros_like(drawn.wrench)

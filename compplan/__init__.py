@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from compplan.measurement.campaign import Campaign
     from compplan.measurement.reading import read_campaign
     from compplan.planning.compare import Comparison
-    from compplan.planning.evaluate import Evaluation, evaluate_run
+    from compplan.planning.evaluate import evaluate_run
     from compplan.planning.plan import Plan, PlanOptions, plan_compensation, plan_job
     from compplan.planning.posture.place import place_part
     from compplan.reporting.compare import write_comparison
@@ -57,7 +57,12 @@ if TYPE_CHECKING:
     from compplan.reporting.writers.plan import write_plan
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.simulation.predict import Prediction, predict_campaign
-    from compplan.simulation.simulated_robot import SimulatedRobot, build_simulated_robot, run_simulated_robot
+    from compplan.simulation.simulated_robot import (
+        Evaluation,
+        SimulatedRobot,
+        build_simulated_robot,
+        run_simulated_robot,
+    )
     from compplan.studies.job_study import JobStudy, compare_job, study_job
     from compplan.studies.runner import Settings
     from compplan.studies.study import prepare_study as prepare_study
@@ -66,39 +71,17 @@ if TYPE_CHECKING:
 
 __version__ = VERSION
 
-__all__ = [  # noqa: RUF022 (by subject)
-    # one verb a daily way
-    "plan", "post", "compare", "diagnose", "learn",
-    # what goes in
-    "Job", "load_job", "check_job", "split_job", "Robot", "load_robot", "write_robot_folder", "Toolpath",
-    "read_toolpath", "write_toolpath", "place_toolpath", "Campaign", "read_campaign",
-    # planning, step by step
-    "Plan", "PlanOptions", "plan_job", "plan_compensation", "write_plan", "write_operations", "Posted",
-    "Comparison", "compare_job", "write_comparison", "ForcePrediction", "predict_forces", "place_part",
-    # the independent check
-    "SimulatedRobot", "build_simulated_robot", "run_simulated_robot", "Evaluation", "evaluate_run",
-    # programs
-    "Program", "build_program", "write_program",
-    # diagnosis, step by step
-    "Diagnosis", "diagnose_campaign", "Effect", "EFFECTS", "fold_effects", "Prediction", "predict_campaign",
-    "propose_measurements", "Identification", "identify_campaign",
-    # measured parts
-    "LearnedPart", "learn_from_part", "design_campaign",
-    # studies and maps
-    "JobStudy", "Settings", "study_job", "write_study", "map_robot",
-    # errors
-    "CompplanError", "InputError", "InfeasibleError",
-]  # fmt: skip
-
-
 #: The module of each name, without "compplan.": the imports above are read from the text, so that a name stands once.
-_HOME = {
-    alias.name: node.module.removeprefix("compplan.")
+_IMPORTS = {
+    alias: node.module.removeprefix("compplan.")
     for node in _ast.walk(_ast.parse(_Path(__file__).read_text(encoding="utf-8")))
     if isinstance(node, _ast.ImportFrom) and node.module and node.module.startswith("compplan.")
     for alias in node.names
     if alias.name != "VERSION"
 }
+_HOME = {alias.name: module for alias, module in _IMPORTS.items()}
+#: Public names; an import "X as X" is of a step that only notebooks of this repository need.
+__all__ = [alias.name for alias in _IMPORTS if alias.asname is None]
 
 
 def __getattr__(name: str) -> _Any:

@@ -71,8 +71,7 @@ def load_commands() -> None:
     for name in COMMANDS:
         load_command(name)
     heavy = (
-        "cli.doctor.log",
-        "cli.doctor.robot_folder",
+        "cli.doctor",
         "diagnosis",
         "identification.campaign",
         "learning.part",

@@ -13,16 +13,18 @@ from benchmarks.redundant_jobs import JOBS, write_job
 from benchmarks.results.chart import Chart
 from benchmarks.results.findings import Findings, Settings, draw_table
 from compplan.job.job import Job, check_job
-from compplan.planning.deflection import measure_bending
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
+from compplan.planning.inertia import measure_motion
 from compplan.planning.measured_runs import BAND_ROWS, ease_run, measure_runs, spread_tip
 from compplan.planning.plan import PlanOptions, _state_task, build_task, prepare_job
 from compplan.planning.redundancy import PathRequest
 from compplan.planning.task import PlanTask
 from compplan.robot import Robot
+from compplan.simulation.vibration import build_dynamics
 from compplan.toolpath.toolpath import Toolpath
 from compplan.uncertainty.band import band_radius
+from compplan.uncertainty.motion import spread_draws
 from compplan.uncertainty.sensitivities import pick_rows, read_force_spread
 
 TITLE = "Redundant jobs: time, posture and correction in one program"
@@ -151,11 +153,9 @@ def measure_task(task: PlanTask, robot: Robot, job: Job, options: PlanOptions, s
     """Time and judge a task before correction; `spent` is the CPU time [s] that its posture took."""
     task = resolve_starts(task, options.feed)
     timing = time_run(task, task.q_start, options.feed)[1]
-    motion, rows = measure_bending(task, task.q_start, timing).motion, pick_rows(task.cut, BAND_ROWS)
-    away = np.zeros((2, len(rows), 3)) if motion is None else motion.error[:, rows]
-    away = away - away.mean(axis=0)
-    spread = spread_tip(task, read_force_spread(job))
-    spread = spread + np.einsum("dni,dnj->nij", away, away) / (len(away) - 1)
+    motion, rows = measure_motion(task, timing.time, build_dynamics(task.robot)), pick_rows(task.cut, BAND_ROWS)
+    ringing = 0.0 if motion is None else spread_draws(motion.error[:, rows])
+    spread = spread_tip(task, read_force_spread(job)) + ringing
     return Row("out of reach" if task.missed.any() else "reached", float(timing.time[-1]),
                1e3 * float(band_radius(spread).max()), spent)  # fmt: skip
 

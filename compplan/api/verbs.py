@@ -38,7 +38,7 @@ class Posted:
     @property
     def status(self) -> str:
         """Tell "solved", "infeasible" or "not_confirmed": the worst of the plans."""
-        from compplan.planning.result import worst_status
+        from compplan.reporting.operations import worst_status
 
         return worst_status(self.plans)
 
@@ -218,11 +218,12 @@ def diagnose(
 
 def diagnose_measured(
     measurements: Any, robot: str | Path | Robot, *, register: Sequence[str], without: Sequence[str], assume_ok: bool,
-    progress: Progress, **measured: Any,
+    progress: Progress, self_test: bool = False, **measured: Any,
 ) -> tuple[Diagnosis, list[str]]:  # fmt: skip
-    """Diagnose as `diagnose` does; return the questions that were assumed answered, too."""
+    """Diagnose as `diagnose` does, where a self-test follows if asked; return the questions assumed answered, too."""
     from compplan.api.measured import choose_frames, read_measured, settle_questions
     from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
+    from compplan.diagnosis.self_test import check_self_test
     from compplan.effects import EFFECTS
     from compplan.errors import UnknownNameError
 
@@ -230,6 +231,8 @@ def diagnose_measured(
         if name not in EFFECTS:
             raise UnknownNameError("effect", name, list(EFFECTS))
     mounted, campaign = read_measured(measurements, robot, **measured)
+    if self_test:
+        check_self_test(campaign)
     frames = choose_frames(register, campaign)
     progress("questions")
     questions = settle_questions(mounted, campaign, frames, assume_ok)

@@ -18,7 +18,7 @@ from typing import Any
 
 import click
 
-from compplan.cli.terminal import add_verbosity, close_streams, open_streams, refuse_output
+from compplan.cli.terminal import add_verbosity, close_streams, open_streams
 from compplan.errors import CompplanError, InputError, find_near
 from compplan.io.lazy_imports import put_off
 from compplan.io.provenance import record_inputs
@@ -43,7 +43,7 @@ COMMANDS = {
     "predict": "what the measuring instrument should see of a campaign",
     "campaign": "the measurements that narrow a path's 95 % band most",
     "learn": "the next program from the measured deviations of a cut part",
-    "calibration": "a controller's own calibration, read into a robot folder or written from one",
+    "calibration": "a UR controller's own calibration, read into a robot folder",
     "convert": "a CAM file becomes a toolpath table",
     "post": "from a CAM file to the corrected robot program, in one command",
     "execute": "what the robot's controller makes of a program",
@@ -157,8 +157,6 @@ def run_words(words: list[str]) -> int:
         _complain("interrupted")
         return 130
     except Exception as error:
-        if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
-            error = refuse_output(error)
         if DEBUG in os.environ:
             traceback.print_exc()
         if _received:  # an import that SIGTERM interrupts may turn the exit into an error of its own
@@ -181,6 +179,8 @@ def describe_fault(error: Exception) -> str:
     line, length = " ".join(text.split()), 2000
     if isinstance(error, OSError) and error.filename and error.strerror:
         line = f"{error.filename}: {error.strerror}"
+    elif isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        line = f"standard output cannot be written: {error.strerror}; the output files are complete"
     elif isinstance(error, MemoryError):
         line = "this needs more memory than there is; use fewer waypoints, samples or points"
     elif isinstance(error, RecursionError):

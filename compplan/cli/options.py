@@ -1,4 +1,4 @@
-"""What commands share: how one is made, its job, results whose places are checked at once, robots, CAM options."""
+"""What commands share: how one is made, its job, paths of results, robots, CAM options."""
 
 from __future__ import annotations
 
@@ -11,26 +11,9 @@ import click
 
 from compplan.cli.terminal import show
 from compplan.errors import CompplanError, InputError
-from compplan.io.transaction import check_file, check_results
+from compplan.io.transaction import check_file, check_folder
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-#: Results whose names are known before anything is computed, by command; programs are named after the job.
-RESULTS = {
-    "plan": ("plan.json", "joints.csv", "report.html", "view.npz", "deviation.csv"),
-    "compare": ("compare.json", "report.html"),
-    "montecarlo": ("montecarlo.json", "report.html"),
-    "map": ("map.json", "map_horizontal.png", "map_vertical.png"),
-    "identify": ("identify.json", "report.html", "robot/robot.urdf", "robot/elasticity.toml"),
-    "diagnose": ("diagnosis.json", "report.html", "robot/robot.urdf"),
-    "campaign": ("campaign.json", "campaign.csv", "report.html"),
-    "learn": ("learn.json", "plan.json", "joints.csv", "plan.html", "report.html", "robot/robot.urdf"),
-    "reproduce": ("reproduction.json", "report.html"),
-    "place": ("place.json", "report.html"),
-    "convert": ("report.html",),
-    "forces": ("forces.json", "forces.csv", "report.html"),
-    "trace": ("trace.json", "report.html", "robot/robot.urdf", "robot/elasticity.toml"),
-    "post": ("plan.json", "joints.csv", "report.html"),
-}
 
 
 class ResultPath(click.Path):
@@ -44,7 +27,7 @@ class ResultPath(click.Path):
         """Return the path."""
         path = Path(str(super().convert(value, param, ctx)))  # type: ignore[arg-type]
         if self.suffix is None:
-            check_results(path, RESULTS.get("" if ctx is None else str(ctx.info_name), ()))
+            check_folder(path)
         else:
             check_file(path)
             if path.exists() and path.suffix != self.suffix:
@@ -64,11 +47,6 @@ FOLDER, TABLE, INPUT = ResultPath(), ResultPath(".csv"), click.Path(path_type=Pa
 out_folder = click.option("--out", "folder", type=FOLDER, default="out", show_default=True, help="Folder to write to.")
 out_table = click.option("--out", required=True, type=TABLE, help="CSV file to write.")
 assume_ok = click.option("--assume-ok", is_flag=True, help="Go on where the data raise a question.")
-#: Whose posture is kept.
-posture_kept = click.option(
-    "--keep", type=click.Choice(["robot", "nothing"]),
-    help="Posture to keep: with --robot that which the job's own robot chooses, or none.  [default: as the job says]",
-)  # fmt: skip
 
 
 def make_command(*options: Callable[[Any], Any], epilog: str | None = None) -> Callable[[Any], click.Command]:
@@ -107,13 +85,12 @@ def make_job_command(
             job: Path,
             changes: tuple[str, ...],
             robot_instead: str | None = None,
-            keep: str | None = None,
             **values: Any,
         ) -> CommandResult:
             from compplan.job.job import load_job
             from compplan.job.operations import settle_job
 
-            checked = load_job(job, robot_instead, keep, changes)
+            checked = load_job(job, robot_instead, changes)
             return function(job=checked if several else settle_job(checked), **values)
 
         return make_command(argument, *options, changes, epilog=epilog)(run)

@@ -6,39 +6,30 @@ INFO on stderr, -vv DEBUG too; -q prints nothing but errors, and what --json pri
 
 from __future__ import annotations
 
-import errno
 import functools
 import logging
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import click
 
-from compplan.errors import InputError
-
 LOG = logging.getLogger(__name__)
 #: Keys of the context's table that hold what was asked for.
 VERBOSE, QUIET = "compplan.verbose", "compplan.quiet"
-#: What a write ends with where nobody reads on: reader gone, terminal gone, stream not open for it.
-GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
 
 
 def show(summary: Mapping[str, Any], as_json: bool, lines: Iterable[str]) -> None:
-    """Print a summary as JSON, or lines for people unless the run is quiet."""
+    """Print a summary as JSON, or lines for people unless the run is quiet; a reader that leaves ends the output."""
     from compplan.io.tables import dump_json
 
     quiet = click.get_current_context().meta.get(QUIET)
-    try:
+    with suppress(BrokenPipeError):
         for line in [dump_json(summary, indent=2)] if as_json else [] if quiet else lines:
             click.echo(line)
-    except OSError as error:
-        _drop(sys.stdout)
-        if error.errno not in GONE:
-            raise refuse_output(error) from None
 
 
 class Work:
@@ -113,14 +104,7 @@ def _set_verbose(context: click.Context, parameter: click.Parameter, value: int)
 
 
 def open_streams() -> None:
-    """Open the standard streams that were closed; letters that their encoding lacks are shown as escapes.
-
-    Cron and graphical launchers start programs with closed streams; a file that is opened then would get the number of
-    one, so the numbers 0, 1 and 2 are taken first.
-    """
-    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
-        os.set_inheritable(number, True)
-    os.close(number)
+    """Replace closed standard streams by the null device; show letters that their encoding lacks as escapes."""
     sys.stdout, sys.stderr = (stream or Path(os.devnull).open("w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -128,20 +112,9 @@ def open_streams() -> None:
 
 
 def close_streams() -> None:
-    """Write what the standard streams hold; what nobody reads is dropped."""
+    """Write what the standard streams hold; drop what nobody reads."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
         except (OSError, ValueError):
-            _drop(stream)
-
-
-def refuse_output(error: OSError) -> InputError:
-    """Return the error of a run whose standard output leads to a file that could not hold it."""
-    return InputError(f"standard output cannot be written: {error.strerror or error}; the output files are complete")
-
-
-def _drop(stream: Any) -> None:
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    os.dup2(nowhere, stream.fileno())
-    os.close(nowhere)
+            os.dup2(os.open(os.devnull, os.O_RDWR), stream.fileno())

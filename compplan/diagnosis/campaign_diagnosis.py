@@ -168,6 +168,6 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
             probability.setdefault(place, 0.0)
     candidates = []
     for place, claim in list(chosen.items())[: 2 * LISTED]:
-        held = folds.hold_out_linear([claim])
+        held = folds.hold_out_linear(claim)
         candidates.append(Candidate(place, held.rms, probability[place]))
     return tuple(sorted(candidates, key=lambda c: (-round(c.probability, 3), rank_number(c.held_out))))

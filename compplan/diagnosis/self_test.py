@@ -105,9 +105,7 @@ def run_self_test(
         InputError: If a row holds what other instruments than a tracker saw.
     """
     fit = diagnosis.fit
-    if fit.problem.campaign.sights is not None:
-        message = "--self-test takes logs of positions alone, without contacts, readings and distances"
-        raise InputError(message, file=fit.problem.campaign.file)
+    check_self_test(fit.problem.campaign)
     rng, done, start = np.random.default_rng(seed), list[PlantedEffect](), perf_counter()
     try:
         for number in _choose_signatures(fit, rng):
@@ -120,6 +118,13 @@ def run_self_test(
     except KeyboardInterrupt:
         pass
     return SelfTest(tuple(done), count, seed)
+
+
+def check_self_test(campaign: Campaign) -> None:
+    """Refuse a log with rows of other instruments than a tracker."""
+    if campaign.sights is not None:
+        message = "--self-test takes logs of positions alone, without contacts, readings and distances"
+        raise InputError(message, file=campaign.file)
 
 
 def _choose_signatures(fit: Fit, rng: np.random.Generator) -> Iterator[int]:

@@ -37,24 +37,6 @@ from compplan.robot import Array, Robot
 #: Every effect of the vocabulary, by name. A new effect is one new file and one line in `compplan.job.names`.
 EFFECTS: Registry[EffectModel] = names.EFFECTS.held_by(__name__)
 
-__all__ = [
-    "EFFECTS",
-    "Attained",
-    "Effect",
-    "ForwardModel",
-    "Signature",
-    "apply_effects",
-    "build_model",
-    "command_campaign",
-    "driver_of",
-    "fold_effect",
-    "fold_effects",
-    "is_of_instrument",
-    "locate_effect",
-    "robot_effects",
-    "solve_model_poses",
-]  # fmt: skip
-
 
 def is_of_instrument(name: str) -> bool:
     """Return whether an effect is one of instrument, sensor or clock."""

@@ -1,12 +1,18 @@
-"""backlash: lost motion; the position depends on the direction of the joint's last move."""
+"""backlash: lost motion; the position depends on the direction of the joint's last move.
+
+The link of a joint with play of width w follows its command q at q - s w / 2, s the side on which the command pushes:
+1 as it rises, -1 as it falls. The command that puts the link where it has to be is q_link + s w / 2; at a reversal it
+crosses the play at once. Swings too small to matter do not change the side.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
@@ -22,6 +28,10 @@ SCALE = {"revolute": 2e-4, "prismatic": 1e-4}
 CAME_FROM_BELOW = -0.5
 #: Less lost motion is none (assumed). [rad or m]
 LEAST_PLAY = 1e-6
+#: A joint stands where it differs by less: rounding does not choose the row at which it turns. [rad or m]
+STANDS = 1e-9
+#: Swings of a link that turn no side: this share of the play, and at least so much (assumed). [1, rad or m]
+SWING, LEAST_SWING = 0.02, 1e-6
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
@@ -72,6 +82,25 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
     return np.asarray(np.sign(width) * np.array(result))
 
 
+def find_sides(position: Array, swing: float, first: float) -> Array:
+    """Return on which side a joint is pushed at every row: 1 rising, -1 falling. Shape (n,).
+
+    A joint turns at the farthest row before it goes back by more than a swing [rad or m]; that row is still pushed from
+    before. `first` is the side at the first row.
+    """
+    sides, side, far = np.empty(len(position)), first, 0
+    values = position.tolist()
+    begin, most = 0, values[0] if values else 0.0
+    for row, value in enumerate(values):
+        if side * (value - most) >= -STANDS:
+            far, most = row, max(value, most) if side > 0.0 else min(value, most)
+        elif side * (most - value) > swing:
+            sides[begin : far + 1] = side
+            begin, side, far, most = far + 1, -side, row, value
+    sides[begin:] = side
+    return sides
+
+
 def is_play(entry: Mapping[str, Any]) -> bool:
     """Tell whether an effect of a folder is lost motion that a command can lead."""
     return entry.get("effect") == "backlash" and width_of(entry) > LEAST_PLAY
@@ -90,3 +119,46 @@ def list_plays(robot: Robot) -> Array:
         # names that the robot does not have are refused where the effects are built
         widths += width_of(entry) * (np.array(robot.joint_names) == entry["joint"])
     return widths
+
+
+def without_play(robot: Robot) -> Robot:
+    """Return a robot whose joints have no lost motion."""
+    return replace(robot, effects=tuple(entry for entry in robot.effects if not is_play(entry)))
+
+
+def state_sides(robot: Robot, q: Array) -> Robot:
+    """Return a robot whose joints with lost motion begin on the side of their first motion along q (n, nq)."""
+    widths, effects = list_plays(robot), []
+    if not widths.any():
+        return robot
+    for entry in robot.effects:
+        if is_play(entry):
+            joint = robot.joint_names.index(str(entry["joint"]))
+            away = q[:, joint] - q[0, joint]
+            far = np.flatnonzero(np.abs(away) > max(SWING * widths[joint], LEAST_SWING))
+            side = float(np.sign(away[far[0]])) if len(far) else -2.0 * CAME_FROM_BELOW
+            entry = {**entry, "parameters": {**entry["parameters"], "start_ratio": -0.5 * side}}
+        effects.append(entry)
+    return replace(robot, effects=tuple(effects))
+
+
+def lead_play(robot: Robot, links: Array, contacts: Sequence[int] = ()) -> Array:
+    """Return what a command adds to the links' positions to push them there. Shape (n, nq). [rad or m]
+
+    links: where the links have to be (n, nq) [rad or m]; contacts: rows whose play is crossed before the motion goes
+    on, at rest.
+    """
+    lead = np.zeros_like(links)
+    for entry in filter(is_play, robot.effects):
+        index, width = robot.joint_names.index(str(entry["joint"])), width_of(entry)
+        first = -np.sign(float(entry["parameters"].get("start_ratio", CAME_FROM_BELOW))) or 1.0
+        sides = find_sides(links[:, index], max(SWING * width, LEAST_SWING), float(first))
+        before = np.array([row for row in contacts if row < len(sides) - 1], int)
+        sides[before] = sides[before + 1]
+        lead[:, index] += 0.5 * width * sides
+    return lead
+
+
+def find_crossings(q: Array, links: Array) -> NDArray[np.bool_]:
+    """Tell which moves cross lost motion: a command leads its links by another amount than before. Shape (n - 1,)."""
+    return np.asarray((np.abs(np.diff(q - links, axis=0)) > 0.5 * LEAST_SWING).any(axis=1))

@@ -259,17 +259,6 @@ def spring_coordinates(robot: Robot) -> list[int]:
     return [coordinates[number] for number in range(len(robot.springs))]
 
 
-def link_coordinates(robot: Robot) -> list[int]:
-    """Find the first elastic coordinate of each link's 6x6, as `build_chain` counts; -1 for a link behind no joint."""
-    index, count = [-1] * len(robot.link_elasticities), 0
-    for joint in robot.joints:
-        count += sum(spring.joint == joint.name for spring in robot.springs)
-        for k, block in enumerate(robot.link_elasticities):
-            if block.link == joint.child:
-                index[k], count = count, count + 6
-    return index
-
-
 def own_deflection(springs: dict[int, OwnSpring], theta: Array, nq: int) -> Array:
     """Return deflection, or load, between the encoders of every joint: that of its spring, of (n, s). Shape (n, nq)."""
     result = np.zeros((len(theta), nq))

@@ -1,8 +1,8 @@
 """transmission_error: an error periodic in a joint's angle, or a bump at one angle.
 
-Two models: waves of given cycles per turn, and a cubic B-spline over the visited angles, which is zero beyond them.
-A gear error is a wave or a wave with overtones. Several waves of different periods and splines fit any error that
-follows the joint's angle; a bell curve around one angle is read from a folder and never fitted.
+A gear error is a wave or a wave with overtones; several waves of different periods fit any error that follows the
+joint's angle. A bell curve around one angle and a cubic B-spline, zero beyond its knots, are read from a folder and
+never fitted.
 """
 
 from __future__ import annotations
@@ -13,10 +13,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import BSpline
 
+from compplan.effects.backlash import list_plays
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Array
+from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.toolpath.toolpath import pick_even
 
 name = "transmission_error"
 words = "{at} has an error periodic in its angle"
@@ -28,9 +31,10 @@ HARMONICS = 4
 #: has, in cycles per turn (assumed).
 OVERTONES = (1.0, 0.5, 1.0 / 3.0)
 SERIES = (1.0, 2.0)
-SPLINE_SPACING = np.deg2rad(10.0)
-#: Greatest and least number of pieces of a spline; between them one per ten poses.
-MAX_SPLINES, FEWEST_SPLINES, POSES_A_VALUE = 30, 5, 10
+#: Postures whose levers are looked at to weigh joints; least and greatest weight of a joint against the mean one.
+LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
+#: Amplitude of the gear error of a joint, lost motion where none is stated (assumed) [rad], and gear periods a turn.
+GEAR_ERROR, GEAR_PERIODS = float(np.radians(0.002)), 60.0
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
@@ -89,32 +93,10 @@ def bump(angle: Array, centre: float | Array, width: float) -> Array:
     return np.asarray(np.exp(-0.5 * ((angle - centre) / width) ** 2))
 
 
-def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING, most: int = MAX_SPLINES) -> Array:
-    """Return the knots of a cubic spline that is zero at both ends of the visited range."""
-    count = int(np.clip(np.ceil((high - low) / spacing), FEWEST_SPLINES, max(most, FEWEST_SPLINES)))
-    return np.linspace(low, high, count + 1)
-
-
 def spline_basis(angle: Array, knots: Array) -> Array:
     """Return cubic B-splines on the knots, zero beyond them. Shape (n, knots - 4)."""
     basis = BSpline.design_matrix(np.clip(angle, knots[3], np.nextafter(knots[-4], -np.inf)), knots, 3).toarray()
     return np.asarray(np.where((angle[:, None] >= knots[3]) & (angle[:, None] <= knots[-4]), basis, 0.0))
-
-
-def spline_at(at: Linearization, index: int, knots: Sequence[float] = ()) -> Signature:
-    """Return a spline on some knots, else over the visited angles of a joint without mean and slope."""
-    joint = at.robot.actuated[index]
-    angle = np.nan_to_num(at.campaign.q[:, index])
-    if not len(knots):
-        most = min(len(np.unique(at.campaign.stay)) // POSES_A_VALUE, MAX_SPLINES)
-        inner = spline_knots(float(angle.min()) - 1e-9, float(angle.max()) + 1e-9, SPLINE_SPACING, most)
-        step = inner[1] - inner[0]
-        knots = np.r_[inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)]
-    shape = spline_basis(angle, np.asarray(knots))
-    unit = "m" if joint.kind == "prismatic" else "rad"
-    keys = tuple(f"spline_{unit}#{k}" for k in range(shape.shape[1]))
-    fixed = {"knots_m" if joint.kind == "prismatic" else "knots_rad": [float(k) for k in knots]}
-    return _signature(at, index, "spline", keys, shape, fixed)
 
 
 def _signature(
@@ -148,3 +130,22 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     drive = model.drive.copy()
     drive[:, index] += error_at(effect, np.nan_to_num(model.campaign.q[:, index]))
     return replace(model, drive=drive)
+
+
+def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
+    """Weigh joints by the error that their motion makes at the tip.
+
+    A joint of lever r turns with a gear error of amplitude a and n periods a turn, and with lost motion b. Over a
+    period of the gear the tip is off by r a / sqrt(2) and r b / 2, so that a radian costs
+
+        w = r^2 [ (a n)^2 / 2 + (b n / (4 pi))^2 ]
+
+    with the lost motion of the folder where it states one, else an assumed one; in shares of the mean. Shape (nq,).
+    """
+    some = pick_even(q, LOOKED_AT)
+    columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
+    lever = np.einsum("nij,nij->j", columns, columns) / len(some)
+    stated = list_plays(robot)
+    width = np.where(stated > 0.0, stated, GEAR_ERROR)
+    cost = lever * (0.5 * (GEAR_ERROR * GEAR_PERIODS) ** 2 + (width * GEAR_PERIODS / (4.0 * np.pi)) ** 2)
+    return np.clip(cost / max(float(cost.mean()), 1e-300), LEAST, MOST)

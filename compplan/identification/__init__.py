@@ -2,9 +2,9 @@
 
 In: a robot and the settled rows of a log (`compplan.measurement.fit.rows`). Out: values with covariance, what cannot be
 told apart and why, the updated robot with its uncertainty (`update`). The equation: x_i = x(p, q_i, w_i) + noise, x the
-exact loaded pose of `compplan.effects` (`forward`), p springs, terms of links' 6x6, parameters of effects and frames
-(`parameters`); weighted, robust Gauss-Newton (`estimate`), judged on poses left out
-(`compplan.measurement.fit.intervals`), grown where a spring earns its place there (`refine_structure`).
+exact loaded pose of `compplan.effects` (`forward`), p springs, parameters of effects and frames (`parameters`);
+weighted, robust Gauss-Newton (`estimate`), judged on poses left out
+(`compplan.measurement.fit.intervals`), without springs that are not surely above zero (`select_springs`).
 """
 
 from compplan.identification.estimate import Estimate, Inseparable, estimate_parameters
@@ -15,16 +15,3 @@ from compplan.identification.parameters import (
 )
 from compplan.identification.reduce import ReducedModel, reduce_model
 from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows
-
-__all__ = [
-    "KNOWN_FRAMES",
-    "Estimate",
-    "FreeRobot",
-    "Inseparable",
-    "Parameter",
-    "ReducedModel",
-    "Rows",
-    "build_structure",
-    "estimate_parameters",
-    "reduce_model",
-]

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compplan.identification.estimate import Estimate
-from compplan.identification.parameters import FreeRobot
 from compplan.identification.problem import (
     IdentifyOptions,
     IdentifyProblem,
-    Refinement,
     check_options,
     choose_geometry,
     choose_reference,
     place_frames,
-    refine_structure,
     screen_outliers,
+    select_springs,
 )
 from compplan.identification.update import IdentifiedGap, identified_uncertainty, measure_gap, update_robot
 from compplan.measurement.campaign import Campaign
@@ -36,7 +34,6 @@ class Identification:
     nominal: Robot  #: The robot before.
     estimate: Estimate  #: Fit of every parameter that was considered, candidates included, and what cannot be told.
     kept: Estimate  #: Fit that the updated robot holds: candidates that earned their place, none below zero.
-    refinement: Refinement  #: How the structure grew.
     geometry: str  #: "none", "offsets" or "all": what was fitted along.
     gap: IdentifiedGap  #: How far the model lies from the measurements, before and after.
     rows: Rows  #: Rows that were used, without outliers, and their reference.
@@ -56,8 +53,8 @@ def identify_campaign(
     """Identify a robot from a campaign; an exception raised in `progress` ends the call.
 
     Frames are fitted first (to unloaded poses where there are enough), then along with everything else, so that the
-    intervals carry what the frames leave open. Geometry and candidate springs enter as far as they earn their place on
-    held-out poses; effects of the robot folder stay as they are.
+    intervals carry what the frames leave open. Geometry enters as far as it earns its place on held-out poses, a spring
+    that the robot lacks where its 95 % interval lies above zero; effects of the robot folder stay as they are.
 
     Raises:
         InputError: If the log holds too little, or an option names something that does not exist.
@@ -73,12 +70,13 @@ def identify_campaign(
     progress("geometry")
     problem, more = choose_reference(choose_geometry(screened))
     progress(f"compliances, geometry {problem.geometry}")
-    growth = _grow(problem)
-    estimate, kept = growth.estimate, growth.kept
+    structure = problem.structure()
+    estimate = problem.fit(structure)
+    kept = select_springs(problem, structure, estimate)
     source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(rows)} rows"
     progress("held-out poses")
     updated, unwritten = update_robot(robot, kept, source=source)
-    gap = measure_gap(replace(problem.rows, registration=frames), growth.structure, kept)
+    gap = measure_gap(replace(problem.rows, registration=frames), structure, kept)
     sigma = float(np.median(rows.deviation[:, 0]))
     known = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
     if "base" in chosen.register or campaign.adrift:
@@ -89,37 +87,12 @@ def identify_campaign(
         nominal=robot,
         estimate=estimate,
         kept=kept,
-        refinement=growth.refinement,
         geometry=problem.geometry,
         gap=gap,
         rows=problem.rows,
         outliers=outliers,
         notes=tuple(notes),
     )
-
-
-@dataclass(frozen=True)
-class _Growth:
-    """A model that grew at one choice of geometry."""
-
-    structure: FreeRobot
-    estimate: Estimate
-    refinement: Refinement
-    kept: Estimate
-
-
-def _grow(problem: IdentifyProblem) -> _Growth:
-    """Fit everything that is considered, and grow the model from what is demanded."""
-    structure = problem.structure()
-    estimate = problem.fit(structure)
-    told = {name for name, free in zip(estimate.names, estimate.free, strict=True) if free}
-    hidden = set(structure.names) - told
-    refinement = refine_structure(
-        structure.select([name for name in structure.names if name not in hidden]),
-        [name for name in problem.demanded(structure) if name in told],
-        problem.rows,
-    )
-    return _Growth(structure, estimate, refinement, _drop_negative(problem, structure, refinement))
 
 
 def _describe_clustered(kept: Estimate) -> list[str]:
@@ -130,38 +103,6 @@ def _describe_clustered(kept: Estimate) -> list[str]:
         "residuals of neighbouring poses agree, so something systematic is left that the model lacks: intervals are"
         " widened from groups of poses, but a bias may exceed them; compplan diagnose looks for the reason"
     ]
-
-
-def _drop_negative(problem: IdentifyProblem, structure: FreeRobot, refinement: Refinement) -> Estimate:
-    """Fit again without springs that came out below zero, until none does."""
-    names, estimate = list(refinement.names), refinement.estimate
-    while True:
-        below = [
-            (value / max(error, 1e-300), name)
-            for name, value, error, parameter in zip(
-                estimate.structure.names,
-                estimate.model_values,
-                estimate.standard_errors,
-                estimate.structure.parameters,
-                strict=False,
-            )
-            if value < 0 and parameter.kind in ("joint", "spring")
-        ]
-        if not below:
-            return estimate
-        name = min(below)[1]
-        names.remove(name)
-        kept = structure.select(names)
-        estimate = problem.fit(_make_rigid(kept, [n for n in refinement.names if n not in names]))
-
-
-def _make_rigid(kept: FreeRobot, names: Sequence[str]) -> FreeRobot:
-    """Set the compliance of some springs that are not free to zero."""
-    springs = tuple(
-        replace(spring, compliance=0.0) if label in names else spring
-        for spring, label in zip(kept.robot.springs, kept.spring_labels, strict=True)
-    )
-    return replace(kept, robot=replace(kept.robot, springs=springs))
 
 
 def _describe_negative(estimate: Estimate) -> list[str]:

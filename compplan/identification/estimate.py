@@ -186,9 +186,9 @@ def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparab
         raise InputError(f"{system.known.sum()} measured values for {free.sum()} parameters, expected more; add poses")
 
 
-#: Held at its nominal value first: what is refinement rather than the joints and frames themselves.
+#: Held at its nominal value first: what refines rather than the joints and frames themselves.
 PREFERENCE = {
-    "link": 0, "spring": 1, "effect": 2, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6, "contact": 7,
+    "spring": 1, "effect": 2, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6, "contact": 7,
 }  # fmt: skip
 
 
@@ -247,9 +247,8 @@ def _why_never(log: Campaign, state: RowState, parameter: Parameter) -> str:
         return "these poses do not show it"
     if not np.abs(load).max(initial=0.0) > 0 and not gravity:
         return "no row carries a load, and the model has no gravity"
-    elastic = sorted({index for i, j, _ in parameter.entries(state.scene.robot) for index in (i, j)})
-    torque, frames = np.abs(state.torque[:, elastic]).max(initial=0.0), state.loaded
-    element = state.attained.chain.spring_elements[elastic[0]]
+    at, frames = parameter.coordinate(state.scene.robot), state.loaded
+    torque, element = np.abs(state.torque[:, at]).max(initial=0.0), state.attained.chain.spring_elements[at]
     axis, lever = frames.axis[:, element], frames.tcp_position - frames.origin[:, element]
     reach = max(float(np.linalg.norm(lever, axis=1).max()), 0.1)
     possible = float(np.linalg.norm(load[:, :3], axis=1).max(initial=0.0)) * reach
@@ -288,11 +287,11 @@ def _why_together(log: Campaign, state: RowState, parameters: Sequence[Parameter
 
 
 def _same_axis(state: RowState, parameters: Sequence[Parameter]) -> bool:
-    entries = [parameter.entries(state.scene.robot) for parameter in parameters]
-    if any(len(own) != 1 or own[0][0] != own[0][1] for own in entries):
+    own = [parameter.coordinate(state.scene.robot) for parameter in parameters]
+    if min(own) < 0:
         return False
     chain, frames = state.attained.chain, state.loaded
-    first, second = (chain.spring_elements[own[0][0]] for own in entries)
+    first, second = (chain.spring_elements[at] for at in own)
     if chain.translates[first] != chain.translates[second]:
         return False
     apart = frames.origin[:, first] - frames.origin[:, second]

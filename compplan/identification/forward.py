@@ -104,7 +104,7 @@ def encoder_residuals(rows: Rows, state: RowState) -> Array | None:
 def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
     """Differentiate the measured pose and the encoders' difference by every parameter, those of the frames last.
 
-    dx/dc_k = J E_k tau, effects by their signatures; the change of tau with theta is left out (it is of the order of
+    dx/dc_k = J_k tau_k, effects by their signatures; the change of tau with theta is left out (it is of the order of
     load by buckling load), which changes the steps of Gauss-Newton but not where a consistent fit ends. Shapes (n, 6,
     p), linear rows first, measuring axes, and (n, nq, p).
     """
@@ -117,12 +117,11 @@ def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
     motion = motion * ~(state.link_side[:, None] & chain.actuator)[:, None, :]
     seen = {spring.coordinate: spring for spring in own.values() if spring.actuator}
     for k, parameter in enumerate(structure.parameters):
-        for i, j, coefficient in parameter.entries(state.scene.robot):
-            pose[:, :, k] += coefficient * motion[:, :, i] * state.torque[:, None, j]
-            if i != j:
-                pose[:, :, k] += coefficient * motion[:, :, j] * state.torque[:, None, i]
-            elif i in seen:
-                encoder[:, seen[i].joint, k] += coefficient * seen[i].sign * state.torque[:, i]
+        at = parameter.coordinate(state.scene.robot)
+        if at >= 0:
+            pose[:, :, k] = motion[:, :, at] * state.torque[:, None, at]
+        if at in seen:
+            encoder[:, seen[at].joint, k] = seen[at].sign * state.torque[:, at]
     _add_effects(state, pose, encoder)
     R = state.frames.base[:3, :3]
     pose = np.concatenate([np.einsum("ij,njp->nip", R, pose[:, :3]), np.einsum("ij,njp->nip", R, pose[:, 3:])], axis=1)

@@ -1,8 +1,4 @@
-"""What is to be fitted to a campaign: options, the structure they ask for, and how far that grows [Johra2022].
-
-A model is tested, the candidate that shrinks the held-out gap most is added, the model is fitted anew, and so on until
-no candidate gains more than the scatter of the gain from pose to pose.
-"""
+"""What is to be fitted to a campaign: options, the structure they ask for, and which springs of it are kept."""
 
 from __future__ import annotations
 
@@ -10,19 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.effects import apply_effects, build_model, robot_effects, solve_model_poses
 from compplan.effects.linearization import linearize_model
 from compplan.effects.requested import GEOMETRY, effect_forms, geometry_forms
 from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
-from compplan.identification.estimate import REFERENCES, Estimate, find_inseparable, fit_rows, leave_poses_out
-from compplan.identification.forward import linearise
-from compplan.identification.parameters import FreeRobot, Parameter, build_structure
+from compplan.identification.estimate import REFERENCES, Estimate, fit_rows, leave_poses_out
+from compplan.identification.parameters import FreeRobot, build_structure
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit.intervals import distance_rms, gain_score
-from compplan.measurement.fit.least_squares import BLOCKS, check_loss, invert, stack, weigh
+from compplan.measurement.fit.intervals import gain_score
+from compplan.measurement.fit.least_squares import BLOCKS, check_loss
 from compplan.measurement.fit.rows import Rows, count_poses, usable_rows
 from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import PARTS, Registration, fitted_parts, folder_registration, match_targets
@@ -43,6 +37,9 @@ class IdentifySettings:
     #: Rows that Tukey's loss weighs less than this are gross outliers, as long as they are no more than this share.
     outlier_weight: float = 0.05
     most_outliers: float = 0.05
+    #: Standard errors by which geometry has to shrink the held-out score, and that a spring which the robot lacks has
+    #: to be above zero; about one in 700 by chance for each.
+    least_ratio: float = 3.0
 
 
 IDENTIFY = IdentifySettings()
@@ -59,7 +56,6 @@ class IdentifyOptions:
     add: tuple[str, ...] = ()  #: Springs ("joint_3.rx") that the model is given besides.
     #: Whether own-axis springs beyond the link-side encoders are candidates too (double encoders).
     link_side: bool = False
-    links: str | None = None  #: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
     #: Effects whose parameters are fitted too, by name or "name@joint" or "name@joint:form".
     effects: tuple[str, ...] = ()
     geometry: str = "auto"  #: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
@@ -105,7 +101,7 @@ class IdentifyProblem:
         if options.springs is not None:
             springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond)))
         added = (*demanded, *own, *beyond)
-        return build_structure(robot, springs=springs, add=added, links=options.links, forms=self.forms())
+        return build_structure(robot, springs=springs, add=added, forms=self.forms())
 
     def demanded(self, structure: FreeRobot) -> list[str]:
         """List the parameters that need not earn their place: those of the nominal model, and what was asked for."""
@@ -181,7 +177,7 @@ def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
     for level in GEOMETRY[1:]:
         richer = replace(problem, geometry=level)
         after = held_out_score(richer, richer.fit(richer.structure()))
-        if gain_score(score, after) > GAIN_LIMIT:
+        if gain_score(score, after) > IDENTIFY.least_ratio:
             best, score = richer, after
     return best
 
@@ -215,102 +211,30 @@ def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[st
     ]
 
 
-#: Standard errors by which a candidate has to shrink the held-out score; about one in 700 by chance for each.
-GAIN_LIMIT = 3.0
-MAX_ADDED = 12
+def select_springs(problem: IdentifyProblem, structure: FreeRobot, full: Estimate) -> Estimate:
+    """Drop springs one by one, the least sure first, and fit again [Johra2022].
 
-
-@dataclass(frozen=True)
-class RoundCandidate:
-    """One candidate in one round of refinement: what it would take, and what that would bring.
-
-    `value` and `standard_error` in the parameter's unit, `held_out_rms` with it [m], `gain` the mean gain of the held-
-    out score over its standard error; `told` whether the data tell it apart from the present parameters at all.
+    Dropped are compliances below zero, and candidates that are less than `least_ratio` standard errors above it.
+    `full` is the fit of all parameters of the structure; what the data cannot tell of them is held.
     """
-
-    name: str
-    value: float
-    standard_error: float
-    held_out_rms: float
-    gain: float
-    told: bool = True
-
-
-@dataclass(frozen=True)
-class RefinementRound:
-    """One test of a model: its held-out rms [m], what was tried, best first, and what was added ("" for none)."""
-
-    held_out_rms: float
-    candidates: tuple[RoundCandidate, ...]
-    added: str
-
-
-@dataclass(frozen=True)
-class Refinement:
-    """A stepwise selection: names of the final parameters, their fit, and the rounds in order."""
-
-    names: tuple[str, ...]
-    estimate: Estimate
-    rounds: tuple[RefinementRound, ...]
-
-
-def refine_structure(structure: FreeRobot, start: Sequence[str], rows: Rows) -> Refinement:
-    """Grow a model from the names of `start` towards all parameters of a structure, as far as each earns its place."""
-    names: list[str] = list(start)
-    rounds: list[RefinementRound] = []
-    signed = {p.name for p in structure.parameters if p.form is not None or "*" in p.name}
+    asked = set(problem.demanded(structure))
+    names = [name for name, free in zip(full.names, full.free, strict=True) if free and name in structure.names]
+    dropped: list[str] = []
     while True:
-        present = fit_rows(structure.select(names), rows)
-        tested = probe_model(structure, present, rows)
-        earns = [c for c in tested.candidates if c.gain > GAIN_LIMIT and (c.value > 0 or c.name in signed)]
-        if not earns or len(rounds) >= MAX_ADDED:
-            rounds.append(tested)
-            return Refinement(tuple(names), present, tuple(rounds))
-        rounds.append(replace(tested, added=earns[0].name))
-        names.append(earns[0].name)
+        estimate = problem.fit(_make_rigid(structure.select(names), dropped))
+        own = zip(estimate.structure.parameters, estimate.model_values, estimate.standard_errors, strict=False)
+        ratio = {p.name: value / max(error, 1e-300) for p, value, error in own if p.kind in ("joint", "spring")}
+        weak = [(r, name) for name, r in ratio.items() if r < (0.0 if name in asked else IDENTIFY.least_ratio)]
+        if not weak:
+            return estimate
+        dropped.append(min(weak)[1])
+        names.remove(dropped[-1])
 
 
-def probe_model(structure: FreeRobot, present: Estimate, rows: Rows) -> RefinementRound:
-    """Test a fitted model against every parameter of a structure that it leaves out."""
-    values, names = structure.nominal, list(structure.names)
-    places = [names.index(name) for name in present.structure.names]
-    values[places] = present.model_values
-    system = linearise(rows, replace(present.state, structure=structure, values=values))
-    parameters = (*structure.parameters, *present.parameters[len(places) :])
-    base = np.zeros(len(parameters), bool)
-    base[places] = present.free[: len(places)]
-    base[len(names) :] = present.free[len(places) :]
-    before = leave_poses_out(rows, present, base, system)
-    counted = present.weights > 0
-    residual, columns = weigh(system, system.whitener(present.noise) * np.sqrt(present.weights)[:, None], rows.group)
-    flat = stack(columns)
-    matrix, side = flat.T @ flat, flat.T @ residual.ravel()
-    found = []
-    for k in (k for k in range(len(names)) if k not in places):
-        free = base.copy()
-        free[k] = True
-        if not _tellable(matrix, parameters, free, k):
-            found.append(RoundCandidate(names[k], 0.0, 0.0, distance_rms(before.residual, counted), 0.0, told=False))
-            continue
-        inverse = invert(matrix[np.ix_(free, free)])
-        place = int(np.flatnonzero(free).searchsorted(k))
-        after = leave_poses_out(rows, present, free, system)
-        found.append(
-            RoundCandidate(
-                name=names[k],
-                value=float(values[k] + inverse[place] @ side[free]),
-                standard_error=float(np.sqrt(inverse[place, place])),
-                held_out_rms=distance_rms(after.residual, counted),
-                gain=gain_score(before.score, after.score),
-            )
-        )
-    ranked = sorted(found, key=lambda candidate: -candidate.gain)
-    best_first = sorted(ranked, key=lambda c: c.held_out_rms if c.gain > GAIN_LIMIT else np.inf)
-    return RefinementRound(distance_rms(before.residual, counted), tuple(best_first), "")
-
-
-def _tellable(matrix: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_], k: int) -> bool:
-    """Tell whether the data tell a candidate apart from the present parameters."""
-    index = np.flatnonzero(free)
-    told = find_inseparable(matrix[np.ix_(index, index)], [parameters[int(j)] for j in index])
-    return bool(told[index.searchsorted(k)] and told.sum() == len(index))
+def _make_rigid(structure: FreeRobot, names: Sequence[str]) -> FreeRobot:
+    """Set the compliance of some springs that are not free to zero."""
+    springs = tuple(
+        replace(spring, compliance=0.0) if label in names else spring
+        for spring, label in zip(structure.robot.springs, structure.spring_labels, strict=True)
+    )
+    return replace(structure, robot=replace(structure.robot, springs=springs))

@@ -12,7 +12,6 @@ from compplan.identification.parameters import FreeRobot
 from compplan.measurement.fit.intervals import distance_rms
 from compplan.measurement.fit.rows import Rows
 from compplan.robot import Robot
-from compplan.robot.springs import build_link
 from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
 from compplan.uncertainty.assumed import assume_geometry, assume_held
 
@@ -20,28 +19,20 @@ from compplan.uncertainty.assumed import assume_geometry, assume_held
 def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robot, tuple[str, ...]]:
     """Return a robot that holds the identified values, and a sentence for each that could not be written as it is.
 
-    A compliance below zero cannot be built: it is written as zero (a link's 6x6 as the nearest one without a negative
-    eigenvalue).
+    A compliance below zero cannot be built: it is written as zero.
     """
     structure, values = estimate.structure, estimate.model_values
-    soft, notes, springs, links = structure.soften(values), [], [], []
+    soft, notes, springs = structure.soften(values), [], []
     for spring, old, name in zip(soft.springs, structure.robot.springs, structure.spring_labels, strict=True):
         value = spring.compliance
         if value < 0:
             notes.append(f"{name} came out negative ({value:.3g}), which no spring can be; it is written as rigid")
         if value > 0 or any(old is own for own in robot.springs):
             springs.append(replace(spring, compliance=max(value, 0.0)))
-    for block in soft.link_elasticities:
-        built, changed = build_link(block)
-        links.append(built)
-        if changed:
-            notes.append(f"the 6x6 of {block.link} came out with a negative eigenvalue; it is written without")
     sources = {**robot.sources, "compliance": source}
     if any(parameter.kind == "geometry" for parameter in structure.parameters):
         sources["geometry"] = f"{robot.sources.get('geometry', 'URDF')}; corrected: {source}"
     grown = replace(robot, springs=tuple(springs), sources=sources, grade="identified")
-    if any(parameter.kind == "link" for parameter in structure.parameters):
-        grown = replace(grown, link_elasticities=tuple(links))
     return fold_effects(grown, structure.effects(values)), tuple(notes)
 
 
@@ -135,7 +126,7 @@ def measure_gap(rows: Rows, structure: FreeRobot, kept: Estimate) -> IdentifiedG
         free = estimate.free.copy()
         if own is compared:
             # Frames and geometry do not show in differences of one pose.
-            free &= np.array([p.kind in ("joint", "spring", "link") for p in estimate.parameters], bool)
+            free &= np.array([p.kind in ("joint", "spring") for p in estimate.parameters], bool)
         return distance_rms(leave_poses_out(own, replace(estimate, weights=kept.weights), free).residual, everywhere)
 
     return IdentifiedGap(

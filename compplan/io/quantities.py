@@ -70,6 +70,11 @@ def format_mm_change(before: float, after: float) -> str:
     return f"{format_mm(before).removesuffix(chr(160) + 'mm')} → {format_mm(after)}"
 
 
+def state_mm(metres: float) -> str:
+    """Write a length in mm with three digits, in ASCII, for messages and programs."""
+    return f"{float(f'{1e3 * metres:.3g}'):g} mm"
+
+
 def format_percent(share: float) -> str:
     """Format a share in percent; only exact 0 and 1 read as 0 and 100."""
     if math.isnan(share):

@@ -16,11 +16,11 @@ import json
 import logging
 import os
 import shutil
-import tempfile
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from compplan.errors import InputError
 from compplan.io.provenance import describe_origin, is_input
@@ -44,13 +44,10 @@ def replace_file(path: str | Path) -> Iterator[Path]:
     """
     check_file(Path(path))
     place = Path(path).resolve()
+    part = place.parent / f".{place.name[:200]}.{uuid4().hex[:8]}{PART}"
     with _describe_faults(Path(path)), _make_folder(place.parent):
-        handle, name = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}."[:200], suffix=PART)
-        os.close(handle)
-        part = Path(name)
         try:
             yield part
-            part.chmod(0o666 & ~_umask())
             _sync(part)
             part.replace(place)
             _sync(place.parent)
@@ -73,18 +70,15 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
     check_folder(folder)
     place = folder.resolve()
     with _describe_faults(folder), lock_folder(folder):
-        part = Path(tempfile.mkdtemp(dir=place, prefix=HIDDEN, suffix=PART))
+        part = place / f"{HIDDEN}{uuid4().hex[:8]}{PART}"
+        part.mkdir()
         try:
             yield part
             names = list_files(part)
             for name in names:
                 if is_input(place / name):
                     raise InputError("is a file that this run reads, name another folder to write", file=folder / name)
-            same = {
-                name for name in names if (place / name).is_file() and _digest(part / name) == _digest(place / name)
-            }
-            refuse_foreign([MANIFEST, *names], place, known_files(place) | same, folder)
-            part.chmod(0o777 & ~_umask())
+            _refuse_foreign([MANIFEST, *names], place, folder)
             _write_manifest(part, place, command)
             for path in [*part.rglob("*"), part]:
                 _sync(path)
@@ -150,7 +144,7 @@ def check_file(path: Path) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """Refuse an output folder that cannot be made or written to.
+    """Refuse a folder that cannot be made or written to, or whose manifest another program wrote.
 
     Raises:
         InputError: With the file in the way.
@@ -159,6 +153,7 @@ def check_folder(path: Path) -> None:
         if path.exists() and not path.is_dir():
             raise InputError("cannot be written: is a file; name a folder", file=path)
         _check_parent(path if path.exists() else path.resolve())
+        _refuse_foreign([MANIFEST], path.resolve(), path)
 
 
 def _check_parent(path: Path) -> None:
@@ -170,33 +165,16 @@ def _check_parent(path: Path) -> None:
         raise InputError(f"cannot be written: folder {there} no permission to write", file=path)
 
 
-def check_results(path: Path, names: Iterable[str]) -> None:
-    """Refuse a folder in which a directory or a user file has the name of a result.
-
-    Args:
-        path: The folder; it may be missing.
-        names: Names of results known before the computation.
-
-    Raises:
-        InputError: With the file in the way.
-    """
-    check_folder(path)
-    if path.is_dir():
-        refuse_foreign([MANIFEST, *names], path.resolve(), known_files(path), path)
-
-
-def refuse_foreign(names: Iterable[str], place: Path, known: Collection[str], shown: Path) -> None:
-    """Refuse to replace a directory or a file of the user, or to write into a read-only folder.
+def _refuse_foreign(names: Iterable[str], place: Path, shown: Path) -> None:
+    """Refuse to replace a folder or a file that no manifest lists, or to write into a read-only folder.
 
     Args:
         names: Files of the result, relative to its folder.
         place: The folder, resolved.
-        known: Files in it that may be replaced: those that its manifest lists.
         shown: The folder as the user named it.
-
-    Raises:
-        InputError: With the file in the way; nothing has changed.
     """
+    commands = read_manifest(place)
+    known = {name for entry in commands.values() for name in entry["files"]} | ({MANIFEST} if commands else set())
     for name in names:
         target = place / name
         for parent in Path(name).parents[:-1]:
@@ -211,13 +189,6 @@ def refuse_foreign(names: Iterable[str], place: Path, known: Collection[str], sh
         if (target.exists() or target.is_symlink()) and name not in known:
             message = f"was not written by compplan (it is in no manifest.json) and would be replaced; {ADVICE}"
             raise InputError(message, file=shown / name)
-
-
-def known_files(folder: Path) -> set[str]:
-    """Return the files that a folder's manifest lists, and the manifest itself unless another program wrote it."""
-    commands = read_manifest(folder)
-    own = {MANIFEST} if commands or not (folder / MANIFEST).exists() else set()
-    return own | {name for entry in commands.values() for name in entry["files"]}
 
 
 def list_files(folder: Path) -> list[str]:
@@ -295,12 +266,6 @@ def _make_folder(place: Path) -> Iterator[None]:
         for path in made:
             with suppress(OSError):
                 path.rmdir()
-
-
-def _umask() -> int:
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask
 
 
 def _sync(path: Path) -> None:

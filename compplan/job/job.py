@@ -255,11 +255,6 @@ class Job(StrictTable):
         return self.part.pose
 
     @property
-    def touched_off(self) -> bool:
-        """Whether the part frame is touched off, or else absolute."""
-        return self.part.touched_off
-
-    @property
     def tool_x_base(self) -> Array:
         """Direction of the TCP frame's x axis without free rotation about the tool axis, base axes. Shape (3,)."""
         direction = self.T_base_part[:3, :3] @ np.asarray(self.plan.tool_x)
@@ -329,13 +324,12 @@ def _holds_key(table: Any, key: list[str]) -> bool:
     return wanted and (len(key) == 1 or _holds_key(inner, key[1:]))
 
 
-def load_job(path: str | Path, robot: str | None = None, keep: str | None = None, changes: Sequence[str] = ()) -> Job:
+def load_job(path: str | Path, robot: str | None = None, changes: Sequence[str] = ()) -> Job:
     """Read a job file.
 
     Args:
         path: The file.
         robot: Robot folder or shipped robot in place of the job's; relative to the working directory.
-        keep: Replaces [plan] keep.
         changes: Keys in place of the file's, such as "plan.tolerance_mm=0.05" (--set).
 
     Raises:
@@ -353,8 +347,6 @@ def load_job(path: str | Path, robot: str | None = None, keep: str | None = None
     own = data.get("robot")
     if robot is not None:
         data["robot"] = str(find_robot_folder(robot).resolve())
-    if keep is not None and isinstance(data.setdefault("plan", {}), dict):
-        data["plan"]["keep"] = keep
     try:
         job = check_job(data, path)
     except InputError as error:

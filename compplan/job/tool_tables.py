@@ -1,9 +1,9 @@
 """Tool tables: CSV, TOML, and tool libraries of Fusion.
 
-| form | recognised by | length | cutter |
-|---|---|---|---|
-| CSV, TOML | a head line with `number`; `[[tool]]` | length_mm | diameter_mm, teeth, corner_radius_mm .. |
-| Fusion, JSON (.json, .tools) | `data`, `post-process` | assemblyGaugeLength, or gaugeLength + LB | DC NOF RE LCF SIG |
+| form | length | cutter |
+|---|---|---|
+| CSV (a head line with `number`), .toml (`[[tool]]`) | length_mm | diameter_mm, teeth, corner_radius_mm .. |
+| Fusion: .json, .tools | assemblyGaugeLength, or gaugeLength + LB | DC NOF RE LCF SIG |
 
 A length counts from the gauge line of the spindle to the tip.
 """
@@ -67,14 +67,11 @@ class LibraryTool(StrictTable):
     mass_kg: Size | None = None
 
 
-def _is_csv(text: str) -> bool:
-    """Return whether a text is a table with a column `number`."""
-    return "number" in [word.strip() for word in re.split("[,;\t]", text.partition("\n")[0].lower())]
-
-
 def _read_csv(text: str, path: Path) -> Iterator[LibraryTool]:
-    head = text.partition("\n")[0]
+    head = text.partition("\n")[0].lower()
     separator = max(",;\t", key=head.count)
+    if "number" not in [word.strip() for word in head.split(separator)]:
+        raise InputError(f"is no tool table, expected {FORMS}", file=path)
     rows = csv.DictReader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
     with guard_parser(path, "is not a table", lambda: rows.line_num + 1):
         for row in rows:
@@ -90,19 +87,9 @@ def _read_csv(text: str, path: Path) -> Iterator[LibraryTool]:
                 raise InputError(f"{error.where} {error.message}", file=path, where=rows.line_num) from None
 
 
-def _is_toml(text: str) -> bool:
-    """Return whether a text is TOML with [[tool]]."""
-    return bool(re.search(r"(?m)^\[\[tool\]\]", text))
-
-
 def _read_toml(text: str, path: Path) -> Iterator[LibraryTool]:
-    for k, row in enumerate(read_toml(path)["tool"]):
+    for k, row in enumerate(read_toml(path).get("tool", [])):
         yield check_table(LibraryTool, row, file=path, key=f"tool[{k}]")
-
-
-def _is_fusion(text: str) -> bool:
-    """Return whether a text is a JSON object with `data` and `post-process`."""
-    return text.lstrip().startswith("{") and '"data"' in text and "post-process" in text
 
 
 def _read_fusion(text: str, path: Path) -> Iterator[LibraryTool]:
@@ -135,11 +122,9 @@ def _convert_fusion(entry: Mapping[str, Any], path: Path) -> dict[str, Any]:
     return {"number": number, **sizes, **more, "point_deg": geometry.get("SIG") or None}
 
 
-#: Forms: words for messages, how a text is recognised, and how its tools are read; the first that recognises reads.
-FORMS = (
-    ("a Fusion tool library (.json, .tools)", _is_fusion, _read_fusion), ("TOML ([[tool]])", _is_toml, _read_toml),
-    ("CSV (number, length_mm, ..)", _is_csv, _read_csv),
-)  # fmt: skip
+#: Words for the forms, and how a text is read by its suffix; any other suffix is that of a table.
+FORMS = "a Fusion tool library (.json, .tools), TOML ([[tool]]) or CSV (number, length_mm, ..)"
+READERS = {".json": _read_fusion, ".tools": _read_fusion, ".toml": _read_toml}
 
 
 def read_tool_library(path: str | Path) -> tuple[LibraryTool, ...]:
@@ -150,11 +135,7 @@ def read_tool_library(path: str | Path) -> tuple[LibraryTool, ...]:
     """
     path = Path(path)
     text = _read(path).lstrip("\ufeff")
-    read = next((read for _, recognise, read in FORMS if recognise(text)), None)
-    if read is None:
-        known = [words for words, *_ in FORMS]
-        raise InputError(f"is no tool table, expected {', '.join(known[:-1])} or {known[-1]}", file=path)
-    tools = tuple(read(text, path))
+    tools = tuple(READERS.get(path.suffix.lower(), _read_csv)(text, path))
     if not tools:
         raise InputError("holds no tool", file=path)
     return tools

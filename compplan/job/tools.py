@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -14,7 +14,7 @@ from compplan.errors import InputError
 from compplan.io.tomlfile import StrictTable, check_table
 from compplan.job.frames import ToolTable
 from compplan.job.tool_tables import LibraryTool, take_tool
-from compplan.process.force_law import Process
+from compplan.process.force_models import FORCE_MODELS
 from compplan.toolpath.operations import Operation
 
 #: Force models with a cutter, and the keys that a tool table supplies.
@@ -153,10 +153,7 @@ def fill_process(common: Mapping[str, Any], described: Described, speed: float |
 
 def model_keys(model: str) -> set[str] | None:
     """Return the keys of a force model, or None for an unknown one."""
-    for table in get_args(get_args(Process)[0]):
-        if model in get_args(table.model_fields["model"].annotation):
-            return set(table.model_fields)
-    return None
+    return set(FORCE_MODELS[model].table.model_fields) if model in FORCE_MODELS else None
 
 
 def called_speed(operation: Operation) -> float | None:

@@ -26,7 +26,7 @@ from compplan.measurement.part_points import Surface, read_measured_points
 from compplan.planning.checks import state_notes
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
 from compplan.planning.posture.follow import solve_posture_near, turn_about_axis
-from compplan.planning.posture.kept_posture import read_lock
+from compplan.planning.posture.start import read_lock
 from compplan.planning.result import Plan
 from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, read_learned_force

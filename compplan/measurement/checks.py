@@ -32,8 +32,13 @@ LEAST_ROWS, MOST_TURN = 3, 4.0 * np.pi
 STILL, MOVED, SAME = 1e-9, 0.05, 1e-9
 #: Joints that move more come to other positions. [rad or m]
 FAR_APART = 1e-2
-#: Measured positions spread this many times more, or less, than the robot moved: another unit. [1]
-OTHER_UNIT = 5.0
+#: Units that logs are written in by mistake, against the millimetres that the column says (theory); distances that are
+#: as far apart as another unit's to this share are in that unit, where the farthest is more than this (assumed). [m]
+UNITS = {
+    1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres",
+    25.4: "millimetres taken for inches",
+}  # fmt: skip
+ALIKE, DISTANT = 0.3, 20e-3
 
 
 def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
@@ -74,18 +79,24 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
     return replace(campaign, notes=tuple(notes))
 
 
+def describe_unit(measured: Array, predicted: Array) -> str:
+    """Say in which other unit measured points seem to be, from distances between predicted ones, (n, 3) [m]; or ""."""
+    half = len(predicted) // 2
+    seen, expected = (np.linalg.norm(p[half : 2 * half] - p[:half], axis=1) for p in (measured, predicted))
+    if expected.max(initial=0.0) < DISTANT:
+        return ""
+    far = expected >= np.median(expected)
+    ratio = float(np.median(seen[far] / expected[far]))
+    unit = next((name for factor, name in UNITS.items() if abs(ratio / factor - 1.0) < ALIKE), "")
+    said = f"measured distances are {ratio:.3g} times those of the joints; are the positions in {unit}"
+    return f"{said}, in columns named mm?" if unit else ""
+
+
 def check_unit(campaign: Campaign, predicted: Array) -> None:
-    """Refuse a log whose positions spread many times more, or less, than the TCP moved (predicted, (n, 3) [m])."""
+    """Refuse a log whose positions are in another unit than those of the TCP (predicted, (n, 3) [m])."""
     known = np.isfinite(campaign.position).all(1) & np.isfinite(predicted).all(1)
-    if known.sum() < 3:
-        return
-    measured, moved = (float(np.median(_spread(points[known]))) for points in (campaign.position, predicted))
-    if max(measured, moved) > MOVED and not moved / OTHER_UNIT < measured < moved * OTHER_UNIT:
-        message = (
-            f"measured positions spread over {measured * 1e3:.4g} mm, the joints move the tool over "
-            f"{moved * 1e3:.4g} mm; is another unit meant (mm, m, inch; deg, rad)?"
-        )
-        raise InputError(message, file=campaign.file)
+    if said := describe_unit(campaign.position[known], predicted[known]):
+        raise InputError(said, file=campaign.file)
 
 
 def check_runs(campaign: Campaign) -> None:
@@ -97,10 +108,6 @@ def check_runs(campaign: Campaign) -> None:
     if n > 3 and len(np.unique(campaign.run)) == n:
         message = f"column 'run' has {n} labels in {n} rows; rows of one run were taken without a break"
         raise InputError(message, file=campaign.file)
-
-
-def _spread(points: Array) -> Array:
-    return np.asarray(np.linalg.norm(points - np.median(points, axis=0), axis=1))
 
 
 def _check_values(campaign: Campaign, table: Table) -> None:

@@ -1,7 +1,7 @@
-"""How the tool comes to the path and leaves it, where the toolpath does not say.
+"""Approach to the first waypoint and retract from the last one, where the toolpath has none.
 
-From above, along the tool axis, the unloaded tool goes to the first point; there the correction is brought in while the
-force grows, so that it never runs ahead of the force into the part. The way out is the same, backwards.
+The unloaded tool goes along its axis to the first point; there the correction grows with the force, so that the tool
+does not move into the part ahead of it. The retract is the same, backwards.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.planning.lost_motion import cross_first
+from compplan.effects.backlash import lead_play
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import ease, ease_duration
 from compplan.robot import Array
@@ -24,16 +24,15 @@ from compplan.toolpath.toolpath import select_waypoints
 APPROACH = 0.05
 #: Rows that the way down and the loading are written in, even in time.
 DOWN_ROWS, LOADING_ROWS = 48, 16
-#: The tool stands this long where the cut begins or ends. [s]
+#: Time at rest where the cut begins or ends. [s]
 DWELL = 0.02
 
 
 @dataclass(frozen=True)
 class Passage:
-    """The way to the first waypoint, or from the last one, that waypoint not counted; k rows in order of time."""
+    """Rows before the first waypoint, or after the last one, in order of time."""
 
-    #: Joint positions that a program goes through: above, and the unloaded tool at the point. Shape (k', nq), k' from 0
-    #: to 3: the third lies on the other side of lost motion.
+    #: Positions of a program: above, the unloaded tool at the point, and the other side of lost motion. Shape (k', nq).
     key_q: Array
     key_gap: Array  #: Time from each of them to the next, the waypoint's own included. Shape (k',). [s]
     q: Array  #: Joint positions of the rows. Shape (k, nq). [rad or m]
@@ -66,14 +65,12 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
     above, top = _above(task, free, end)
     if len(above):
         legs.append((above[0], free, point + top, point, np.zeros(6), np.zeros(6), DOWN_ROWS))
-    key = [*above]
-    cross = cross_first(task) if end == 0 else np.zeros(nq)
+    # from the other side of each lost motion the command pushes the links to where the path begins
+    cross = -2.0 * lead_play(task.robot, task.q_start[:1])[0] if end == 0 else np.zeros(nq)
     if np.abs(loaded + cross - free).max() > 1e-9:
         legs.append((free, loaded + cross, point, point, np.zeros(6), task.wrench[end], LOADING_ROWS))
-        key.append(free)
     if cross.any():
         legs.append((loaded + cross, loaded, point, point, task.wrench[end], task.wrench[end], LOADING_ROWS))
-        key.append(loaded + cross)
     if not legs:
         return nothing
     parts = [_leg(task, *leg) for leg in legs]
@@ -81,7 +78,7 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
     q_rows, position, wrench, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
     key_gap = np.array([float(part[3].sum()) for part in parts[:-1]])
     key_gap[-1] += DWELL
-    return Passage(np.array(key).reshape(-1, nq), key_gap, q_rows, position, wrench, gap)
+    return Passage(np.array([leg[0] for leg in legs]), key_gap, q_rows, position, wrench, gap)
 
 
 def _leg(

@@ -1,8 +1,8 @@
-"""Start of a redundant path: the best of the search's finished postures, or one that the program shapes with the speed.
+"""Start of a redundant path: the best posture of the search, or one that the program optimises together with the speed.
 
-A preset that was asked for by name gets, of the postures that several presets find, the best by its own measure. The
-program shapes it, or the programmed one where that is better. What it finds is compared with the posture of the search,
-both run slower where the arm vibrates most (`compplan.planning.measured_runs`), and may not take longer.
+A preset that is asked for by name takes the best by its own measure of the postures that several presets find. The
+program starts from it and from the programmed posture. Its result is compared with the posture of the search, both
+slowed where the arm vibrates most (`compplan.planning.measured_runs`), and may not take longer.
 """
 
 from __future__ import annotations
@@ -34,34 +34,30 @@ from compplan.planning.redundancy import PathRequest, Prices, Shaped, shape_star
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import parameter_steps
 
-#: Presets whose finished postures are measured beside that of a preset, and which of a posture's costs it makes least.
+#: Presets whose postures are compared with that of a preset, and the cost by which they are compared.
 BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error_band": ("accurate", "smooth"),
           "smooth": ("accurate", "fast")}  # fmt: skip
 LEAST = {"fast": "driven_s", "accurate": "band_mm", "error_band": "band_mm", "smooth": "joint_travel_deg"}
 #: Joint positions that differ by less are one posture. [rad or m]
 ALIKE = 1e-4
-#: A run whose time is this near to the least that the programmed feed allows has nothing to gain.
+#: Ratio of a run's time to the least that the programmed feed allows, up to which nothing can be gained.
 AT_FEED = 1.02
-#: Waypoints a run from rest to rest from which on its start and stop are a small part of it.
+#: Number of waypoints of a run from which on its start and stop are a small part of it.
 MANY = 1000
-#: Share of the acceleration limits below which the arm's vibration is no matter of the posture (assumed).
+#: Share of the acceleration limits below which vibration does not depend on the posture (assumed).
 CALM = 0.5
-#: Most waypoints of a path whose starts are compared: the measures of a longer one cost more than they bring.
+#: Greatest number of waypoints of a path whose starts are compared; longer ones take more CPU than they gain.
 LONGEST = 8000
-#: Postures that a program starts from, in words.
-ORIGINS = {"search": "the posture of the search", "programmed": "one configuration with x of the tool as programmed"}
-#: What the program weighs by preset; a preset that is not here keeps the posture of the search.
+#: Weights of the program by preset; other presets keep the posture of the search.
 PRICES = {"fast": Prices(band=0.0), **dict.fromkeys(("accurate", "error_band", ""), Prices())}
 
 
 def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> Start:
-    """Better a start; the start itself where the feed sets the time, or nothing wins.
+    """Improve a start; return it unchanged where the feed sets the time, or nothing is better.
 
-    A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and
-    `error_band` by the band at no more time. `error_band` also starts from the posture of `accurate`, shaped as without
-    a name, and may take the time of the slower of both: its band is no wider than without a name. Without a name the
-    run gets shorter, and no band wider. Without `shape` finished postures are compared alone, and the program shapes
-    none.
+    `fast` reduces the time, `accurate` and `error_band` the band at no more time. Without a preset's name the run gets
+    shorter and its band no wider. `error_band` also starts from what `accurate` gives without a name, and may take the
+    time of the slower of both, so that its band is no wider. Without `shape` no program is solved.
     """
     posture_choice = start.posture_choice
     if posture_choice is None:
@@ -114,9 +110,9 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
 
 
 def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start | None]:
-    """Take the best of the finished postures of several presets, by the measure of the preset that was asked for.
+    """Return the best of the postures of several presets, by the measure of the preset that was asked for.
 
-    Also returns the start of the preset `accurate` beside another, None where there is none.
+    Also returns the start of the preset `accurate`, None where it is that preset or has no posture.
     """
     posture_choice, settings = start.posture_choice, start.settings
     assert posture_choice is not None
@@ -152,7 +148,7 @@ def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start |
 
 
 def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
-    """Tell whether a run keeps the programmed feed so calmly that neither time nor vibration can be gained."""
+    """Tell whether a run keeps the programmed feed with low accelerations: nothing can be gained."""
     rate, push = 0.0, 0.0
     if len(task) > MANY * len(task.runs):  # few starts and stops: rates at the programmed feed tell it without a run
         for first, last in task.runs:
@@ -170,7 +166,7 @@ def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
 
 
 def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Start:
-    """Return the start of the candidate that was taken, with what it brings beside the first."""
+    """Return the start of the chosen run, with its figures and a note on what it gains over the first."""
     posture_choice, chosen, pace = start.posture_choice, run.start.posture_choice, run.start.pace
     assert posture_choice is not None and chosen is not None
     shaped = run.shaped or Shaped(0, ())
@@ -190,10 +186,8 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     built = build_start(chosen, nominal, start.settings)
     most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
     eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
-    eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
-    head = f"Posture and speed are of one program ({', '.join(shaped.names)} free)"
-    if not shaped.iterations:
-        head = f"Posture and speed are chosen together ({ORIGINS[run.origin]})"
-    note = (f"{head}: run {first.time:.4g} -> {run.time:.4g} s (the programmed feed takes {least:.4g} s), widest 95 % "
-            f"band {1e3 * first.band:.3g} -> {1e3 * run.band:.3g} mm, before correction{eased}.")  # fmt: skip
+    how = f"of one program ({', '.join(shaped.names)} free)" if shaped.iterations else "chosen together"
+    note = (f"Posture and speed are {how}: run {first.time:.4g} -> {run.time:.4g} s (the programmed feed takes "
+            f"{least:.4g} s), widest 95 % band {1e3 * first.band:.3g} -> {1e3 * run.band:.3g} mm, before correction"
+            f"{eased}.")  # fmt: skip
     return replace(built, program=program, aside=run.start.aside, pace=pace, notes=(*built.notes, note))

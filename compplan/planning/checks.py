@@ -1,9 +1,9 @@
 """Checks of a plan, as one list: name, value, limit, sentence and severity of each.
 
 Status, notes, terminal, page and plan.json come from this list (`compplan.planning.result.Plan`). The independent check
-reads the robot folder by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest at and
-between waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints
-by engines of their own. Sentences without a figure, such as a remark of a reader, are checks that failed.
+reads the robot folder by itself (`compplan.simulation.exact_model`) and solves the loaded equilibrium at and between
+waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints, not
+with the planner's code. A sentence without a figure, such as a note of a reader, is a check that failed.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.notes import Stop
+from compplan.io.quantities import state_mm
 from compplan.job.job import Job
-from compplan.planning.deflection import FOLLOWED, Bending
-from compplan.planning.evaluate import Evaluation, find_part
+from compplan.planning.evaluate import find_part
 from compplan.planning.executed import ExecutedPath
+from compplan.planning.inertia import FOLLOWED
 from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
 from compplan.planning.timing import Timing
@@ -36,6 +36,7 @@ from compplan.simulation.inertia import (
 )
 from compplan.simulation.simulated_robot import (
     AS_MODELLED,
+    Evaluation,
     SimulatedRobot,
     build_simulated_robot,
     run_simulated_robot,
@@ -44,23 +45,24 @@ from compplan.simulation.simulated_robot import (
 from compplan.simulation.vibration import build_dynamics
 from compplan.statics.inertia import smooth_loads
 from compplan.toolpath.toolpath import pick_even
+from compplan.uncertainty.motion import Motion, greatest_shift
 
-#: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
+#: Factor on limits that allows for rounding: of the planner's differences, and of other ways to differentiate.
 ROUNDING, ROUNDED = 1.001, 1.002
 #: Moves and loads that are checked where there are more: the worst by the planner's model, and even ones.
 LOOKED_INTO = 3000
 #: Planner and check place the loaded tip within a micrometre and this share of the tolerance; waypoints compared.
 AGREED, AGREED_SHARE, COMPARED = 1e-6, 0.02, 400
-#: How readers note drilling cycles that they do not cut.
+#: Note of readers on drilling cycles that they leave out.
 LEFT_OUT = "left out: the tool moves rapidly above the holes"
 #: A joint that moves more than this in one move of a cut changes its branch. [rad, m]
 JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
-#: The tool may lean this much besides what loads bend. [rad]
+#: Allowed tilt of the tool besides that due to the load. [rad]
 LEAN = float(np.radians(0.05))
-#: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
+#: Rows at which the displacement by inertia is checked, and its allowed difference: share, and least. [1, 1, m]
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
-#: Severities: the plan is not confirmed; it has to be settled before the machine moves; a remark.
-STOP, SETTLE, REMARK = "stop", "settle", "note"
+#: Severities: a failed check keeps the plan from being confirmed, or is noted.
+STOP, NOTE = "stop", "note"
 
 
 class Check(NamedTuple):
@@ -69,20 +71,13 @@ class Check(NamedTuple):
     name: str  #: What is checked.
     value: float  #: What was found, in the unit of the limit; NaN where a sentence has no figure.
     limit: float  #: Greatest value that passes.
-    sentence: str  #: What a failed check says.
-    #: "stop" where a failed check keeps the plan from being confirmed, "settle" where it has to be settled before the
-    #: machine moves, "note" otherwise.
-    severity: str = STOP
+    sentence: str  #: What a failed check says; a `Stop` where it has to be settled before the machine moves.
+    severity: str = STOP  #: `STOP` or `NOTE`.
 
     @property
     def fails(self) -> bool:
         """Tell whether the value is beyond the limit."""
         return not self.value <= self.limit
-
-    @property
-    def note(self) -> str:
-        """Its sentence, as a note of its severity (`compplan.io.notes`)."""
-        return Stop(self.sentence) if self.severity == SETTLE else self.sentence
 
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
@@ -91,7 +86,7 @@ class Check(NamedTuple):
 
 def state_notes(notes: Iterable[str]) -> tuple[Check, ...]:
     """Return checks without a figure that say given notes."""
-    return tuple(Check("note", np.nan, 0.0, str(text), SETTLE if isinstance(text, Stop) else REMARK) for text in notes)
+    return tuple(Check("note", np.nan, 0.0, text, NOTE) for text in notes)
 
 
 def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
@@ -101,45 +96,41 @@ def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
 
 @dataclass(frozen=True)
 class Bench:
-    """What a plan is checked with, of its own reading."""
+    """The robot as the independent check reads it."""
 
     cell: SimulatedRobot  #: The robot as modelled.
     bias: Array | None = None  #: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
-    #: The robot folder that was read; None for robots and paths in memory, whose other checks are left out.
-    folder: Path | None = None
-    moving: ExactRobot | None = None  #: The robot as read, with all masses and no weight.
+    #: The robot as read, with all masses and no weight; None for robots and paths in memory, whose other checks are
+    #: left out.
+    moving: ExactRobot | None = None
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
-    """Read the robot a second time; a robot or a path in memory is taken as it is."""
+    """Read the robot folder a second time; take a robot or a path in memory as it is."""
     if job is None or task.robot.folder is None or job.context.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
-    tool = job.model_dump(by_alias=True, exclude_unset=True).get("tool")
-    cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(Path(task.robot.folder), tool))
-    moving = read_exact_robot(Path(task.robot.folder), tool, moving=True)
+    tool, folder = job.model_dump(by_alias=True, exclude_unset=True).get("tool"), Path(task.robot.folder)
+    cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(folder, tool))
+    moving = read_exact_robot(folder, tool, moving=True)
     if task.touched is not None:
-        believed = read_exact_robot(Path(task.robot.folder), tool, geometry="controller.urdf")
+        believed = read_exact_robot(folder, tool, geometry="controller.urdf")
         cell = touch_cell(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
     bias = _load_springs(task, moving, timing.time) if task.inertia else None
-    return Bench(cell, bias, Path(task.robot.folder), moving)
+    return Bench(cell, bias, moving)
 
 
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
-    """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
+    """Return the load of inertia on the springs, smoothed as the plan compensates it. Shape (n, s). [N m or N]"""
     loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], task.rests)
     return smooth_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
 
 
 def run_checks(
     task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, bench: Bench, *,
-    job: Job | None = None, bending: Bending | None = None, executed: ExecutedPath | None = None,
+    job: Job | None = None, motion: Motion | None = None, executed: ExecutedPath | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
-    """Run all checks of a command with its run and what was measured of it.
-
-    `bench` is the second reading of robot and tool; checks of files need the job, that of inertia `bending`, that of
-    the executed path `executed`.
-    """
+    """Check a command and its run; without a job, or with a robot in memory, those of files are left out."""
     q, time = command.q, timing.time
     position, rotation = solve_rigid(bench.cell.exact_robot, q)
     checks = [
@@ -147,11 +138,9 @@ def run_checks(
         _check_correction(task, position), *([] if executed is None else [_check_executed(task, executed)]),
         _check_holes(task), *_check_joints(task, q, time),
     ]  # fmt: skip
-    if bench.folder is None or job is None:
-        return tuple(checks)
-    checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job), _check_feed(task, time)]
-    if bending is not None and bench.moving is not None:
-        checks.append(_check_inertia(task, time, bending, bench.moving))
+    if bench.moving is not None and job is not None:
+        checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job),
+                   _check_feed(task, time), _check_inertia(task, time, motion, bench.moving)]  # fmt: skip
     return tuple(checks)
 
 
@@ -209,14 +198,14 @@ def _check_executed(task: PlanTask, executed: ExecutedPath) -> Check:
 
 
 def _check_holes(task: PlanTask) -> Check:
-    """All cuts of the file are in the path: a plan without them is not the plan of the file."""
+    """The path has all cuts of the file."""
     count = sum(LEFT_OUT in note for note in task.nominal.notes)
     sentence = 'holes of the file are not cut, [cam] cycles = "skip" leaves them out; write cycles = "expand"'
     return Check("cycles left out", float(count), 0.0, sentence)
 
 
 def _check_axis(task: PlanTask, after: Evaluation, stiff: Array) -> Check:
-    """The loaded tool's axis lies along the path's, but for what loads bend."""
+    """The axis of the loaded tool is that of the path, but for the tilt due to the load."""
     bent = _angle(after.rotation[:, :, 2], stiff[:, :, 2])
     beyond = np.where(after.cut, after.tilt - 1.5 * bent, -1.0)
     worst = int(beyond.argmax())
@@ -226,7 +215,7 @@ def _check_axis(task: PlanTask, after: Evaluation, stiff: Array) -> Check:
 
 
 def _check_spin(task: PlanTask, q: Array, after: Evaluation, stiff: Array, job: Job) -> Check:
-    """The loaded tool's x points where the job has it, where the spin is not free, but for what loads bend."""
+    """The x axis of the loaded tool is that of the job where the spin is not free, but for the turn due to the load."""
     name = "rotation about the tool axis, rad"
     if task.spin_free or q.shape[1] < 6:
         return Check(name, 0.0, LEAN, "")
@@ -293,17 +282,17 @@ def _check_feed(task: PlanTask, time: Array) -> Check:
     return Check("way beyond the programmed feed, m", float(faster[k]), 1e-7, sentence)
 
 
-def _check_inertia(task: PlanTask, time: Array, bending: Bending, moving: ExactRobot) -> Check:
-    """What the plan says that inertia moves the tip is what Pinocchio's inverse dynamics says."""
+def _check_inertia(task: PlanTask, time: Array, motion: Motion | None, moving: ExactRobot) -> Check:
+    """Plan and Pinocchio's inverse dynamics agree on the displacement of the tip by inertia."""
     rows, most = _find_moving(task, time), 0.0
-    known = bool(np.isfinite(bending.at_once)) and len(rows) > 0
-    if known:
+    own = 0.0
+    if motion is not None and len(rows):
+        own = greatest_shift(motion.static)
         q, cutting = task.q_links, np.r_[False, ~task.nominal.rapid[1:]]
         push = np.linalg.norm(fit_parabolas(q, time, rows)[1], axis=1)
         rows = np.sort(rows[np.argsort(push)[-LOOKED_AT // 2 :]])
         loads = load_springs(moving, q, time, cutting, task.rests, rows)
         most = float(np.linalg.norm(shift_tip(moving, q[rows], loads[rows]), axis=1).max())
-    own = bending.at_once if known else 0.0
     sentence = (f"inertia moves the tip by {1e3 * own:.3g} mm in the plan, by {1e3 * most:.3g} mm in Pinocchio's "
                 "inverse dynamics")  # fmt: skip
     limit = INERTIA_LEAST + INERTIA_SHARE * max(most, own)
@@ -311,9 +300,9 @@ def _check_inertia(task: PlanTask, time: Array, bending: Bending, moving: ExactR
 
 
 def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
-    """Bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
+    """Solve the loaded tip halfway between waypoints, at the mean of joint positions and wrench.
 
-    Returns the greatest distance from the moves [m], and where that move starts.
+    Returns the greatest distance from the moves [m], and the waypoint where that move starts.
     """
     moves = judged_moves(task)
     moves = pick_worst(moves, between.most[moves], LOOKED_INTO)
@@ -336,8 +325,8 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
 
 
 def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[int, str]) -> dict[int, str]:
-    """Find the waypoints of a command that fail and the limits that stop them; `near`: those that come too near."""
-    lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
+    """Find the waypoints of a command that fail and their limits; `near`: those without clearance, in words."""
+    lost = task.missed | np.r_[False, task.missed[:-1]]  # jumps to and from waypoints out of reach do not count
     jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
     stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
     for waypoint, limit in command.failures.items():
@@ -346,8 +335,8 @@ def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[
 
 
 def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
-    """Find waypoints whose static load is beyond the effort of a joint, and name the joint and both torques."""
-    efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # nobody states what lies on a positioner
+    """Find waypoints whose static load is beyond the effort limit of a joint, and name the joint."""
+    efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # the load of a positioner is unknown
     if not np.isfinite(efforts).any():
         return {}
     rows = np.flatnonzero(task.compensated)
@@ -371,8 +360,3 @@ def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:
         int(move) + 1: f"jump of {task.robot.joint_names[int(step[move].argmax())]} (change of branch in the cut)"
         for move in np.flatnonzero(jumps)
     }
-
-
-def state_mm(length: float) -> str:
-    """Write a length in mm with three digits at most."""
-    return f"{1e3 * length:.3g} mm"

@@ -1,4 +1,4 @@
-"""Strategies side by side: every strategy's command in every cell."""
+"""Comparison of strategies: the command of each strategy in each simulated robot."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length
 from compplan.job.job import Job
 from compplan.measurement.distance import LEVEL
-from compplan.planning.evaluate import Evaluation, evaluate_run
+from compplan.planning.evaluate import evaluate_run
 from compplan.planning.strategies import command_path
 from compplan.planning.strategies.online import ONLINE, hold_robot, list_strategies, prepare_answers
 from compplan.planning.task import Command, PlanTask
@@ -21,35 +21,36 @@ from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
     AS_MODELLED,
     EXACT_EVALUATION,
+    Evaluation,
     SimulatedRobot,
     build_simulated_robot,
     standard_variants,
 )
 
-#: Strategies that differ by less than this share leave the same (assumed).
+#: Relative difference of deviations that counts as none (assumed).
 SAME = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What strategies leave on the drawn robots, forces and sensors of a Monte Carlo study."""
+    """Remaining deviations of strategies on the drawn robots, forces and sensors of a Monte Carlo study."""
 
     source: str  #: Where the widths come from.
     rms: Mapping[str, Array]  #: By strategy, rms deviation over the cut of every drawn robot. Shape (draws,). [m]
     interval: Mapping[str, tuple[float, float]]  #: By strategy, 95 % interval of the median. [m]
 
     def median(self, strategy: str) -> float:
-        """Return what every second robot stays below. [m]."""
+        """Return the median over the robots. [m]"""
         return float(np.median(self.rms[strategy]))
 
     def most(self, strategy: str) -> float:
-        """Return what 95 % of the robots stay below. [m]."""
+        """Return the 95 % quantile over the robots. [m]"""
         return float(np.quantile(self.rms[strategy], LEVEL))
 
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Shown):
-    """Strategies side by side, with everything that they were compared on."""
+    """The comparison of strategies on a task."""
 
     name: str  #: Name of the job.
     task: PlanTask  #: Robot, nominal path, predicted wrench, posture, limits.
@@ -66,7 +67,7 @@ class Comparison(Shown):
 
     @property
     def least(self) -> tuple[str, ...]:
-        """The strategies without sensors that leave least, on drawn robots where there are any, else as modelled."""
+        """The strategies without sensors with the least deviation, on drawn robots if any, else as modelled."""
         drawn = self.drawn
         left = {name: run.rms_deviation if drawn is None else drawn.median(name)
                 for name, run in self.as_modelled.items() if name not in ONLINE}  # fmt: skip
@@ -74,7 +75,7 @@ class Comparison(Shown):
         return tuple(name for name, value in left.items() if value <= bound)
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return what each strategy leaves."""
+        """Return the remaining deviation of each strategy."""
         drawn, rows = self.drawn, []
         for name, run in self.as_modelled.items():
             words = f"rms {format_length(run.rms_deviation)} as modelled"
@@ -96,7 +97,7 @@ class Comparison(Shown):
         return {"strategy": [row[0] for row in rows], "cell": [row[1] for row in rows], **figures}
 
     def curves(self) -> Curves:
-        """Return what each strategy leaves along the path, as modelled. [mm]."""
+        """Return the remaining deviation of each strategy along the path, as modelled. [mm]"""
         s, cut = self.task.nominal.arc_length * 1e3, self.task.cut
         lines = tuple(
             Curve(name, s, np.where(cut, np.maximum(run.distance, 1e-9), np.nan) * 1e3, number)
@@ -138,7 +139,7 @@ class Comparison(Shown):
 def compare_task(
     task: PlanTask, *, name: str = "path", announce: Callable[[str], None] = lambda text: None
 ) -> Comparison:
-    """Let every strategy that a robot can carry out command a task, and run every command in every cell.
+    """Correct a task by every strategy that the robot can carry out, and run every command in every cell.
 
     Cells are as modelled, and with compliances that differ. Strategies that read sensors read them without error here.
     """

@@ -1,31 +1,19 @@
-"""Where the controller takes the loaded tip, and the command that leads by the lag of its drives.
+"""Where the controller takes the loaded tip: the executed path of a command.
 
-The third path that is judged, beside joint-linear and straight moves: the lines and arcs that programs hold, blended in
-the zones of their language, at the speed that the controller gives them, followed by drives and bent by the load.
-Where a job asks for no moves of the tool, the drives follow the waypoints at their times.
+The third path that is checked, beside joint-linear and straight moves: the lines and arcs of the programs, blended in
+the zones of their language, at the speed of the controller, followed by its drives and bent by the load. Zones are made
+smaller where they would leave the path by more than `ROUNDED` of the tolerance.
 
-It decides what is written: zones are made smaller where they would leave the path by more than `ROUNDED` of the
-tolerance.
-
-Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
-(`compplan.controllers.motion.run`). To second order the inverse of it, a delay T of the whole path aside, is
-
-    q_cmd = q + (T1 - T - T1 T') q' + (T2 - T1 T + T^2 / 2) q'',
-
-T such that the tip is not moved along the path: points keep their places and no stop is overrun. It is led where the
-values were identified (a source in controller.toml), the joints stay within their limits, and the model has the tip
-nearer to the path with it, in the 95th percentile and at the farthest. Drives that nobody identified are taken to
-follow: what lags there is not known, and the verdict says so.
+A joint follows a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s), less half the lost motion
+(`compplan.controllers.motion.run`). Drives without identified values are taken to follow exactly; the verdict says so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from compplan.controllers.motion.align import find_nearest
 from compplan.controllers.motion.geometry import build_moves, build_path, follow_path
@@ -39,7 +27,7 @@ from compplan.controllers.writers.zones import BlendZone, find_zones
 from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
-from compplan.planning.task import PlanTask, attain_rows, cutting_runs
+from compplan.planning.task import PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -57,168 +45,82 @@ MOST_PLACES = 200_000
 
 @dataclass(frozen=True)
 class ExecutedPath:
-    """How far the controller leaves the loaded tip beside the path of a cut, the time along it aside."""
+    """Distance of the loaded tip from the path of a cut as the controller executes it, across the path."""
 
-    near: Array  #: Farthest of what is sent, on the moves beside each waypoint. Shape (n,). [m]
-    p95: float  #: 95th percentile of what is sent. [m]
-    most: float  #: Farthest of what is sent. [m]
-    plain: tuple[float, float]  #: The last two of the command that leads by nothing. [m]
-    sent: Array  #: Joint positions that programs hold. Shape (n, nq). [rad or m]
-    leads: bool  #: Whether they lead by the lag.
-    source: str  #: Who says how the drives follow, or "assumed".
-    #: How far before a corner programs let it leave; None where it follows the waypoints.
-    zone: BlendZone | None = None
+    near: Array  #: Greatest distance on the moves beside each waypoint. Shape (n,). [m]
+    p95: float  #: 95th percentile over the executed path. [m]
+    most: float  #: Greatest distance. [m]
+    source: str  #: Where the values of the drives come from, or "assumed".
+    zone: BlendZone  #: How far before a corner a move may blend into the next.
 
     @property
     def known(self) -> bool:
-        """Tell whether somebody identified how the drives follow."""
+        """Tell whether the drives were identified."""
         return self.source != ASSUMED
 
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
-        plain = {"p95": 1e3 * self.plain[0], "max": 1e3 * self.plain[1]}
-        found = {"p95": 1e3 * self.p95, "max": 1e3 * self.most, "lag_led": self.leads, "without_lead": plain,
-                 "source": self.source}  # fmt: skip
-        if self.zone is None:
-            return {**found, "follows": "waypoints"}
-        zone = {"zone_mm": 1e3 * self.zone.size, "zone_from": self.zone.source, "blend": "parabola, assumed"}
-        return {**found, "follows": "written moves", **zone}
-
-    def say(self) -> str:
-        """Say in a sentence where the drives take the tip, and what programs do about it; "" where none is known."""
-        if not self.known:
-            return ""
-        left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm off the path"
-        if self.leads:
-            return f"{left}: the programs lead by their lag (without that {1e3 * self.plain[1]:.3g} mm)."
-        return f"{left}; a lead by their lag is not written, it does not help or a limit of a joint forbids it."
+        return {
+            "p95": 1e3 * self.p95,
+            "max": 1e3 * self.most,
+            "source": self.source,
+            "zone_mm": 1e3 * self.zone.size,
+            "zone_from": self.zone.source,
+            "blend": "parabola, assumed",
+        }
 
 
-class ReachedPath(NamedTuple):
-    """What a controller makes of a command."""
+def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None) -> ExecutedPath | None:
+    """Execute the moves that programs write for a command (n, nq) at its times (n,) [s], as the controller does.
 
-    q: Array  #: Joints that the drives reach. Shape (k, nq). [rad or m]
-    place: Array  #: The place of each in the waypoints. Shape (k,).
-
-
-def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
-    """Follow a command (n, nq) at its times (n,) [s] as the controller of the robot folder does.
-
-    Returns None where no moves of the tool are written and nobody states how the drives follow, or the controller
-    steers tip and part together. `output`: what programs the job asks for, if it is known.
+    None where a job asks for no lines and arcs of the tool, or the controller steers tip and part together.
     """
-    motion = load_motion(task.robot)[0]
+    languages = () if output is None else tuple(name for name in output.programs if name != "csv")
+    if output is None or not languages or output.form == "joint" or task.robot.carrying or not task.cut.any():
+        return None
+    motion, zone = load_motion(task.robot)[0], widest_zone(languages)
     drives = np.abs([motion.lag, motion.acceleration_lag, motion.lost_motion])
     known = motion.source != ASSUMED and bool(drives.any())
-    if not task.cut.any():
-        return None
-    languages = () if output is None else tuple(name for name in output.programs if name != "csv")
-    follow: Callable[[PlanTask, Array, Array, ServoMotion], ReachedPath] = _follow_waypoints
-    zone: BlendZone | None = None
-    if output is None or not languages or output.form == "joint" or task.robot.carrying:
-        if not known:
-            return None
-    else:
-        zone = widest_zone(languages)
-        follow = _write_follower(output, zone, known=known)
     try:
-        found = follow(task, q, time, motion)
-    except InfeasibleError:  # a line that the arm as its controller believes it cannot follow: the read back says so
+        found = _follow_program(task, q, time, output, zone, motion, known=known)
+    except InfeasibleError:  # a line that the arm as its controller believes it cannot follow: the read-back says so
         return None
-    plain, source = _measure(task, q, found), motion.source if known else ASSUMED
-    if known and drives[:2].any():
-        led = lead_lag(task, q, time, motion)
-        rate = np.abs(np.diff(led, axis=0)) / np.maximum(np.diff(time), 1e-9)[:, None]
-        inside = (rate <= task.velocity_limits).all() and ((led >= task.robot.lower) & (led <= task.robot.upper)).all()
-        ahead = follow(task, led, time, motion)
-        left = _measure(task, q, ahead)
-        if inside and left[1] < plain[1] and left[2] < plain[2]:
-            return ExecutedPath(*left, plain[1:], led, True, source, zone)
-    return ExecutedPath(*plain, plain[1:], q, False, source, zone)
+    return ExecutedPath(*_measure(task, q, *found), motion.source if known else ASSUMED, zone)
 
 
-def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Array:
-    """Return the command that leads by the lag of the drives, across the path alone.
+def _follow_program(
+    task: PlanTask, q: Array, time: Array, output: OutputTable, zone: BlendZone, motion: ServoMotion, *, known: bool
+) -> tuple[Array, Array]:
+    """Follow the lines and arcs of the written program; drives that nobody identified follow them exactly.
 
-    At rests and in rapid moves it is the command itself.
+    Returns the joints reached, shape (k, nq) [rad or m], and their places, waypoints counted from 0. Shape (k,).
     """
-    led = q.copy()
-    for first, last in task.runs:
-        run = slice(first, last + 1)
-        if last - first < 3 or not task.nominal.steps[first:last].any():
-            continue
-        rate = _rates(q[run], time[run])
-        push = np.gradient(rate, time[run], axis=0)
-        delay = _move_along(task, q[run], motion.lag * rate) / np.maximum(_move_along(task, q[run], rate), 1e-9)
-        late = np.clip(delay, motion.lag.min(), motion.lag.max())[:, None]
-        lead = (motion.lag - late - motion.lag * np.gradient(late, time[run], axis=0)) * rate
-        lead += (motion.acceleration_lag - motion.lag * late + 0.5 * late**2) * push
-        led[run] = q[run] + lead - _move_along(task, q[run], lead)[:, None] * np.gradient(q[run], axis=0)
-        led[[first, last]] = q[[first, last]]
-    return led
-
-
-def _move_along(task: PlanTask, q: Array, change: Array) -> Array:
-    """Return how far small changes of the joints move the tip along its way, in steps from row to row. Shape (n,)."""
-    small = 1e-6
-    ahead, back = (locate_frames(task.chain, q + sign * small * change).tcp_position for sign in (1.0, -1.0))
-    way = np.gradient(locate_frames(task.chain, q).tcp_position, axis=0)
-    moved = ((ahead - back) / (2.0 * small) * way).sum(axis=1)
-    return np.asarray(moved / np.maximum((way**2).sum(axis=1), 1e-16))
-
-
-def _rates(q: Array, time: Array) -> Array:
-    """Return rates of a run from rest to rest. Shape (k, nq)."""
-    rate = np.gradient(q, time, axis=0)
-    rate[[0, -1]] = 0.0
-    return np.asarray(rate)
-
-
-def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
-    """Let the drives follow the waypoints at their times."""
-    rate = np.zeros_like(q)
-    for first, last in cutting_runs(np.zeros(len(q), bool), task.rests):
-        rate[first : last + 1] = _rates(q[first : last + 1], time[first : last + 1])
-    at = np.arange(0.0, float(time[-1]) + motion.cycle, motion.cycle)
-    reached = follow_command(CubicHermiteSpline(time, q, rate)(np.minimum(at, time[-1])), motion)
-    when = np.clip(at - float(motion.lag.mean()), 0.0, time[-1])
-    return ReachedPath(reached, np.interp(when, time, np.arange(len(time))))
-
-
-def _write_follower(
-    output: OutputTable, zone: BlendZone, *, known: bool
-) -> Callable[[PlanTask, Array, Array, ServoMotion], ReachedPath]:
-    """Return what follows the lines and arcs of written programs; drives that nobody knows follow them exactly."""
-
-    def follow(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
-        believed, nominal = believed_robot(task.robot), task.nominal
-        exact = task.rests.copy()
-        exact[0] |= not nominal.rapid[0]  # an approach ends there
-        program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
-                                exact=exact, events=nominal.events)  # fmt: skip
-        tolerance = output.bound_fit(task.tolerance)
-        program = replace(program, tolerance=tolerance, cycle=motion.cycle, free=task.lead,
-                          form=output.form, arc_of=nominal.arc, asked=1e3 * nominal.feed,
-                          **bound_zones(task, motion))  # fmt: skip
-        assert program.tcp is not None and program.corner is not None
-        shift = find_corner_shifts(nominal, program.tcp[:, :3, 3], program.corner)
-        fitted = fit_moves(replace(program, corner_shift=shift))
-        arm = build_arm(believed)
-        zones = find_zones(fitted.program, zone)[0]
-        nodes, rows = build_moves(fitted, q, arm, zones)
-        path = build_path(nodes, arm, motion.blend_share)
-        step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)
-        length = np.r_[0.0, np.cumsum(step + 1e-9)]
-        reached, s = path.q, path.s
-        if known:
-            driven = schedule_path(path, motion).s
-            reached = follow_command(follow_path(path, driven), motion)
-            s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), driven][: len(reached)]
-        some = slice(None, None, -(-len(s) // MOST_PLACES))
-        along = np.interp(s[some], path.ends, length[rows])
-        return ReachedPath(reached[some], np.interp(along, length, np.arange(len(q))))
-
-    return follow
+    believed, nominal = believed_robot(task.robot), task.nominal
+    exact = task.rests.copy()
+    exact[0] |= not nominal.rapid[0]  # an approach ends there
+    program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
+                            exact=exact, events=nominal.events)  # fmt: skip
+    tolerance = output.bound_fit(task.tolerance)
+    program = replace(program, tolerance=tolerance, cycle=motion.cycle, free=task.lead,
+                      form=output.form, arc_of=nominal.arc, asked=1e3 * nominal.feed,
+                      **bound_zones(task, motion))  # fmt: skip
+    assert program.tcp is not None and program.corner is not None
+    shift = find_corner_shifts(nominal, program.tcp[:, :3, 3], program.corner)
+    fitted = fit_moves(replace(program, corner_shift=shift))
+    arm = build_arm(believed)
+    zones = find_zones(fitted.program, zone)[0]
+    nodes, rows = build_moves(fitted, q, arm, zones)
+    path = build_path(nodes, arm, motion.blend_share)
+    step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)
+    length = np.r_[0.0, np.cumsum(step + 1e-9)]
+    reached, s = path.q, path.s
+    if known:
+        driven = schedule_path(path, motion).s
+        reached = follow_command(follow_path(path, driven), motion)
+        s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), driven][: len(reached)]
+    some = slice(None, None, -(-len(s) // MOST_PLACES))
+    along = np.interp(s[some], path.ends, length[rows])
+    return reached[some], np.interp(along, length, np.arange(len(q)))
 
 
 def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
@@ -227,9 +129,8 @@ def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
     return {"corner": corner, "blend_share": motion.blend_share, "smoothing": motion.smoothing}
 
 
-def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, float, float]:
+def _measure(task: PlanTask, q: Array, reached: Array, place: Array) -> tuple[Array, float, float]:
     """Return how far the executed loaded tip is across the path of the cut: beside each waypoint, 95 %, at most. [m]"""
-    reached, place = followed
     every, effect = np.arange(len(q)), np.zeros((len(q), 3))
     if task.robot.effects:  # what they move the tip by at the waypoints, they move it by beside them
         effect = attain_rows(task, q, every, slope=False).position

@@ -1,4 +1,4 @@
-"""Feeds that a process asks for: one constant feed, and joint torques within their limits.
+"""Feed requirements of a process: one constant feed, joint torques within their limits.
 
 A constant feed is the highest that every waypoint of the cut holds: with q(s) along the path and s at unit feed f,
 
@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.task import PlanTask, cutting_runs
 from compplan.planning.timing import Timing, parameter_steps, time_command
 from compplan.robot import Array
+from compplan.simulation.torque import TorqueRules
 
 
 @dataclass(frozen=True)
 class FeedRequest:
-    """What the process asks of the feed."""
+    """Requirements of the process on the feed."""
 
     constant: bool = False  #: Whether the whole cut needs one feed.
     torque: bool = False  #: Whether joint torques have to stay within the robot's efforts.
@@ -31,7 +31,7 @@ class FeedRequest:
 def time_run(
     task: PlanTask, q: Array, feed_request: FeedRequest, slow: Array | None = None
 ) -> tuple[PlanTask, Timing, tuple[str, ...]]:
-    """Time a command (n, nq) as the process asks; `slow` (n,) are factors by which the run is to be slower, or None.
+    """Time a command (n, nq) as the process requires; `slow` (n,): factors by which the run has to be slower, or None.
 
     Returns:
         The task with the feed that was programmed in the end, the run, and sentences for the user.

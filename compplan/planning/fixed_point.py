@@ -18,12 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.effects.backlash import find_crossings
 from compplan.job.output import OutputTable
-from compplan.planning.deflection import follow_links, plan_loads
 from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.feed import FeedRequest, time_run
-from compplan.planning.lost_motion import find_crossings, without_play
-from compplan.planning.motion_limits import TorqueRules
+from compplan.planning.inertia import follow_links, plan_loads
 from compplan.planning.sampling import (
     MOST_PIECES,
     Between,
@@ -39,6 +38,7 @@ from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
 from compplan.simulation.exact import load_by_motion
+from compplan.simulation.torque import TorqueRules
 from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import Chain
 from compplan.statics.inertia import build_moving_chain
@@ -237,7 +237,7 @@ def _missing_pieces(found: Compensation) -> NDArray[np.int_]:
     """Tell into how many pieces moves are to be divided that stray by more than their ends. Shape (n - 1,)."""
     task, q, ways = found.task, found.command.links, found.between
     if np.ndim(found.command.lead):  # division mends lost motion in the moves alone that cross it
-        task = without_play(task)
+        task = nlp.leave_play(task)
         ways = measure_between(task, q)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)

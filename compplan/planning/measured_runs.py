@@ -1,25 +1,25 @@
-"""Runs of a start, timed by TOPP-RA and measured by their widest 95 % band, vibration included, nothing corrected.
+"""Time and widest 95 % band of uncorrected runs, vibration included, and runs that are slowed to vibrate less.
 
-Beside another run they also go slower where the arm vibrates most, as long as they take no longer than that. With f_i a
-factor by which waypoint i is slower, what vibration adds to the band falls about with f_i^2; f follows a target B of
-the band, halved in between what takes too long and what does not:
+A run is slowed where the arm vibrates most, as long as it takes no longer than another run. With f_i the factor by
+which waypoint i is slower, the part of the band due to vibration falls about with f_i^2. The factors follow a target B
+of the band, which is found by bisection between runs that take too long and runs that do not:
 
-    f_i <- max(1, f_i (v_i / sqrt(B^2 - s_i^2))^g),    v and s what vibration and all else have of the band.
+    f_i <- max(1, f_i (v_i / sqrt(B^2 - s_i^2))^g),    v the band due to vibration, s that due to all else.
 """
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from compplan.errors import ConvergenceError
-from compplan.planning.deflection import measure_motion
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
+from compplan.planning.inertia import measure_motion
 from compplan.planning.posture.summary import Easing, Start
 from compplan.planning.redundancy import Measured, PathRequest, Shaped
 from compplan.planning.task import PlanTask
@@ -28,38 +28,36 @@ from compplan.robot import Array
 from compplan.simulation.vibration import Dynamics, build_dynamics
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import band_radius, linearise_path, split_covariance
-from compplan.uncertainty.motion import spread_draws
+from compplan.uncertainty.motion import greatest_shift, spread_draws
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, pick_rows
-
-LOG = logging.getLogger(__name__)
 
 #: Shortest windows of smoothing, as a share of those that plans have.
 SHORT = 0.7
-#: Gain that a posture is changed for, and difference of the band that counts as none.
+#: Least gain for which a posture is changed, and relative difference of two bands that counts as none.
 LEAST_GAIN, SAME = 0.01, 1e-3
 #: Rows of the cut at which the band of a run is measured.
 BAND_ROWS = 120
-#: Eased runs that are tried at most, and waypoints times runs.
+#: Greatest number of slowed runs that are tried, and of waypoints times runs.
 ROUNDS, WORK = 14, 40_000
-#: Share of the time beside which a run has to leave for slower ones.
+#: Least share of the time that slower runs need to be tried.
 SPARE = 1e-3
-#: Target of the band from one pair of rounds to the next until it takes too long, and its least share for vibration.
+#: Ratio of successive targets until a run takes too long, and least share of a target that is left for vibration.
 LOWER, LEAST_SHARE = 0.86, 0.2
-#: Targets whose ratio is less are one.
+#: Ratio of targets at which the bisection ends.
 NEAR = 1.02
 #: Exponent g, and the least and greatest change of a factor in one round.
 GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
 
 
 class TimedStart(NamedTuple):
-    """A run of a start, nothing corrected."""
+    """An uncorrected run of a start."""
 
     start: Start  #: The start, with its pace.
     time: float  #: The whole run. [s]
     band: float  #: Widest 95 % band along the cut. [m]
     still: float  #: The same, vibration left out. [m]
-    bend: float  #: Greatest displacement of the tip by inertia if the springs gave at once, along the cut. [m]
-    spare: float  #: Time that the shortest windows of smoothing spare. [s]
+    bend: float  #: Greatest quasi-static displacement of the tip by inertia along the cut. [m]
+    spare: float  #: Time saved by the shortest windows of smoothing. [s]
     quiet: Array  #: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
     task: PlanTask  #: The task, with the usual windows.
     passing: Array  #: Time at each of its waypoints. Shape (n,). [s]
@@ -71,14 +69,14 @@ def measure_runs(
     start: Start, request: PathRequest, *, window: float = 1.0, beside: TimedStart | None = None,
     known: TimedStart | None = None,
 ) -> list[TimedStart]:  # fmt: skip
-    """Measure the fastest run of a start; beside another run, slower ones too, each with a narrower band.
+    """Measure the fastest run of a start and, given a run to keep up with, slowed ones with a narrower band.
 
     Args:
         start: The start, without a pace.
         request: What is asked of the path.
         window: Windows of smoothing, share of those that plans have.
-        beside: A run whose time is not to be passed, or None.
-        known: A run of the same posture, where one has been measured.
+        beside: The run that slowed ones take no longer than, or None.
+        known: A run of the same posture that has been measured, or None.
     """
     found = list[TimedStart]()
     try:
@@ -133,20 +131,18 @@ def spread_tip(task: PlanTask, force: ForceSpread) -> Array:
 
 
 def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynamics: Dynamics) -> tuple[Array, float]:
-    """Return the covariance of the tip by its vibration at some waypoints of a run, and its greatest bend at once.
+    """Return the covariance of the tip by vibration at some waypoints, and its greatest quasi-static displacement.
 
     Shape (k, 3, 3). [m^2, m]
     """
     motion = measure_motion(task, time, dynamics)
     if motion is None:
         return np.zeros((len(rows), 3, 3)), 0.0
-    return spread_draws(motion.error[:, rows]), float(np.linalg.norm(motion.static[rows], axis=1).max(initial=0.0))
+    return spread_draws(motion.error[:, rows]), greatest_shift(motion.static[rows])
 
 
 def _widen(use: Array, time: Array, reach: float) -> Array:
     """Return the greatest value within a reach of time [s] on either side, its steps smoothed. Shape (n,)."""
-    from scipy.ndimage import maximum_filter1d, uniform_filter1d
-
     span = time[-1] - time[0]
     if not (span > 0.0 and reach > 0.0):
         return use
@@ -158,7 +154,7 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 
 
 def ease_run(preset: str, run: TimedStart, base: TimedStart, request: PathRequest) -> TimedStart:
-    """Return the best of a run and of those of its posture that go slower where the arm vibrates, beside a base."""
+    """Return the best of a run and of runs of its posture that are slowed where the arm vibrates, beside a base."""
     beside, runs, windows = (None if preset == "fast" else base), [run], [SHORT]
     late = max(run.time - base.time, 0.0) / run.spare
     if beside is not None and late < 1.0:
@@ -166,30 +162,27 @@ def ease_run(preset: str, run: TimedStart, base: TimedStart, request: PathReques
     for window in windows:
         eased = measure_runs(run.start, request, window=window, beside=beside, known=run)
         runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
-    for each in runs:
-        LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", run.origin, ", program" if run.shaped else "",
-                  base.time, each.time, 1e3 * base.band, 1e3 * each.band)  # fmt: skip
     return choose_run(preset, runs, base)
 
 
 def choose_run(preset: str, runs: list[TimedStart], base: TimedStart) -> TimedStart:
-    """Choose the run that a preset is for, of those that differ from it by less than counts the shortest."""
+    """Choose the run with the best measure of a preset; among runs within `LEAST_GAIN` of it, the shortest."""
     gains = [compute_gain(preset, run, base) for run in runs]
     alike = [run for run, gain in zip(runs, gains, strict=True) if gain <= min(gains) + LEAST_GAIN]
     return min(alike, key=lambda run: run.time)
 
 
 def band_beside(run: TimedStart, base: TimedStart) -> float:
-    """Return the band of a run at the time of the base, infinite where it takes longer however short its window. [m]
+    """Return the band of a run if it took the time of the base; infinite where it cannot be that short. [m]
 
-    What vibration adds falls with the square of the time.
+    The band due to vibration falls with the square of the time.
     """
     vibration = (run.band**2 - run.still**2) * (run.time / base.time) ** 4
     return float(np.sqrt(run.still**2 + max(vibration, 0.0))) if run.time - run.spare <= base.time else np.inf
 
 
 def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
-    """Return what a preset ("" for none) makes less, as a share; infinite where that is bought with what it may not."""
+    """Return the measure that a preset ("" for none) reduces, over that of the base; infinite if time or band grows."""
     time, band, still = run.time / base.time, run.band / base.band, run.still / base.still
     if preset == "fast":
         return time
@@ -201,7 +194,7 @@ def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
 
 
 def least_time(task: PlanTask) -> float:
-    """Return the time of the programmed feed, of rapid moves, and of smoothing. [s]"""
+    """Return the time of the programmed feed, of rapid moves and of smoothing: no run is shorter. [s]"""
     rapid = task.nominal.rapid[1:]
     moves = np.abs(np.diff(task.q_start, axis=0))[rapid]
     between = time_rapids(moves, task.velocity_limits, task.acceleration_limits).sum()
@@ -209,9 +202,9 @@ def least_time(task: PlanTask) -> float:
 
 
 def measure_beside(base: TimedStart, origin: TimedStart, task: PlanTask) -> Measured:
-    """Say in what the program counts time and bend: those of a run, were all of its band of motion.
+    """Return the reference time and bend of the program: those of the base, as if all of its band were due to motion.
 
-    origin: the run that it begins with, of a task.
+    origin: the run of the task from which the program starts.
     """
     motion = np.sqrt(max(base.band**2 - base.still**2, 0.0))
     bend = base.bend * base.band / motion if motion > 0.0 else 0.0

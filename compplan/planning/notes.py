@@ -1,4 +1,4 @@
-"""Notes of a plan: where the feed is lowered and why, what is assumed."""
+"""Notes of a plan: questions about the job, assumptions, where and why the feed is lowered."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
-from compplan.planning.checks import REMARK, Check, state_notes
-from compplan.planning.deflection import Bending
+from compplan.planning.checks import Check, state_notes
 from compplan.planning.stability import describe_depth_limit
-from compplan.planning.task import Command, PlanTask, cutting_runs, group_waypoints
+from compplan.planning.task import Command, PlanTask, cutting_runs
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot
 from compplan.robot.mounting import name_axis, outward_axis
+from compplan.uncertainty.motion import Motion, greatest_shift
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
@@ -26,70 +26,50 @@ TURNING = ("milling", "end_mill", "drill")
 
 
 def list_notes(
-    task: PlanTask, command: Command, timing: Timing, bending: Bending, job: Job | None
+    task: PlanTask, command: Command, timing: Timing, motion: Motion | None, job: Job | None
 ) -> tuple[Check, ...]:
-    """Return what a user should know of a plan, as checks that failed."""
-    first = [*task.nominal.notes, "" if task.law is None else task.law.note]
+    """Return the notes of a plan, as checks that failed."""
+    notes = [*task.nominal.notes, "" if task.law is None else task.law.note]
     if job is not None:
-        first += [*describe_spindle(task, job), *describe_frames(task, job)]
+        notes += [describe_spindle(task, job), "" if job.part.fit is None else job.part.fit.tell()]
+        if job.tool is not None:
+            notes += ask_about_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
+        notes.append(look_at_spindle(task.nominal.axis, job))
         if job.tool is not None and job.tool.mass_kg is None:
-            first.append("The weight of the tool is unknown ([tool] has no mass_kg) and left out.")
-    scene = None if task.start is None else task.start.settings.scene
-    last = [*(() if scene is None else scene.notes), describe_causes(task, timing)]
-    if job is not None:
-        last.append(describe_outside(job))
+            notes.append("The weight of the tool is unknown ([tool] has no mass_kg) and left out.")
+    notes.append(describe_inertia(task, motion, job))
+    if task.start is not None and task.start.settings.scene is not None:
+        notes += task.start.settings.scene.notes
+    notes += [describe_causes(task, timing), "" if job is None else describe_outside(job)]
     if not np.isfinite(task.robot.acceleration_limits).any():
-        last.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
+        notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     if conflict := command.nlp.get("conflict"):
-        last.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
-    last.append(describe_depth_limit(task, command.q))
-    figures = [*_check_inertia(task, bending, job), *_check_limit_margin(task)]
-    return (*state_notes(filter(None, first)), *figures, *state_notes(filter(None, last)))
+        notes.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
+    return state_notes(filter(None, [*notes, describe_depth_limit(task, command.q)]))
 
 
-def _check_inertia(task: PlanTask, bending: Bending, job: Job | None) -> list[Check]:
-    """Inertia that the plan does not compensate bends the arm by a small share of the tolerance."""
-    if task.inertia or not np.isfinite(bending.inertia):
-        return []
-    said = ", the 95 % band counts it"
+def describe_inertia(task: PlanTask, motion: Motion | None, job: Job | None) -> str:
+    """Note how far inertia bends the arm if the plan does not compensate it; "" below a tenth of the tolerance."""
+    inertia = 0.0 if task.inertia or motion is None else greatest_shift(motion.answer[task.cut])
+    if inertia <= WORTH_A_NOTE * task.tolerance:
+        return ""
+    said, masses = ", the 95 % band counts it", task.robot.sources.get("masses", "not stated in the folder")
     if task.missed.any():
         said = ", parts of the path are out of reach"
     elif job is not None and not job.plan.inertia:
         said = ", with [plan] inertia = true it does"
-    sentence = (f"The inertia of the motion bends the arm by up to {1e3 * bending.inertia:.2g} mm "
-                f"(masses: {bending.masses}); the plan does not compensate it{said}.")  # fmt: skip
-    return [Check("inertia not compensated, m", bending.inertia, WORTH_A_NOTE * task.tolerance, sentence, REMARK)]
+    return (f"The inertia of the motion bends the arm by up to {1e3 * inertia:.2g} mm (masses: {masses}); the plan "
+            f"does not compensate it{said}.")  # fmt: skip
 
 
-def _check_limit_margin(task: PlanTask) -> list[Check]:
-    """The posture keeps the distance from joint limits that was asked for."""
-    choice = None if task.start is None else task.start.posture_choice
-    turning = np.flatnonzero(~task.robot.prismatic & ~task.robot.carriers)
-    if choice is None or not len(turning):
-        return []
-    room = np.stack([task.q_start - task.robot.lower, task.robot.upper - task.q_start])[:, :, turning]
-    side, row, column = np.unravel_index(int(room.argmin()), room.shape)
-    kept, asked = float(room[side, row, column]), choice.settings.limit_margin
-    reason = ("the way found keeps it at its stations, not between them." if choice.keeps_margin
-              else "no way along the path keeps it.")  # fmt: skip
-    sentence = (f"The posture comes within {np.degrees(kept):.3g} deg of the {('lower', 'upper')[side]} limit of "
-                f"{task.robot.joint_names[turning[column]]} at waypoint {row}; posture.limit_margin_deg asks for "
-                f"{np.degrees(asked):.3g}: {reason}")  # fmt: skip
-    return [Check("joint limit nearer than asked for, rad", asked - kept, 0.01 * asked, sentence, REMARK)]
-
-
-def describe_spindle(task: PlanTask, job: Job) -> list[str]:
-    """Say that nothing turns the spindle of a cut that comes from a CAM file."""
-    if job.process.model not in TURNING or not isinstance(job.toolpath, str) or job.output.templates:
-        return []
-    if job.toolpath.lower().endswith(".csv"):
-        return []
-    if any(event.kind in ("spindle_cw", "spindle_ccw") for event in task.nominal.events):
-        return []
-    return [
-        Stop("The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
-             "or write lines that do into a template ([output] templates).")
-    ]  # fmt: skip
+def describe_spindle(task: PlanTask, job: Job) -> str:
+    """Note that a CAM file does not start the spindle of a cut; "" if it does."""
+    turned = any(event.kind in ("spindle_cw", "spindle_ccw") for event in task.nominal.events)
+    read = isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
+    if job.process.model not in TURNING or not read or turned or job.output.templates:
+        return ""
+    return Stop("The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
+                "or write lines that do into a template ([output] templates).")  # fmt: skip
 
 
 #: Angle between tool and flange from which on the tool is asked about. [deg]
@@ -100,28 +80,9 @@ SHORT = 0.02
 LONG = 0.5
 
 
-def describe_frames(task: PlanTask, job: Job) -> list[str]:
-    """Ask about a tool across the flange or too long and a spindle below the part; say how a part frame was fitted."""
-    notes = [] if job.part.fit is None else [job.part.fit.tell()]
-    if job.tool is not None:
-        notes += ask_about_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
-    return [*notes, *look_at_spindle(task.nominal.axis, job)]
-
-
-def describe_part_frame(job: Job) -> str:
-    """Return in a sentence how the part frame was found, and what deviations are relative to."""
-    if not job.touched_off:
-        return "absolute in the robot base ([part] touched_off = false)"
-    points = job.part.touched_points
-    where = "three corners of the box around the toolpath" if points is None else f"the {len(points)} points of [part]"
-    return (f"touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
-            "to it (if the part is not touched off, set [part] touched_off = false)")  # fmt: skip
-
-
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
-    """Ask about a tool that leaves the flange sideways without a mesh of it, is very long, or has a guessed frame."""
-    if job.tool is None:
-        return []
+    """Question a tool across the flange without a mesh, a very long one, or an unconfirmed pendant frame."""
+    assert job.tool is not None
     pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
     length, notes = float(np.linalg.norm(pose[:3, 3])), list[str]()
     pendant = locate_pendant(robot) if job.tool.frame == "pendant" else None
@@ -145,15 +106,12 @@ def ask_about_tool(job: Job, robot: Robot) -> list[str]:
     return notes
 
 
-def look_at_spindle(axis: Array, job: Job) -> list[str]:
-    """Ask about a path whose spindle stands on the side of -z of the part all along. axis: base axes, shape (n, 3)."""
-    up = job.T_base_part[:3, 2]
-    if not len(axis) or float((axis @ up).max()) > -np.cos(np.radians(SIDEWAYS)):
-        return []
-    return [
-        Stop("The spindle is on the side of -z of the part frame all along. Is z of the part reversed, or i j k of the "
-             "toolpath?")
-    ]  # fmt: skip
+def look_at_spindle(axis: Array, job: Job) -> str:
+    """Question a path with the spindle on the side of -z of the part all along. axis: base axes, shape (n, 3)."""
+    if not len(axis) or float((axis @ job.T_base_part[:3, 2]).max()) > -np.cos(np.radians(SIDEWAYS)):
+        return ""
+    return Stop("The spindle is on the side of -z of the part frame all along. Is z of the part reversed, or i j k of "
+                "the toolpath?")  # fmt: skip
 
 
 def _angle(a: Array, b: Array) -> float:
@@ -163,7 +121,7 @@ def _angle(a: Array, b: Array) -> float:
 
 
 def describe_outside(job: Job) -> str:
-    """Name templates from outside the job's folder, links followed: their lines go into programs; "" for none."""
+    """Name templates outside the job's folder, links resolved, since programs contain their lines; "" for none."""
     home = (job.folder if job.file.is_file() else Path.cwd()).resolve()
     files = {name: (job.folder / text).resolve() for name, text in job.output.templates.items()}
     listed = "; ".join(f"{name} = {path}" for name, path in files.items() if not path.is_relative_to(home))
@@ -191,7 +149,7 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
 
 
 def find_top_feed(task: PlanTask, timing: Timing) -> float | None:
-    """Return the greatest feed of the cuts that nowhere reach the programmed one, or None if all do. [m/s]"""
+    """Return the greatest feed of the cuts that never reach the programmed one; None if all reach it. [m/s]"""
     runs = cutting_runs(task.nominal.rapid | task.lead)
     short = [timing.feed[a + 1 : b + 1].max() for a, b in runs if timing.lowered[a + 1 : b + 1].all()]
     return float(max(short)) if short else None
@@ -204,8 +162,8 @@ def describe_causes(task: PlanTask, timing: Timing) -> str:
         top = find_top_feed(task, timing)
         short = "in a cut this short, between speeding up and slowing down"
         return "" if top is None else f"The programmed feed is not reached: at most {1e3 * top:.3g} mm/s {short}."
-    spans, least = group_waypoints(slow.tolist()), int(slow[timing.share[slow].argmin()])
-    listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
+    spans, least = np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1), int(slow[timing.share[slow].argmin()])
+    listed = ", ".join(f"{span[0]}-{span[-1]}" for span in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
     reached = {(int(timing.limiting[k]), bool(timing.by_velocity[k])) for k in slow if timing.limiting[k] >= 0}
     causes = [f"by the {'velocity' if fast else 'acceleration'} limit of {task.robot.joint_names[joint]}"
               for joint, fast in sorted(reached)]  # fmt: skip

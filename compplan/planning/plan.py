@@ -1,4 +1,4 @@
-"""The plan: from a job, or from a robot and a path, to corrected joint positions, timed and judged."""
+"""Plan a job, or a path of a robot: posture, correction, timing, checks."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from compplan.controllers.writers import check_languages
 from compplan.effects import robot_effects
+from compplan.effects.backlash import state_sides
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
 from compplan.job.loading import load_path, name_file, refuse_unsettled
@@ -18,19 +19,16 @@ from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
 from compplan.planning.checks import find_failures, run_checks, set_up_bench, state_notes
-from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
-    measure_margins,
 )
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
-from compplan.planning.lost_motion import state_sides
+from compplan.planning.inertia import choose_smoothing, follow_links, measure_motion
 from compplan.planning.notes import list_notes
-from compplan.planning.posture.kept_posture import find_kept_start, read_lock
 from compplan.planning.posture.settings import PostureSettings, read_settings
-from compplan.planning.posture.start import check_clearance
+from compplan.planning.posture.start import check_clearance, find_kept_start, read_lock
 from compplan.planning.posture.summary import Start
 from compplan.planning.redundancy import PathRequest
 from compplan.planning.result import Plan
@@ -39,6 +37,7 @@ from compplan.planning.stability import explain_buckling
 from compplan.planning.task import SMOOTHING, PlanTask, count_equations
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
+from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import Chain, build_chain
 from compplan.toolpath.contact import check_tool_x
 from compplan.toolpath.toolpath import Toolpath, check_toolpath, pick_even
@@ -49,7 +48,7 @@ from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a plan may do, as the tables [plan] and [limits] of a job say it."""
+    """Options of a plan, as the tables [plan] and [limits] of a job state them."""
 
     strategy: str = "nlp"  #: none, mirror, iterated_mirror or nlp.
     spin_free: bool = True  #: Whether the tool may rotate about its axis.
@@ -61,7 +60,7 @@ class PlanOptions:
     acceleration_scale: float = 1.0  #: Share of the robot's acceleration limits that may be used.
     #: What is asked of the posture; by default one configuration and the tool's x where `tool_x` has it.
     posture: PostureSettings = field(default_factory=lambda: PostureSettings(search=False))
-    feed: FeedRequest = field(default_factory=FeedRequest)  #: What the process asks of the feed.
+    feed: FeedRequest = field(default_factory=FeedRequest)  #: Requirements of the process on the feed.
     law: ForceLaw | None = None  #: The law of the wrench; None where the path carries its wrench.
     #: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out. [m]
     chord: float | None = None
@@ -74,7 +73,7 @@ class PlanOptions:
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
-    """Plan a job; `progress` is told what is being done, an exception raised in it ends the call.
+    """Plan a job; `progress` gets the name of each step, and an exception raised in it ends the call.
 
     Raises:
         InputError: If the job, or a file that it names, is not what it has to be, or the part is out of reach.
@@ -88,7 +87,7 @@ def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
-    """Load what a job refers to: the robot with its tool, the nominal path with its wrench, and what the plan may do.
+    """Load what a job refers to: the robot with its tool, the nominal path with its wrench, and the options.
 
     Raises:
         InputError: If a file that the job names is not what it has to be.
@@ -112,7 +111,7 @@ def plan_compensation(
 ) -> Plan:  # fmt: skip
     """Plan a path with its predicted wrench, base frame: choose the posture, compensate, time, and check as modelled.
 
-    `progress` is told what is being done; an exception raised in it ends the call.
+    `progress` gets the name of each step; an exception raised in it ends the call.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
@@ -127,9 +126,9 @@ def plan_task(
     task: PlanTask, strategy: str, *, name: str = "path", feed: FeedRequest | None = None, job: Job | None = None,
     progress: Callable[[str], None] = lambda text: None, output: OutputTable | None = None,
 ) -> Plan:  # fmt: skip
-    """Let one strategy command a task; time and judge its command; `progress` is told what is being done.
+    """Correct a task by a strategy, time and check the command; `progress` gets the name of each step.
 
-    `output` says what programs are asked for where no job is given.
+    `output`: the programs that are asked for where no job is given.
 
     Raises:
         InfeasibleError: If the arm buckles under the load; with waypoint and joint.
@@ -150,22 +149,21 @@ def plan_task(
     after = evaluate_run(task, command.q, bench.cell, bias=bench.bias)
     uncorrected = task.q_uncorrected
     before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
-    progress("margins, approach and retract")
-    margins = measure_margins(task, command.q, timing)
-    bending = measure_bending(task, command.q, timing)
-    checks = run_checks(task, command, timing, found.between, after, bench, job=job, bending=bending, executed=executed)
+    progress("checks, approach and retract")
+    motion = measure_motion(task, timing.time, build_dynamics(task.robot))
+    checks = run_checks(task, command, timing, found.between, after, bench, job=job, motion=motion, executed=executed)
     told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
-    told += list_notes(task, command, timing, bending, job)
+    told += list_notes(task, command, timing, motion, job)
     return Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
-        margins=margins, checks=checks + told, job=job, approach=plan_approach(task, command.q),
-        retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
+        checks=checks + told, job=job, approach=plan_approach(task, command.q),
+        retract=plan_retract(task, command.q), between=found.between, motion=motion, clearance=clearance,
         executed=executed,
     )  # fmt: skip
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
-    """Prepare what a strategy is told: posture, orientation, wrench, times and limits; `file` is for messages.
+    """Prepare the task of a strategy: posture, orientation, wrench, times and limits; `file` is for messages.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
@@ -180,10 +178,8 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         message = f"robot {robot.name!r} has {chain.nq} joints, the path needs {equations}"
         raise InputError(message, file=file, where="robot" if file else None)
     tool_x, settings = np.asarray(options.tool_x, float), options.posture
-    try:
+    with name_file(file):
         start = find_kept_start(robot, nominal, tool_x, settings, options.lock)
-    except InputError as error:
-        raise InputError(error.message, file=file, where=error.where if file else None) from None
     if options.lock is None and settings.search:
         request = PathRequest(
             robot, nominal, tool_x, options.feed, options.force or read_force_spread(None),
@@ -194,35 +190,24 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
 
 
 def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:
-    """State what a strategy is told of a path that starts so."""
+    """State the task of a path with a given start."""
     nominal = start.nominal
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
     few = pick_even(start.q, 5)
     task = PlanTask(
-        robot=robot,
-        chain=chain,
-        nominal=nominal,
-        rotation=start.rotation,
-        wrench=np.zeros((len(nominal), 6)),
-        compensated=compensated,
-        q_start=start.q,
-        configuration=start.configuration,
-        missed=start.missed,
-        step_time=programmed_times(nominal),
-        velocity_limits=robot.velocity_limits * options.velocity_scale,
+        robot=robot, chain=chain, nominal=nominal, rotation=start.rotation, wrench=np.zeros((len(nominal), 6)),
+        compensated=compensated, q_start=start.q, configuration=start.configuration, missed=start.missed,
+        step_time=programmed_times(nominal), velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
-        max_correction=options.max_correction,
-        tolerance=options.tolerance,
-        spin_free=options.spin_free,
-        start=start,
-        law=options.law,
-        inertia=options.inertia,
+        max_correction=options.max_correction, tolerance=options.tolerance, spin_free=options.spin_free, start=start,
+        law=options.law, inertia=options.inertia,
         smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.pace is None else start.pace.window),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
         touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
-    )
-    task = state_sides(replace(task, wrench=predict_loads(task)))
+    )  # fmt: skip
+    sided = robot if nominal.rapid[0] else state_sides(robot, start.q)  # a rapid move takes the joints along
+    task = replace(task, wrench=predict_loads(task), robot=sided)
     turns = options.law is not None and options.law.turns_with_travel
     return prepare_sampling(task, rest_at_corners=turns or not options.feed.constant)
 
@@ -240,7 +225,7 @@ def job_robot(job: Job) -> Robot:
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:
-    """Return what a job says about its plan, in SI."""
+    """Return the options that a job states, in SI units."""
     table = job.plan
     return PlanOptions(
         strategy=table.strategy,
@@ -256,5 +241,5 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         force=read_force_spread(job),
         tube=job.tolerance.tube,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
-        touch=read_touch(job) if job.touched_off else None,
+        touch=read_touch(job) if job.part.touched_off else None,
     )

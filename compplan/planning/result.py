@@ -1,8 +1,7 @@
-"""What a plan is: the record of everything that it was made from, and its figures as plan.json holds them."""
+"""The plan as a record: task, command, run, checks, error band, verdict, and the content of plan.json."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,8 +17,6 @@ from compplan.io.quantities import format_length, format_number
 from compplan.job.job import Job
 from compplan.planning.approach import Passage
 from compplan.planning.checks import STOP, Check
-from compplan.planning.deflection import Bending
-from compplan.planning.evaluate import Evaluation, Margins
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.sampling import Between
@@ -27,36 +24,32 @@ from compplan.planning.task import CORRECTION_LIMIT, Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance
 from compplan.robot import Array, Robot
-from compplan.simulation.simulated_robot import EXACT_EVALUATION
+from compplan.simulation.simulated_robot import EXACT_EVALUATION, Evaluation
 from compplan.statics.chain import locate_frames
 from compplan.uncertainty.band import ErrorBand, estimate_band
-from compplan.uncertainty.motion import read_placement, shift_part
+from compplan.uncertainty.motion import Motion, greatest_shift, read_placement, shift_part
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.uncertainty.touch_off import read_touch, touch_part
 
-#: Words from the best to the worst.
-STATUSES = ("solved", "not_confirmed", "infeasible")
-VERDICTS = ("keeps", "not_known", "may_not_keep")
-#: Limits that a sentence lists, and its letters at most.
-LISTED, LONGEST = 3, 300
+#: Limits that a sentence lists.
+LISTED = 3
 
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
-    """A plan, with everything that it was made from."""
+    """A plan, with its input and intermediate results."""
 
     name: str  #: Name of the job.
     task: PlanTask  #: Robot, nominal path, predicted wrench, posture, limits.
     strategy: str  #: How the command was found.
-    command: Command  #: Joint positions, status, failures, what the solver said.
+    command: Command  #: Joint positions, status, failures, figures of the solver.
     timing: Timing  #: Times, joint rates and feeds of the command.
     before: Evaluation  #: The uncorrected command (`task.q_start`) in the cell as modelled.
     after: Evaluation  #: The command in the cell as modelled.
-    margins: Margins  #: Distance of the command from its limits.
     approach: Passage  #: The way to the first waypoint, where the toolpath has no rapid start.
     retract: Passage  #: The way from the last waypoint, where the toolpath ends in a cut.
     between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
-    bending: Bending  #: What bends the arm along the path, cause by cause.
+    motion: Motion | None  #: What the motion of the arm adds to the band; None without masses on springs.
     checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
     clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
     job: Job | None = None  #: The job, or None.
@@ -82,15 +75,15 @@ class Plan(Shown):
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves."""
-        return tuple(check.note for check in self.checks if check.fails and check.severity != STOP)
+        return tuple(check.sentence for check in self.checks if check.fails and check.severity != STOP)
 
     @property
     def reasons(self) -> tuple[Stop, ...]:
-        """Say why a plan is not confirmed, one sentence a reason; empty for any other plan."""
+        """Reasons why a plan is not confirmed, one sentence each; empty for other plans."""
         return tuple(Stop(f"Not confirmed: {text}.") for text in self.breaches if self.status == "not_confirmed")
 
     def add_checks(self, checks: tuple[Check, ...], *, first: bool = False) -> Plan:
-        """Return the plan with more checks; what has been worked out from the rest of it stays known."""
+        """Return the plan with more checks; what is computed from its other fields stays cached."""
         added = copy(self)
         object.__setattr__(added, "checks", (*checks, *self.checks) if first else (*self.checks, *checks))
         for name in ("breaches", "notes", "verdict"):
@@ -103,31 +96,30 @@ class Plan(Shown):
         return "not_confirmed" if self.command.status == "solved" and self.breaches else self.command.status
 
     @cached_property
-    def command_feed(self) -> Array:
-        """Feed of the move that ends at each waypoint; where the wanted tip stays, that of the commanded one. [m/s].
-
-        Shape (n,).
-        """
-        feed, still = self.timing.feed.copy(), np.r_[True, self.task.nominal.steps <= 0] & ~self.task.nominal.rapid
-        tip = np.vstack([locate_frames(self.task.chain, q).tcp_position for q in (self.approach.key_q[-1:], self.q)])
-        tip = np.vstack([tip[:1], tip])[-len(feed) - 1 :]
-        step = np.r_[self.approach.key_gap[-1:] if len(self.approach.key_gap) else 1.0, np.diff(self.timing.time)]
-        moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
-        return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
-
-    @property
-    def sent(self) -> Array:
-        """Joint positions that native programs hold: the command, or what leads by the drives' lag. (n, nq)."""
-        return self.q if self.executed is None else self.executed.sent
-
-    @cached_property
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
 
     @cached_property
+    def inertia(self) -> float:
+        """Greatest displacement of the tip in the cut by the inertia of the motion; NaN without masses. [m]"""
+        return float("nan") if self.motion is None else greatest_shift(self.motion.answer[self.task.cut])
+
+    @property
+    def max_correction(self) -> float:
+        """Greatest correction in the cut. [m]"""
+        return float(np.linalg.norm(self.correction[self.task.compensated], axis=1).max(initial=0.0))
+
+    @property
+    def limit_room(self) -> tuple[float, str]:
+        """Least distance of a joint from its position limits, negative beyond, and the joint. [rad or m]"""
+        room = np.minimum(self.q - self.robot.lower, self.robot.upper - self.q).min(axis=0)
+        room = np.where(self.robot.lower == self.robot.upper, np.inf, room)  # held where the job wants it
+        return float(room.min()), self.robot.joint_names[int(room.argmin())]
+
+    @cached_property
     def error_band(self) -> ErrorBand | None:
-        """The band that holds the true tip with 95 %; None out of reach, or if a robot in it finds no equilibrium."""
+        """The 95 % band of the true tip; None if infeasible, or without equilibrium of a robot within the band."""
         if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
@@ -139,8 +131,7 @@ class Plan(Shown):
             left = np.maximum(left, self.executed.near)
         if task.nominal.rounded is not None:
             left = left + task.nominal.rounded
-        followed = self.executed is not None and self.executed.zone is not None  # as written: that counts already
-        if output is not None and output.programs and output.form != "joint" and not followed:
+        if output is not None and output.programs and output.form != "joint" and self.executed is None:
             bow += output.bound_fit(task.tolerance)
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
@@ -152,7 +143,7 @@ class Plan(Shown):
             touchable = touch_part(task.robot, task.nominal, task.rotation, task.q_start, read_touch(self.job))
         try:
             return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
-                                between=bow, motion=self.bending.motion, part=part, touched=task.touched,
+                                between=bow, motion=self.motion, part=part, touched=task.touched,
                                 touchable=touchable, uncorrected=self.before.deviation,
                                 written=left - self.after.distance, tolerance=task.tolerance)  # fmt: skip
         except ConvergenceError:
@@ -162,14 +153,14 @@ class Plan(Shown):
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
         return check_tolerance(
-            self.task, self.status, self.error_band, left=self.after.distance, inertia=self.bending.inertia,
+            self.task, self.status, self.error_band, left=self.after.distance, known=self.motion is not None,
             failures=self.command.failures, failure=self.explain_failures(),
             compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
 
     def explain_failures(self) -> str:
-        """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
+        """Return a sentence on failing waypoints and their limits, or on what is not confirmed; "" if solved."""
         failures, start = self.command.failures, self.task.start
         if not failures:
             return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
@@ -179,21 +170,18 @@ class Plan(Shown):
         if start is not None and start.mend and far:
             word, stops, rest, rows = "are out of reach", start.mend, len(rows) - len(far), far
             stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
-        said = (f"{len(rows)} of {len(self.task)} waypoints {word}, the first is waypoint {rows[0]} "
+        return (f"{len(rows)} of {len(self.task)} waypoints {word}, the first is waypoint {rows[0]} "
                 f"(s = {1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm): {stops}")  # fmt: skip
-        return said if len(said) <= LONGEST else f"{said[: LONGEST - 3]}..."
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the figures that a person asks for first."""
+        """Return the main figures."""
         band, nominal = self.error_band, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
-        missing = "not known: a robot within the stated widths has no equilibrium"
-        missing = NO_BAND if self.status == "infeasible" else missing
-        widest = missing if band is None else (
-            f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; the robot "
-            f"is {band.known.grade}"
-        )  # fmt: skip
+        widest = NO_BAND if self.status == "infeasible" else "not known: a robot within it has no equilibrium"
+        if band is not None:
+            widest = (f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; "
+                      f"the robot is {band.known.grade}")  # fmt: skip
         stops = self.explain_failures()
         return [
             ("plan", f"{self.name}: {self.status.replace('_', ' ')}, {self.strategy}, {self.robot.name}"),
@@ -229,69 +217,66 @@ class Plan(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what plan.json holds."""
-        return summarise_plan(self)
-
-
-def summarise_plan(plan: Plan) -> dict[str, Any]:
-    """Return the content of plan.json."""
-    failures, margins, between = plan.command.failures, plan.margins, plan.between
-    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
-    learned = None if plan.task.law is None else plan.task.law.learned  # what measured parts said of the force
-    summary: dict[str, Any] = {
-        "schema": 1,
-        "status": plan.status,
-        "verdict": plan.verdict.describe(),
-        "strategy": plan.strategy,
-        "name": plan.name,
-        "robot": plan.robot.name,
-        "robot_grade": plan.robot.grade,
-        "robot_sources": dict(plan.robot.sources),
-        **({} if plan.job is None else {"part_frame": "touched_off" if plan.job.touched_off else "absolute"}),
-        "waypoints": len(plan.task),
-        "configuration": dict(plan.task.configuration),
-        "solve_time_s": round(plan.command.solve_time, 4),
-        **({"nlp": plan.command.nlp} if plan.command.nlp else {}),
-        "error_before_mm": plan.before.figures,
-        "error_after_mm": plan.after.figures,
-        "between_waypoints_mm": {"max": between.max_deviation * 1e3}
-        | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
-        **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
-        **plan.bending.describe(),
-        **summarise_band(plan.error_band),
-        "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
-        "within_tolerance": plan.after.share_within(plan.task.tolerance),
-        "correction_mm": {"max": margins.max_correction * 1e3},
-        "margins": {
-            "position_limit_deg": float(np.degrees(margins.position)),
-            "position_limit_joint": plan.robot.joint_names[margins.joint],
-            "velocity_ratio": margins.velocity_ratio,
-            "acceleration_ratio": margins.acceleration_ratio,
-        },
-        "duration_s": float(plan.timing.time[-1]),
-        "judge": EXACT_EVALUATION,
-        "checks": [check.describe() for check in plan.checks if check.severity == STOP],
-        "notes": [*plan.reasons, *plan.notes],
-        "stops": list_stops([*plan.reasons, *plan.notes]),
-        "made_by": describe_origin(),
-    }  # fmt: skip
-    if learned is not None:
-        turn = np.degrees(learned.turn).tolist()
-        summary["process_force"] = {"level": learned.level, "turn_deg": turn, "source": learned.source}
-    start = plan.task.start
-    if start is not None and start.posture_choice is not None:
-        program = {} if start.program is None else {"program": dict(start.program)}
-        summary["posture"] = {**start.posture_choice.describe(), **program}
-    if plan.clearance is not None:
-        summary["clearance"] = summarise_clearance(plan.clearance, None if start is None else start.settings.scene)
-    if failures:
-        summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
-    if plan.status != "solved":
-        summary["failure"] = plan.explain_failures()
-    return summary
+        failures, between, (room, nearest) = self.command.failures, self.between, self.limit_room
+        ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
+        learned = None if self.task.law is None else self.task.law.learned  # what measured parts said of the force
+        summary: dict[str, Any] = {
+            "schema": 1,
+            "status": self.status,
+            "verdict": self.verdict.describe(),
+            "strategy": self.strategy,
+            "name": self.name,
+            "robot": self.robot.name,
+            "robot_grade": self.robot.grade,
+            "robot_sources": dict(self.robot.sources),
+            **({} if self.job is None else {"part_frame": "touched_off" if self.job.part.touched_off else "absolute"}),
+            "waypoints": len(self.task),
+            "configuration": dict(self.task.configuration),
+            "solve_time_s": round(self.command.solve_time, 4),
+            **({"nlp": self.command.nlp} if self.command.nlp else {}),
+            "error_before_mm": self.before.figures,
+            "error_after_mm": self.after.figures,
+            "between_waypoints_mm": {"max": between.max_deviation * 1e3}
+            | {way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()},
+            **({} if self.executed is None else {"executed_mm": self.executed.describe()}),
+            **({} if self.motion is None else {
+                "inertia_mm": {"max": 1e3 * self.inertia, "compensated": self.task.inertia}}),
+            **summarise_band(self.error_band),
+            "tilt_after_deg": {"max": float(np.degrees(self.after.max_tilt))},
+            "within_tolerance": self.after.share_within(self.task.tolerance),
+            "correction_mm": {"max": self.max_correction * 1e3},
+            "margins": {
+                "position_limit_deg": float(np.degrees(room)),
+                "position_limit_joint": nearest,
+                "velocity_ratio": self.timing.velocity_ratio,
+                "acceleration_ratio": self.timing.acceleration_ratio,
+            },
+            "duration_s": float(self.timing.time[-1]),
+            "judge": EXACT_EVALUATION,
+            "checks": [check.describe() for check in self.checks if check.severity == STOP],
+            "notes": [*self.reasons, *self.notes],
+            "stops": list_stops([*self.reasons, *self.notes]),
+            "made_by": describe_origin(),
+        }  # fmt: skip
+        if learned is not None:
+            turn = np.degrees(learned.turn).tolist()
+            summary["process_force"] = {"level": learned.level, "turn_deg": turn, "source": learned.source}
+        start = self.task.start
+        if start is not None and start.posture_choice is not None:
+            program = {} if start.program is None else {"program": dict(start.program)}
+            summary["posture"] = {**start.posture_choice.describe(), **program}
+        if self.clearance is not None:
+            scene = None if start is None else start.settings.scene
+            summary["clearance"] = summarise_clearance(self.clearance, scene)
+        if failures:
+            summary["failures"] = [{"waypoint": k, "limit": limit} for k, limit in sorted(failures.items())]
+        if self.status != "solved":
+            summary["failure"] = self.explain_failures()
+        return summary
 
 
 def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
-    """Return what plan.json says of the band; nothing where there is none."""
+    """Return the entries of plan.json on the error band; none without a band."""
     if error_band is None:
         return {}
     widest, known, before = error_band.widest, error_band.known, error_band.before
@@ -319,57 +304,4 @@ def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
             "leading": [{"unknown": name, "share_of_variance": share} for name, share in error_band.leading],
             "assumed": list(error_band.assumed),
         },
-    }  # fmt: skip
-
-
-def worst_status(plans: Sequence[Plan]) -> str:
-    """Return the status of several plans as one: the worst."""
-    return max((plan.status for plan in plans), key=STATUSES.index)
-
-
-def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
-    """Return what plan.json says of the plans of a job of several tools: the worst of every figure, and each tool."""
-    parts = [summarise_plan(plan) for plan in plans]
-    verdicts, labels = [part["verdict"] for part in parts], ["" if p.job is None else p.job.label for p in plans]
-
-    def worst(table: str, *keys: str) -> dict[str, float]:
-        return {key: max(float(part[table][key]) for part in parts) for key in keys}
-
-    kept = ("schema", "strategy", "robot", "robot_grade", "configuration", "judge", "made_by")
-    whole: dict[str, Any] = {
-        **{key: parts[0][key] for key in kept},
-        "name": name,
-        "status": worst_status(plans),
-        "verdict": max(verdicts, key=lambda one: (VERDICTS.index(one["word"]), one["beyond_share"] or 0.0)),
-        "waypoints": sum(part["waypoints"] for part in parts),
-        "solve_time_s": round(sum(part["solve_time_s"] for part in parts), 4),
-        "duration_s": sum(part["duration_s"] for part in parts),
-        **{key: worst(key, "rms", "mean", "max") for key in ("error_before_mm", "error_after_mm")},
-        **{key: worst(key, "max") for key in ("between_waypoints_mm", "correction_mm")},
-        "margins": {
-            "position_limit_deg": min(part["margins"]["position_limit_deg"] for part in parts),
-            **worst("margins", "velocity_ratio", "acceleration_ratio"),
-        },
-        "notes": list(dict.fromkeys(
-            note if note in plan.task.nominal.notes else type(note)(f"{label}: {note}")
-            for plan, label in zip(plans, labels, strict=True) for note in (*plan.reasons, *plan.notes)
-        )),
-        "tools": [_summarise_operation(plan, part, label)
-                  for plan, part, label in zip(plans, parts, labels, strict=True)],
-    }  # fmt: skip
-    if all("error_band_mm" in part for part in parts):
-        whole["error_band_mm"] = worst("error_band_mm", "p95_max")
-    failing = [f"{label}: {part['failure']}" for part, label in zip(parts, labels, strict=True) if "failure" in part]
-    if failing:
-        whole["failure"] = "; ".join(failing)
-    return whole
-
-
-def _summarise_operation(plan: Plan, part: dict[str, Any], label: str) -> dict[str, Any]:
-    """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
-    kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
-    length = 1e3 * float(np.linalg.norm(plan.robot.joints[-1].placement[:3, 3]))
-    return {
-        "operation": None if plan.job is None else plan.job.cam.operation, "label": label, "folder": label,
-        "length_mm": round(length, 6), **{key: part[key] for key in (*kept, "error_band_mm") if key in part},
     }  # fmt: skip

@@ -1,31 +1,27 @@
-"""Stability: where the arm buckles under its load, and up to which depth an end mill cuts without chatter."""
+"""Stability of a plan: where the arm buckles, and up to which depth an end mill cuts without chatter."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from compplan.errors import ConvergenceError, InfeasibleError
-from compplan.planning.deflection import DAMPING
+from compplan.planning.inertia import DAMPING
 from compplan.planning.task import PlanTask
-from compplan.process.cutting import edge_wrenches
-from compplan.process.engagement import Engagement
 from compplan.process.force_models.end_mill import EndMillProcess
-from compplan.process.materials import Coefficients
 from compplan.robot import Array
+from compplan.simulation.chatter import compute_depth_limit, compute_gains
 from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.chain import jacobian, load_elements, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import pick_even
 
-#: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
-THINNEST = 1e-4
 #: Waypoints that are looked at.
 TRIED = 400
 
 
 def explain_buckling(task: PlanTask) -> InfeasibleError | None:
-    """Name a waypoint at which the loaded arm finds no rest, and the joint that gives way the most; or return None."""
+    """Name a waypoint without loaded equilibrium, and the joint that yields the most; None if all have one."""
     for row in pick_even(np.flatnonzero(task.compensated), TRIED).tolist():
         q, wrench = task.q_start[[row]], task.wrench[[row]]
         try:
@@ -39,7 +35,7 @@ def explain_buckling(task: PlanTask) -> InfeasibleError | None:
     lever = np.linalg.norm(jacobian(task.chain, frames)[0, :3, elements], axis=1)
     name = task.chain.spring_names[int(np.argmax(np.abs(give) * lever))]
     message = (
-        f"the arm buckles at waypoint {row}: no equilibrium is found, the spring of {name} gives way the most; "
+        f"the arm buckles at waypoint {row}: no equilibrium is found, the spring of {name} yields the most; "
         "check the compliances and the force"
     )
     return InfeasibleError(message, waypoints=[row], limits=[f"equilibrium of {name}"])
@@ -47,64 +43,10 @@ def explain_buckling(task: PlanTask) -> InfeasibleError | None:
 
 #: Modes of the arm at a posture, and places of the cut that are looked at.
 MODES, PLACES = 5, 12
-#: Frequencies that a determinant is followed over: evenly, and beside each mode in widths of its peak.
-EVEN, NEAR = 600, np.sinh(np.linspace(-6.0, 6.0, 81))
-#: Depths that a limit is sought among, shares of the depth that is cut.
-SCALES = np.geomspace(0.02, 20.0, 120)
-
-
-def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
-    """Return dF/dx of one tooth, the mean over a turn, at every waypoint, path axes. Shape (n, 3, 3). [N/m]
-
-    x is the displacement since the tooth before. With a Kienzle exponent it is the slope at the actual chip thickness,
-    `feed_per_tooth` (n,) [m].
-    """
-    edge, angle = found.cutter.slices, found.angles
-    force = edge_wrenches(edge, angle)[0][..., :3]
-    cos, sin = np.cos(angle), np.sin(angle)
-    out, up = edge.normal[:, :1], edge.normal[:, 1:]
-    normal = np.stack([out * cos, out * sin, up * np.ones_like(cos)], axis=-1)
-    speed = np.maximum(found.speed(angle), 0.0)
-    chip = np.maximum(1e3 * feed_per_tooth[:, None, None] * speed, THINNEST)
-    gains = np.zeros((len(found), 3, 3))
-    for c in range(3):
-        m = coefficients.exponent[c]
-        slope = 1e6 * coefficients.cutting[c] * (1.0 - m) * chip**-m
-        weight = found.depth * slope * (edge.length[:, None] * (speed > 0.0)) / len(angle)
-        gains += np.einsum("nkm,kmi,kmj->nij", weight, force[c], normal)
-    return gains
-
-
-def compute_depth_limit(
-    mean: Array, period: float, omega: Array, shape: Array, damping: Array, scales: Array = SCALES
-) -> float:
-    """Return the least unstable depth as a share of the one that is cut; inf for none among the rising scales.
-
-    Args:
-        mean: B0 at the depth that is cut. Shape (3, 3). [N/m]
-        period: Time from tooth to tooth. [s]
-        omega: Angular frequencies of the modes of tool and arm. Shape (m,). [rad/s]
-        shape: Motion of the tip in each, of a modal mass of 1 kg, axes of `mean`. Shape (3, m).
-        damping: Share of critical damping of each. Shape (m,).
-        scales: Depths that are tried, as shares.
-    """
-    last = 20.0 * omega.max()
-    near = omega[:, None] * (1.0 + damping[:, None] * NEAR / 2.0)
-    grid = np.linspace(0.0, last, int(np.clip(last * period, EVEN, 20 * EVEN)))
-    at = np.unique(np.clip(np.concatenate([grid, near.ravel()]), 0.0, last))
-    peak = omega**2 - at[:, None] ** 2 + 2j * damping * omega * at[:, None]
-    answer = np.einsum("im,wm,jm->wij", shape, 1.0 / peak, shape)
-    loop = (1.0 - np.exp(-1j * at * period))[:, None, None] * (answer @ mean)
-    trace = np.einsum("wii->w", loop)
-    square = 0.5 * (trace**2 - np.einsum("wij,wji->w", loop, loop))
-    b = np.asarray(scales, float)[:, None]
-    turned = np.unwrap(np.angle(1.0 - b * trace + b**2 * square - b**3 * np.linalg.det(loop)), axis=1)
-    unstable = np.flatnonzero(np.rint(-(turned[:, -1] - turned[:, 0]) / np.pi) > 0)
-    return float(scales[unstable[0]]) if len(unstable) else float("inf")
 
 
 def describe_depth_limit(task: PlanTask, q: Array) -> str:
-    """Return a sentence on the least limit of depth along a plan; "" where no end mill cuts or masses are unknown."""
+    """Return a sentence on the least depth limit along a plan; "" if no end mill cuts or masses are unknown."""
     cutting = None if task.law is None else task.law.cutting
     if cutting is None or not isinstance(cutting.process, EndMillProcess):
         return ""

@@ -1,7 +1,6 @@
-"""What a compensation strategy is told: the robot model, the nominal path, the predicted wrench, the limits.
+"""Input and output of a compensation strategy: a `PlanTask` (robot, path, wrench, limits) and a `Command`.
 
-Every strategy gets the same task and answers with a `Command`. `attain_rows` is the one place where it is predicted
-where the loaded tool goes; effects of the robot's folder (effects.toml) enter there alone.
+`attain_rows` alone predicts where the loaded tool goes, with the effects of the robot folder (effects.toml).
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
-from compplan.effects.backlash import list_plays
+from compplan.effects.transmission_error import weigh_joints
 from compplan.planning.posture.summary import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
@@ -29,25 +27,17 @@ from compplan.uncertainty.touch_off import TouchedPart
 
 #: Time over which motion is smoothed where no natural frequency is known. [s]
 SMOOTHING = 0.05
-#: Such times that a move takes at least which loads the tool where it stands.
+#: Least duration of a move that loads or unloads the tool at rest, in times of smoothing.
 PERIODS = 2.0
-#: A joint this near to its limit stands at it. [rad or m]
-AT_LIMIT = 1e-6
-#: A correction this near to its limit stands at it. [m]
-AT_CORRECTION = 1e-6
-#: What stops a waypoint whose correction stands at its limit.
-CORRECTION_LIMIT = "correction limit"
-#: What stops a waypoint that stands at no limit.
-OUT_OF_REACH = "reach of the arm"
-#: Postures whose levers are looked at; least and greatest weight of a joint against the mean one.
-LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
-#: Amplitude of the gear error of a joint, lost motion where none is stated (assumed) [rad], and gear periods a turn.
-GEAR_ERROR, GEAR_PERIODS = float(np.radians(0.002)), 60.0
+#: Distance from its limit below which a joint [rad or m] or a correction [m] counts as at it.
+AT_LIMIT, AT_CORRECTION = 1e-6, 1e-6
+#: What stops a failing waypoint: the limit of the correction, or nothing but the reach.
+CORRECTION_LIMIT, OUT_OF_REACH = "correction limit", "reach of the arm"
 
 
 @dataclass(frozen=True)
 class PlanTask:
-    """What a strategy knows; n waypoints, nq joints, base frame."""
+    """The path to correct and all that a strategy may use; n waypoints, nq joints, base frame."""
 
     robot: Robot  #: The robot model with its tool.
     chain: Chain  #: Its elastic chain.
@@ -55,7 +45,7 @@ class PlanTask:
     rotation: Array  #: Wanted orientation of the TCP frame, x as the job points it. Shape (n, 3, 3).
     #: Predicted wrench at the tip; at a point of contact that of the cut that begins. Shape (n, 6). [N, N m]
     wrench: Array
-    #: Waypoints of the cut, points of contact included; the others are rapid. Shape (n,).
+    #: Waypoints to correct: the cut and its points of contact; the others are rapid. Shape (n,).
     compensated: NDArray[np.bool_]
     q_start: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
     configuration: Mapping[str, str]  #: Shoulder, elbow and wrist of q_start.
@@ -69,7 +59,7 @@ class PlanTask:
     spin_free: bool  #: Whether the rotation about the tool axis is free.
     start: Start | None = None  #: How q_start was found, or None.
     law: ForceLaw | None = None  #: The law of the wrench, or None where the path carries it.
-    #: Waypoints that bring the correction in at a contact, or out where a cut ends, the wanted tip at rest. Shape (n,).
+    #: Waypoints, the tip at rest, along which the correction grows at a contact or fades after a cut. Shape (n,).
     lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     #: Waypoints within a cut at which the tool comes to rest. Shape (n,).
     rests: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
@@ -82,8 +72,8 @@ class PlanTask:
     links: Array | None = None
     #: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
     places: Array | None = None
-    #: Elastic coordinates where the path was last looked at: the next equilibrium begins there. They are written over,
-    #: and no result depends on them beyond rounding. Shape (n, s). [rad or m]
+    #: Elastic coordinates of the last equilibrium, from which the next one starts; overwritten. Results depend on them
+    #: by rounding alone. Shape (n, s). [rad or m]
     theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
     #: The part as the robot found it by touching; None where its frame is absolute. Loaded poses are relative to the
     #: found frame (`see_position`).
@@ -112,7 +102,7 @@ class PlanTask:
 
     @property
     def programmed(self) -> Array:
-        """The path that the tip is judged by: `position`, but where that uses a tube around it. Shape (n, 3). [m]."""
+        """The programmed path: `position` without its offset within the tolerance tube. Shape (n, 3). [m]"""
         aside = None if self.start is None else self.start.aside
         if aside is None:
             return self.position
@@ -121,16 +111,13 @@ class PlanTask:
 
     @property
     def upright(self) -> Array:
-        """Tool axis as programmed, tip to spindle: that of `nominal` but for its leans. Shape (n, 3)."""
+        """Programmed tool axis, tip to spindle: that of `nominal` without lead and lean. Shape (n, 3)."""
         axis = None if self.start is None else self.start.upright
         return self.nominal.axis if axis is None else interpolate(self.origin, np.arange(len(axis)), axis)
 
     @cached_property
     def q_uncorrected(self) -> Array:
-        """Joint positions of the uncorrected program: `q_start`, but by the geometry that the controller believes.
-
-        Shape (n, nq). [rad or m]
-        """
+        """Joint positions of the uncorrected program, by the geometry of the controller. Shape (n, nq). [rad or m]"""
         believed = self.robot if self.touched is None else believed_robot(self.robot)
         arm = None if believed is self.robot else build_arm(believed)
         if arm is None or len(arm.arm) < 6:
@@ -139,13 +126,13 @@ class PlanTask:
 
     @property
     def pace(self) -> Array:
-        """Factor by which the start asks the run to be slower than it could be. Shape (n,)."""
+        """Factor by which the run is slower than the fastest one, to vibrate less. Shape (n,)."""
         pace = None if self.start is None else self.start.pace
         return np.ones(len(self)) if pace is None else np.interp(self.origin, pace.places, pace.slower)
 
     @property
     def gentle_time(self) -> float:
-        """Least time of a move that loads or unloads the tool where it stands. [s]."""
+        """Least duration of a move that loads or unloads the tool at rest. [s]"""
         return PERIODS * self.smoothing
 
     def see_position(self, position: Array) -> Array:
@@ -169,28 +156,28 @@ class PlanTask:
 
     @property
     def q_links(self) -> Array:
-        """Joint positions that the links go through, whatever the drives run ahead. Shape (n, nq). [rad or m]."""
+        """Joint positions of the links; commands lead them by inertia and lost motion. Shape (n, nq). [rad or m]"""
         return self.q_start if self.links is None else self.links
 
     @property
     def cut(self) -> NDArray[np.bool_]:
-        """Waypoints that are judged: those of the cut and the points of contact, not what leads in. Shape (n,)."""
+        """Waypoints whose deviation counts: the cut and its points of contact, without `lead`. Shape (n,)."""
         return self.compensated & ~self.lead
 
     @property
     def leaving(self) -> NDArray[np.bool_]:
-        """Waypoints that take the correction out where a cut has ended: those of `lead` after a cut. Shape (n,)."""
+        """Waypoints of `lead` after a cut, along which the correction fades. Shape (n,)."""
         last = np.maximum.accumulate(np.where(self.lead, 0, np.arange(len(self))))
         return np.asarray(self.lead & ~self.nominal.rapid[last])
 
     @property
     def stays(self) -> NDArray[np.bool_]:
-        """Joints that keep q_start: rails and what carries the part, whose small motions are lost. Shape (nq,)."""
+        """Joints that keep q_start: rails and positioners, which do not follow small motions. Shape (nq,)."""
         return (self.robot.prismatic | self.robot.carriers) & (np.arange(self.robot.nq) < self.robot.nq - 6)
 
     @cached_property
     def worth(self) -> Array:
-        """What motion of each joint is worth. Shape (nq,)."""
+        """Weight of the motion of each joint in least-motion corrections. Shape (nq,)."""
         return weigh_joints(self.chain, self.q_start, self.robot)
 
     @cached_property
@@ -200,17 +187,17 @@ class PlanTask:
 
     @cached_property
     def moving_runs(self) -> list[tuple[int, int]]:
-        """Runs along which the wanted tip moves; in the others it turns where it is."""
+        """Runs along which the wanted tip moves; in the others the tool turns in place."""
         return [(first, last) for first, last in self.runs if self.nominal.steps[first:last].any()]
 
     @property
     def axis_free(self) -> bool:
-        """Tell whether the tool axis follows from the tip: four joints (palletisers, SCARA) cannot choose it."""
+        """Tell whether the tip determines the tool axis, as with four joints (palletisers, SCARA)."""
         return self.chain.nq < 5
 
     @property
     def redundant(self) -> bool:
-        """Tell whether a waypoint leaves the joints any freedom."""
+        """Tell whether the arm has more joints than pose equations."""
         return self.chain.nq - int(self.stays.sum()) > count_equations(self.chain, spin_free=self.spin_free)
 
 
@@ -232,12 +219,6 @@ def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = Non
     return [(int(first) - 1, int(last)) for first, last in zip(firsts, lasts, strict=True)]
 
 
-def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
-    """Group waypoints into spans (first, last)."""
-    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
-    return [(waypoints[a], waypoints[b - 1]) for a, b in pairwise(breaks) if b > a]
-
-
 def pick_worst(rows: NDArray[np.int_], score: Array, most: int) -> NDArray[np.int_]:
     """Pick at most so many rows (k,): half of them those of the greatest scores (k,), the others evenly."""
     if len(rows) <= most:
@@ -250,47 +231,28 @@ def count_equations(chain: Chain, *, spin_free: bool) -> int:
     return (3 if chain.nq < 5 else 5) + (not spin_free)
 
 
-def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
-    """Weigh joints by the error that their motion makes at the tip.
-
-    A joint of lever r turns with a gear error of amplitude a and n periods a turn, and with lost motion b. Over a
-    period of the gear the tip is off by r a / sqrt(2) and r b / 2, so that a radian costs
-
-        w = r^2 [ (a n)^2 / 2 + (b n / (4 pi))^2 ]
-
-    with the lost motion of the folder where it states one, else an assumed one; in shares of the mean. Shape (nq,).
-    """
-    some = pick_even(q, LOOKED_AT)
-    columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
-    lever = np.einsum("nij,nij->j", columns, columns) / len(some)
-    stated = list_plays(robot)
-    width = np.where(stated > 0.0, stated, GEAR_ERROR)
-    cost = lever * (0.5 * (GEAR_ERROR * GEAR_PERIODS) ** 2 + (width * GEAR_PERIODS / (4.0 * np.pi)) ** 2)
-    return np.clip(cost / max(float(cost.mean()), 1e-300), LEAST, MOST)
-
-
 @dataclass(frozen=True)
 class Command:
-    """What a strategy sends to the controller."""
+    """The answer of a strategy."""
 
     q: Array  #: Commanded joint positions. Shape (n, nq). [rad or m]
     status: str = "solved"  #: "solved" or "infeasible".
     failures: Mapping[int, str] = field(default_factory=dict)  #: Waypoints that fail, and the limit that stops each.
     solve_time: float = 0.0  #: Wall time in the solver. [s]
-    nlp: Mapping[str, Any] = field(default_factory=dict)  #: What the nonlinear program came to, as plan.json holds it.
-    lead: Array | float = 0.0  #: What it adds to the positions of the links for lost motion. Shape (n, nq). [rad or m]
+    nlp: Mapping[str, Any] = field(default_factory=dict)  #: Figures of the nonlinear program for plan.json.
+    lead: Array | float = 0.0  #: Command minus link positions, due to lost motion. Shape (n, nq). [rad or m]
 
     @property
     def links(self) -> Array:
-        """Joint positions that its links go to. Shape (n, nq). [rad or m]"""
+        """Positions of the links. Shape (n, nq). [rad or m]"""
         return self.q - self.lead
 
 
 def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
-    """Predict what the pose equations of some waypoints (k,) hold: the loaded tool, in rapid moves the unloaded one.
+    """Predict the pose of the loaded tool (in rapid moves the unloaded one) at some waypoints (k,).
 
-    q (n, nq) is the command of the whole path, on which effects with a memory depend; without `slope` the derivative is
-    zero, and cheaper. Effects of the folder take the place of the model without them; inertia bends on top of them.
+    q (n, nq) is the command of the whole path, on which effects with a memory depend. Without `slope` the derivative is
+    left at zero. Where the folder has effects, their forward model gives the pose, and the bend by inertia is added.
     """
     bias = None if task.bias is None else task.bias[rows]
     loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias, theta=task.theta[rows])
@@ -315,7 +277,7 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
 
 
 def pose_equations(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> Array:
-    """Return by how much attained poses of waypoints miss tip, tool axis (and spin). Shape (k, equations). [m, rad]"""
+    """Return the residuals of the pose equations: tip, tool axis (and spin). Shape (k, equations). [m, rad]"""
     missed = [attained.position - task.position[rows]]
     missed += [np.einsum("ni,ni->n", a, b)[:, None] for a, b in _crossings(task, attained, rows)]
     return np.hstack(missed)
@@ -331,14 +293,14 @@ def differentiate_equations(task: PlanTask, attained: AttainedPose, rows: NDArra
 
 
 def _crossings(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> list[tuple[Array, Array]]:
-    """Pair the directions that have to be normal to each other: wanted with attained. Shapes (k, 3)."""
+    """Pair wanted and attained directions that are normal to each other at the wanted pose. Shapes (k, 3)."""
     x, y = task.rotation[rows, :, 0], task.rotation[rows, :, 1]
     pairs = [] if task.axis_free else [(x, attained.rotation[:, :, 2]), (y, attained.rotation[:, :, 2])]
     return pairs if task.spin_free else [*pairs, (y, attained.rotation[:, :, 0])]
 
 
 def check_limits(task: PlanTask, q: Array) -> Command:
-    """Make a command of joint positions, and name the waypoints that leave a limit or that the arm does not reach."""
+    """Return joint positions as a command, with the waypoints that leave a limit or are out of reach."""
     outside = np.maximum(task.robot.lower - q, q - task.robot.upper)
     too_far = measure_correction(task, q) > task.max_correction + AT_CORRECTION
     failing = np.flatnonzero(task.missed | (outside > 1e-9).any(axis=1) | (too_far & task.compensated))

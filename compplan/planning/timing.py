@@ -29,7 +29,6 @@ from scipy.interpolate import CubicSpline, PPoly
 from compplan.errors import ConvergenceError
 from compplan.io.lazy_imports import put_off
 from compplan.planning.motion_limits import (
-    TorqueRules,
     Torques,
     difference_motion,
     measure_torque_use,
@@ -38,6 +37,7 @@ from compplan.planning.motion_limits import (
 )
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
+from compplan.simulation.torque import TorqueRules
 from compplan.statics.chain import locate_frames
 from compplan.toolpath.corners import find_roundings, find_shares
 from compplan.toolpath.toolpath import interpolate

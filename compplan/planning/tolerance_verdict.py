@@ -1,8 +1,7 @@
-"""The verdict: whether the part may be expected within its tolerance, what speaks against it, and what would change it.
+"""The verdict: whether the 95 % band of the true tip stays within the tolerance, its largest cause, and what helps.
 
-`status` says what the equations and the independent check say. The verdict says what the 95 % band of the true tip
-says: `keeps` where the whole cut stays within the tolerance with 95 %, `may_not_keep` where it does not, `not_known`
-where something that moves the tip is not known and the rest of the band lies within the tolerance.
+`keeps` where the whole cut stays within the tolerance, `may_not_keep` where it does not, `not_known` where something
+that moves the tip is not known and the rest of the band lies within the tolerance.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.checks import state_mm
+from compplan.io.quantities import state_mm
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
@@ -31,7 +30,7 @@ SETTLE = (
     "report both as a defect."
 )
 #: What is said of the band of a compromise.
-NO_BAND = "no 95 % band is stated, waypoints are out of reach"
+NO_BAND = "No 95 % band is stated, waypoints are out of reach"
 #: What would change the verdict, by the largest cause.
 CHANGES = {
     FORCE: "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
@@ -58,53 +57,35 @@ class ToleranceVerdict:
 
     def describe(self) -> dict[str, Any]:
         """Describe it for plan.json."""
-        return {
-            "word": self.word,
-            "sentence": self.sentence,
-            "tolerance_mm": 1e3 * self.tolerance,
-            "band_mm": None if self.band is None else 1e3 * self.band,
-            "beyond_share": self.beyond_share,
-            "largest_cause": self.largest_cause,
-            "change": self.change,
-            "basis": self.basis,
-            "left_out": list(self.left_out),
-        }  # fmt: skip
-
-    @property
-    def head(self) -> tuple[str, ...]:
-        """Short lines for the head of a program."""
-        words = {KEEPS: "keeps", MAY_NOT_KEEP: "MAY NOT KEEP", NOT_KNOWN: "NOT KNOWN if it keeps"}
-        lines = [f"verdict: {words[self.word]} {state_mm(self.tolerance)}"]
-        lines += [] if self.band is None else [f"true tip within {state_mm(self.band)}, 95 %"]
-        lines += [f"beyond: {_percent(self.beyond_share)} of the cut"] if self.beyond_share else []
-        return tuple(lines)
+        lengths = {"tolerance_mm": self.tolerance, "band_mm": self.band}
+        plain = {name: value for name, value in vars(self).items() if name not in ("tolerance", "band")}
+        return {**plain, **{name: None if value is None else 1e3 * value for name, value in lengths.items()}}
 
 
 def check_tolerance(
-    task: PlanTask, status: str, error_band: ErrorBand | None, *, left: Array, inertia: float,
+    task: PlanTask, status: str, error_band: ErrorBand | None, *, left: Array, known: bool,
     failures: Mapping[int, str], failure: str = "", compensates: bool = True, traced: bool = False,
 ) -> ToleranceVerdict:  # fmt: skip
-    """Judge whether the part of a plan may be expected within its tolerance.
+    """State whether the part of a plan may be expected within its tolerance.
 
     Args:
         task: The task of the plan.
         status: "solved", "not_confirmed" or "infeasible".
         error_band: The 95 % band of the true tip, None where none can be stated.
         left: Distance of the tip from the path that the plan leaves if the robot is as modelled. Shape (n,). [m]
-        inertia: How far inertia bends the arm, NaN where masses or springs are unknown. [m]
+        known: Whether masses and springs are known, so that the band counts inertia.
         failures: Waypoints that fail, and the limits that stop them.
         failure: What fails, in a sentence.
         compensates: Whether the job lets the plan compensate the inertia of the motion.
-        traced: Whether it is identified how the drives follow.
+        traced: Whether the drives were identified.
     """
-    wanted, known = state_mm(task.tolerance), bool(np.isfinite(inertia))
-    error_band = None if status == "infeasible" else error_band
+    wanted, error_band = state_mm(task.tolerance), None if status == "infeasible" else error_band
     band, basis = (None, "") if error_band is None else (error_band.whole, describe_basis(error_band))
     aside = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
     left_out = list_left_out(task.robot, error_band, inertia_known=known, traced=traced)
 
     def state(word: str, sentence: str, cause: str, change: str, share: float | None) -> ToleranceVerdict:
-        return ToleranceVerdict(word, sentence.strip(), task.tolerance, band, share, cause, change, basis, left_out)
+        return ToleranceVerdict(word, sentence, task.tolerance, band, share, cause, change, basis, left_out)
 
     def withhold(missing: str, change: str, share: float | None) -> ToleranceVerdict:
         head = "" if status == "solved" else "Do not start. "
@@ -117,8 +98,8 @@ def check_tolerance(
         change = "Move the part (compplan place JOB), or allow a wider tolerance."
         first = f" (the first is waypoint {min(failures)})" if failures else ""
         sentence = (f"Do not start: there is no solution. May not keep {wanted}: {len(failures)} waypoints are not "
-                    f"reached within the limits{first}. Largest cause: {cause}. {change} "
-                    f"{NO_BAND[0].upper()}{NO_BAND[1:]}.{aside}")  # fmt: skip
+                    f"reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND}.{aside}"
+                    )  # fmt: skip
         return state(MAY_NOT_KEEP, sentence, cause, change, None)
     if error_band is None:
         return withhold("no robot within the uncertainty has an equilibrium under this load", MEASURE, None)
@@ -129,7 +110,7 @@ def check_tolerance(
         change = find_change(error_band, cause, compensates=compensates)
         worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
         off = (f"May not keep {wanted}: the tip may be up to {state_mm(error_band.whole)} off the path (95 %). Beyond "
-               f"the tolerance: {_percent(share)} of the cut, worst at {worst}. Largest cause: {cause}."
+               f"the tolerance: {state_percent(share)} of the cut, worst at {worst}. Largest cause: {cause}."
                )  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
         if status != "solved":
@@ -167,11 +148,7 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
         best = min(rung.band for rung in error_band.ladder[1:])
         return f"Allow a tolerance above {state_mm(best)} or reduce the force: all measurements together get no lower."
-    if cause == INERTIA and not compensates:
-        return LET_COMPENSATE
-    if cause in CHANGES:
-        return CHANGES[cause]
-    return MEASURE
+    return LET_COMPENSATE if cause == INERTIA and not compensates else CHANGES.get(cause, MEASURE)
 
 
 def describe_basis(error_band: ErrorBand) -> str:
@@ -179,10 +156,8 @@ def describe_basis(error_band: ErrorBand) -> str:
     robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
     if not np.any(error_band.parts["force"]):
         return f"the robot is {robot}"
-    if "assumed" not in error_band.force.source:
-        return f"the robot is {robot}; the force as the job states it"
-    both = robot.startswith("assumed")
-    return f"robot and force are {robot}" if both else f"the robot is {robot}; the force is assumed"
+    force = "as the job states it" if "assumed" not in error_band.force.source else "is assumed"
+    return f"the robot is {robot}; the force {force}"
 
 
 def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:
@@ -200,15 +175,15 @@ def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: 
 def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_]) -> float:
     """Return the share of a cut, by its length, that chosen waypoints stand for: half of each move beside them.
 
-    Length of the path [m], waypoints of the cut and those chosen among them have the shape (n,).
+    length: of the path at each waypoint [m]; cut, chosen: marks of waypoints. Shapes (n,).
     """
     half = 0.5 * np.diff(length) * (cut[1:] & cut[:-1])
     weight = np.r_[half, 0.0] + np.r_[0.0, half]
-    if not weight.any():
-        weight = cut.astype(float)
-    return float(weight[chosen].sum() / weight.sum()) if weight.sum() > 0.0 else 0.0
+    weight = weight if weight.any() else cut.astype(float)
+    return float(weight[chosen].sum() / max(weight.sum(), 1e-300))
 
 
-def _percent(share: float) -> str:
+def state_percent(share: float) -> str:
+    """Write a share of the cut in percent, in ASCII, for messages and programs."""
     percent = 100.0 * share
     return "below 0.1 %" if percent < 0.1 else "all" if percent > 99.95 else f"{percent:.3g} %"

@@ -19,13 +19,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
+from compplan.io.tomlfile import OneOf
 from compplan.process.engagement import ROWS, Cutter, Engagement, Slices
 from compplan.process.engagement_search import find_engagement
 from compplan.process.materials import MATERIALS, Coefficients, CoefficientTable
@@ -133,17 +135,10 @@ class CuttingTable(ForceTable):
     diameter_mm: float = Field(ge=0.05, le=500.0)
     teeth: int = Field(default=2, ge=1, le=60)
     spindle_rpm: float = Field(gt=0.0, le=2e5)
-    material: str | None = None
+    material: Annotated[str, OneOf(tuple(MATERIALS))] | None = None
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
     stock_top_mm: float | None = None
-
-    @field_validator("material")
-    @classmethod
-    def _check_name(cls, value: str | None) -> str | None:
-        if value is not None and value not in MATERIALS:
-            raise ValueError(f"is {value!r}, choose from {list(MATERIALS)}, or give coefficients")
-        return value
 
     @model_validator(mode="after")
     def _check_material(self) -> CuttingTable:
@@ -225,7 +220,7 @@ def prepare_cutting(
     R_view = view_along(axis)
     position, axes = toolpath.position @ R_view, toolpath.axis @ R_view
     stock, notes = read_stock(process.stock, cutter, toolpath, stock_top, R_view, job)
-    size = np.ptp(stock.bounds(), axis=0)[:2].max()
+    size = np.ptp(stock.box, axis=0)[:2].max()
     if 2.0 * cutter.radius > size:
         message = (f"is {process.diameter_mm:g}, larger than the stock, which is {1e3 * size:.4g} mm across the tool "
                    "axis; give the stock that is cut")  # fmt: skip
@@ -237,7 +232,7 @@ def prepare_cutting(
     if before and not found.touches.any():
         notes.append("This tool touches no stock: earlier tools left none on its path.")
     elif not found.touches.any():
-        low, high = 1e3 * (stock.bounds() @ R_view.T)
+        low, high = 1e3 * (stock.box @ R_view.T)
         message = (f"no cutting move meets the stock, which reaches from {_place(np.minimum(low, high))} to "
                    f"{_place(np.maximum(low, high))} mm, while the path goes from "
                    f"{_place(1e3 * toolpath.position.min(axis=0))} to {_place(1e3 * toolpath.position.max(axis=0))} mm "

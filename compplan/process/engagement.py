@@ -282,21 +282,17 @@ class Engagement:
         """Return how far the engaged surface reaches to the left and to the right. Shapes (n,). [m]"""
         half = np.pi / self.depth.shape[2]
         knots = self.cutter.slices.knots[:, 0]
-        left, right = np.full(len(self), -np.inf), np.full(len(self), np.inf)
-        for k in range(self.depth.shape[1]):
-            here = self.depth[:, k]
-            whole = here.max(axis=1, keepdims=True)
-            radius = knots[k] + whole[:, 0] * (knots[k + 1] - knots[k])
-            # a bin that is engaged in part is so beside its engaged neighbour
-            gap = 2.0 * half * (1.0 - here / np.maximum(whole, 1e-30))
-            before, after = np.roll(here, 1, axis=1), np.roll(here, -1, axis=1)
-            start = self.angles - half + np.where(after > before, gap, 0.0)
-            end = self.angles + half - np.where(before > after, gap, 0.0)
-            sines = np.stack([np.sin(start), np.sin(end)])
-            some = here > 0.0
-            left = np.maximum(left, np.where(some, radius[:, None] * sines.max(axis=0), -np.inf).max(axis=1))
-            right = np.minimum(right, np.where(some, radius[:, None] * sines.min(axis=0), np.inf).min(axis=1))
-        return left, right
+        knots, here = self.cutter.slices.knots[:, 0], self.depth
+        whole = here.max(axis=2, keepdims=True)
+        radius = knots[:-1, None] + whole * np.diff(knots)[:, None]
+        # a bin that is engaged in part is so beside its engaged neighbour
+        gap = 2.0 * half * (1.0 - here / np.maximum(whole, 1e-30))
+        before, after = np.roll(here, 1, axis=2), np.roll(here, -1, axis=2)
+        start = np.sin(self.angles - half + np.where(after > before, gap, 0.0))
+        end = np.sin(self.angles + half - np.where(before > after, gap, 0.0))
+        left = np.where(here > 0.0, radius * np.maximum(start, end), -np.inf)
+        right = np.where(here > 0.0, radius * np.minimum(start, end), np.inf)
+        return left.max(axis=(1, 2)), right.min(axis=(1, 2))
 
 
 def middle_angles(count: int) -> Array:

@@ -49,11 +49,7 @@ Shares = NDArray[np.float32]
 
 
 def find_engagement(
-    cutter: Cutter,
-    position: Array,
-    cutting: NDArray[np.bool_],
-    stock: StockColumns,
-    axis: Array | None = None,
+    cutter: Cutter, position: Array, cutting: NDArray[np.bool_], stock: StockColumns, axis: Array | None = None
 ) -> Engagement:
     """Find the engagement at every waypoint of a path that cuts its way through stock; rapid moves meet nothing.
 
@@ -73,7 +69,7 @@ def find_engagement(
     by_points = axis is not None or not cutter.even
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
     found = Engagement(cutter, np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32), travel, turning)
-    surface = build_cut_surface(cutter, start, position, stock.bounds()[:, :2], axis)
+    surface = build_cut_surface(cutter, start, position, stock.box[:, :2], axis)
     if surface is None:
         return found
     run_from = _find_runs(step, axis) if by_points else _straight_from(step, np.linalg.norm(step, axis=1))
@@ -126,7 +122,7 @@ def _cut_side(
     cutter: Cutter, position: Array, cutting: NDArray[np.bool_], stock: StockColumns, axis: Array | None
 ) -> Cutter:
     """Return the cutter with its side divided, up to where the stock ends."""
-    room = stock.bounds()[1, 2] - position[cutting, 2]
+    room = stock.box[1, 2] - position[cutting, 2]
     if axis is not None:
         rise = np.clip(axis[cutting, 2], 0.05, 1.0)
         room = np.maximum(room, 0.0) / rise + cutter.radius * np.sqrt(1.0 - rise**2) / rise
@@ -157,7 +153,7 @@ class _EdgeSolver:
 
     def _in_stock(self, point: Array) -> NDArray[np.bool_]:
         """Tell which points stand in the stock as it was before the first move. Shape (s,)."""
-        solid = point[:, 2] < self.stock.bounds()[1, 2]
+        solid = point[:, 2] < self.stock.box[1, 2]
         bottom, top = self.stock.interval(point[solid, :2])
         solid[solid] = (point[solid, 2] < top - NOTHING) & (point[solid, 2] >= bottom)
         return np.asarray(solid)
@@ -247,7 +243,7 @@ class _PointEdge(_EdgeSolver):
         asked[:, :-1] |= out
         asked[:, 1:] |= out
         place = self._place_knots(rows, angles)
-        asked &= place[..., 2] < self.stock.bounds()[1, 2]  # what stands above the stock is not asked for
+        asked &= place[..., 2] < self.stock.box[1, 2]  # what stands above the stock is not asked for
         n, j, m = np.nonzero(asked)
         asked[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
         low, high = asked[:, :-1] & out, asked[:, 1:] & out
@@ -276,12 +272,9 @@ class _PointEdge(_EdgeSolver):
         self.found.depth[rows] = np.clip(found, 0.0, 1.0)
 
     def _fill_lower(
-        self,
-        found: NDArray[np.float32],
-        where: tuple[NDArray[np.int_], NDArray[np.int_], Array],
-        whole: NDArray[np.bool_],
-        some: NDArray[np.bool_],
-    ) -> None:
+        self, found: NDArray[np.float32], where: tuple[NDArray[np.int_], NDArray[np.int_], Array],
+        whole: NDArray[np.bool_], some: NDArray[np.bool_],
+    ) -> None:  # fmt: skip
         """Write the shares of bins of the lower surface that are engaged in part, the mean of `STRIPS` angles in each.
 
         Both ends of a strip are sought: where it begins to move outwards, and where material ends. What is left as an

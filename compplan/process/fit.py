@@ -21,6 +21,7 @@ from compplan.errors import InputError
 from compplan.io.columns import FileColumn
 from compplan.io.tables import Array, read_table
 from compplan.process.force_law import ForceLaw
+from compplan.process.force_models.file import FILE_COLUMNS
 from compplan.process.materials import Coefficients
 from compplan.toolpath.contact import cutting_progress, path_axes
 from compplan.toolpath.toolpath import WRENCH, Toolpath
@@ -49,18 +50,11 @@ LAGS, LAG_ROWS, MOST_ROWS = 60, 1500, 50_000
 LAG_STEP = 1e-5
 #: Least share of the variance of rows left out that a fit explains; below, it does not fit (assumed).
 EXPLAINED = 0.3
-#: Von Neumann's ratio of neighbours below which what is left hangs together (2 for none, assumed).
-HANGS_TOGETHER = 1.0
 NAMES = ("tangential", "radial", "axial")
 #: No tool bears more: beyond, a unit is wrong (assumed). [N]
 MOST_FORCE = 1e6
 
-COLUMNS = (
-    FileColumn("s", "length"),
-    FileColumn("t", "time"),
-    *(FileColumn(name, "force", required=True) for name in WRENCH[:3]),
-    *(FileColumn(name, "moment", group="moment") for name in WRENCH[3:]),
-)
+COLUMNS = (FILE_COLUMNS[0], FileColumn("t", "time"), *FILE_COLUMNS[1:])
 
 
 @dataclass(frozen=True)
@@ -192,7 +186,7 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     numbers = _list_numbers(model, known, value, sigma)
     notes = [f"The {model.names[k]} is not determined: the predicted force has no such part in this log."
              for k in np.flatnonzero(~known)]  # fmt: skip
-    notes += _describe(numbers, int(known.sum()), left, scale, lag, most)
+    notes += _describe(numbers, int(known.sum()), lag, most)
     before = predicted[cut, :3] - measured[cut, :3]
     after = (left * scale)[cut, :3]
     return ForceFit(
@@ -306,8 +300,7 @@ def _find_lag(
     every, wanted = np.ones(len(model.names), dtype=bool), target[rows]
 
     def left(lag: float) -> float:
-        matrix = _design(model, s[rows] - lag, channels, every, tare[rows]) / scale[:, None]
-        flat = matrix.reshape(-1, matrix.shape[2])
+        flat = (_design(model, s[rows] - lag, channels, every, tare[rows]) / scale[:, None]).reshape(wanted.size, -1)
         value = np.linalg.lstsq(flat.T @ flat, flat.T @ wanted.reshape(-1), rcond=1e-12)[0]
         return float(((wanted.reshape(-1) - flat @ value) ** 2).sum())
 
@@ -357,9 +350,7 @@ def _list_numbers(model: _Prediction, known: NDArray[np.bool_], value: Array, si
     )  # fmt: skip
 
 
-def _describe(
-    numbers: tuple[FittedNumber, ...], own: int, left: Array, scale: Array, lag: float, most: float
-) -> list[str]:
+def _describe(numbers: tuple[FittedNumber, ...], own: int, lag: float, most: float) -> list[str]:
     """Say what is odd about a fit."""
     notes = []
     if abs(lag) > 0.98 * most:
@@ -370,11 +361,6 @@ def _describe(
         elif number.high < 0.0 and not number.name.startswith("axial"):
             notes.append(f"The {number.name} is fitted below 0 for sure, which no cut does: the model does not fit "
                          "this log; check cutter, stock, direction of cut and frame of the log.")  # fmt: skip
-    force = left[:, :3]
-    ratio = (np.diff(force, axis=0) ** 2).sum(axis=0) / np.maximum((force**2).sum(axis=0), 1e-300)
-    for axis in np.flatnonzero(ratio < HANGS_TOGETHER):
-        notes.append(f"What is left of f{'xyz'[axis]}, {(left * scale)[:, axis].std():.3g} N (rms), is correlated "
-                     "along the path: the model misses something there; the intervals include it.")  # fmt: skip
     return notes
 
 

@@ -157,7 +157,7 @@ def compare_zero(cutting: CuttingForce, toolpath: Toolpath) -> str:
     """Say where the top of a given stock is not z = 0 of a CAM program that moves above and below it; "" elsewhere."""
     if cutting.R_view[2, 2] < 1.0 - 1e-12 or not _crosses_zero(toolpath):
         return ""
-    top = float(cutting.stock.bounds()[1, 2])
+    top = float(cutting.stock.box[1, 2])
     if abs(top) <= ALLOWANCE:
         return ""
     return (

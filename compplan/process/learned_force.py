@@ -1,8 +1,7 @@
 """process.toml of a robot folder: what measured parts said of the force of its processes; docs/outputs.md has the keys.
 
 `plan` and the 95 % band of every job of the same model read it. A job whose [process] has other numbers takes the
-level with a further spread. From three parts on the scatter is theirs, weighed against the assumed one; from four on
-the level follows their trend (wear), where that is clear.
+level with a further spread. From three parts on the scatter is theirs, weighed against the assumed one.
 """
 
 from __future__ import annotations
@@ -24,10 +23,8 @@ from compplan.io.tomlfile import SchemaOne, StrictTable, Vector3, Words, read_to
 
 FILE, UNCERTAINTY = "process.toml", "uncertainty.toml"
 #: Level from part to part (assumed: stock, edge and lubricant differ by 5 to 10 %), as many parts as it counts for, and
-#: parts from which on their own scatter and their trend count.
-SCATTER, WEIGHT, PARTS, TREND = 0.07, 4, 3, 4
-#: A trend is clear from so many standard errors on.
-CLEAR = 3.0
+#: parts from which on their own scatter counts.
+SCATTER, WEIGHT, PARTS = 0.07, 4, 3
 #: Further spread of the level where a job's [process] has other numbers (assumed: models err alike for one material).
 OTHER = 0.1
 #: Frames in which a force keeps its direction wherever the path goes; "columns" are in that of the part.
@@ -169,7 +166,7 @@ def _hash_uncertainty(folder: Path) -> str:
 
 
 def add_part(force: LearnedForce, part: LearnedPartTable) -> LearnedForce:
-    """Add a measured part; its scatter and, where it is clear, its trend count from then on.
+    """Add a measured part; its scatter counts from then on.
 
     The level of `force` is that after this part. The scatter is the assumed one as if seen at `WEIGHT` parts, with
     those that there are: s^2 = (WEIGHT a^2 + sum (l_i - mean)^2) / (WEIGHT + n - 1).
@@ -179,15 +176,8 @@ def add_part(force: LearnedForce, part: LearnedPartTable) -> LearnedForce:
     n = len(level)
     if n < PARTS:
         return force
-    place = np.arange(n) - 0.5 * (n - 1)
-    slope = float(place @ level / (place @ place)) if n >= TREND else 0.0
-    left = level - level.mean() - slope * place
-    error = float(np.sqrt(left @ left / max(n - 2, 1) / (place @ place)))
-    worn = n >= TREND and abs(slope) > CLEAR * error
-    away = left if worn else level - level.mean()
-    scatter = float(np.sqrt((WEIGHT * SCATTER**2 + away @ away / level.mean() ** 2) / (WEIGHT + n - 1)))
-    ahead = float(level.mean() + slope * (place[-1] + 1.0)) if worn else force.level
-    return replace(force, scatter=scatter, level=ahead)
+    away = level / level.mean() - 1.0
+    return replace(force, scatter=float(np.sqrt((WEIGHT * SCATTER**2 + away @ away) / (WEIGHT + n - 1))))
 
 
 def write_learned_force(force: LearnedForce, process: Any, folder: Path, source: Path | None) -> None:

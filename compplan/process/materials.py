@@ -9,7 +9,6 @@ Force on a slice of cutting edge of width b at chip thickness h, for each of the
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -64,17 +63,8 @@ class CoefficientTable(StrictTable):
 
 #: Fields of a material by the keys of its table, where they differ.
 KEYS = {"cutting_N_mm2": "cutting", "edge_N_mm": "edge"}
-
-
-def _make_material(table: Mapping[str, Any]) -> Coefficients:
-    fields: dict[str, Any] = {
-        KEYS.get(key, key): tuple(value) if isinstance(value, list) else value for key, value in table.items()
-    }
-    return Coefficients(**fields)
-
-
 #: The materials that ship with compplan, by name.
-MATERIALS: dict[str, Coefficients] = {
-    name: _make_material(table)
-    for name, table in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).items()
-}
+MATERIALS: dict[str, Coefficients] = {}
+for _name, _table in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).items():
+    _fields: dict[str, Any] = {KEYS.get(k, k): tuple(v) if isinstance(v, list) else v for k, v in _table.items()}
+    MATERIALS[_name] = Coefficients(**_fields)

@@ -5,7 +5,7 @@ What cutters before took away is missing in it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
@@ -25,7 +25,7 @@ from compplan.toolpath.toolpath import Toolpath
 
 #: Cells of the height map of a mesh at most, and columns across its smaller side.
 MESH_CELLS = 4_000_000
-#: Cells that triangles are brought into at a time.
+#: Cells of the grid that triangles are brought into at a time.
 CELLS_AT_ONCE = 1_000_000
 #: Stock is not larger than this: a mesh of millimetres that was read in metres is. [m]
 LARGEST = 20.0
@@ -52,8 +52,9 @@ class StockColumns(Protocol):
         Shape (..., 2) -> (...) twice. [m]
         """
 
-    def bounds(self) -> Array:
-        """Return the box around it, rows lowest and highest. Shape (2, 3). [m]"""
+    @property
+    def box(self) -> Array:
+        """The box around it, rows lowest and highest. Shape (2, 3). [m]"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Block:
 
     normal: Array  #: Shape (6, 3).
     offset: Array  #: Shape (6,). [m]
-    corners: Array  #: Shape (8, 3). [m]
+    box: Array  #: See `StockColumns`. Shape (2, 3). [m]
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
@@ -81,10 +82,6 @@ class Block:
         high[beside] = -np.inf
         return low, high
 
-    def bounds(self) -> Array:
-        """Return the box around it, see `StockColumns`."""
-        return np.stack([self.corners.min(axis=0), self.corners.max(axis=0)])
-
 
 @dataclass(frozen=True)
 class HeightMap:
@@ -94,6 +91,7 @@ class HeightMap:
     cell: float  #: Distance of columns. [m]
     low: Array  #: Bottom of each column, +inf where there is none. Shape (a, b). [m]
     high: Array  #: Top of each column, -inf where there is none. Shape (a, b). [m]
+    box: Array  #: See `StockColumns`. Shape (2, 3). [m]
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
@@ -115,12 +113,6 @@ class HeightMap:
             found.append(np.where(inside, np.where(whole, smooth, nearest), none))
         return found[0], found[1]
 
-    def bounds(self) -> Array:
-        """Return the box around it, see `StockColumns`."""
-        full = np.isfinite(self.high)
-        last = self.origin + self.cell * (np.array(self.high.shape) - 1)
-        return np.array([[*self.origin, self.low[full].min()], [*last, self.high[full].max()]])
-
 
 def build_block(low: Array, high: Array, R_view: Array) -> Block:
     """Return a box of the part frame, from its lowest to its highest corner [m], as it is seen along a direction.
@@ -129,7 +121,9 @@ def build_block(low: Array, high: Array, R_view: Array) -> Block:
     """
     normal = np.vstack([np.eye(3), -np.eye(3)])
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    return Block(normal @ R_view, np.concatenate([high, -np.asarray(low)]), corners @ R_view)
+    seen = corners @ R_view
+    box = np.stack([seen.min(axis=0), seen.max(axis=0)])
+    return Block(normal @ R_view, np.concatenate([high, -np.asarray(low)]), box)
 
 
 def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
@@ -165,8 +159,11 @@ def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, 
     at = (corner[:, :, :2] - origin) / cell
     first = np.clip(np.ceil(at.min(axis=1) - 1e-9).astype(int), 0, shape)
     after = np.clip(np.floor(at.max(axis=1) + 1e-9).astype(int) + 1, 0, shape)
-    for rows, low_cell, high_cell in _portion_boxes(first, after):
-        _raster(at[rows], corner[rows, :, 2], low_cell, high_cell, tops, bottoms)
+    slab = max(CELLS_AT_ONCE // int(shape[1]), 1)
+    for row in range(0, int(shape[0]), slab):  # some rows of the grid at a time
+        low_cell, high_cell = first.copy(), after.copy()
+        low_cell[:, 0], high_cell[:, 0] = (np.clip(cells[:, 0], row, row + slab) for cells in (first, after))
+        _raster(at, corner[:, :, 2], low_cell, high_cell, tops, bottoms)
     full = np.isfinite(tops)
     bottoms[~full] = np.inf
     volume = float((tops - bottoms)[full].sum() * cell**2)
@@ -174,28 +171,8 @@ def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, 
     if abs(volume / mesh.volume - 1.0) > HOLLOW:
         held = f"{volume * 1e9:.4g} mm3, the stock's mesh {mesh.volume * 1e9:.4g} mm3"
         note = f"Columns along the tool axis hold {held}: hollows and undercuts count as solid."
-    return HeightMap(origin, cell, bottoms, tops), note
-
-
-def _portion_boxes(
-    first: NDArray[np.int_], after: NDArray[np.int_]
-) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_]]]:
-    """Cut boxes of a grid into bands and yield them in portions of about CELLS_AT_ONCE cells.
-
-    Boxes go from a first cell to the one after the last, shape (m, 2). What is yielded is the box that each band
-    belongs to, shape (b,), its first cell and the one after its last, shape (b, 2).
-    """
-    size = np.maximum(after - first, 0)
-    band = np.maximum(CELLS_AT_ONCE // np.maximum(size[:, 1], 1), 1)
-    count = -(-size[:, 0] // band)
-    item = np.repeat(np.arange(len(first)), count)
-    number = np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)
-    low, high = first[item], after[item]
-    low[:, 0] += number * band[item]
-    high[:, 0] = np.minimum(high[:, 0], low[:, 0] + band[item])
-    portion = np.cumsum(np.prod(high - low, axis=1)) // CELLS_AT_ONCE
-    for rows in np.split(np.arange(len(item)), np.flatnonzero(np.diff(portion)) + 1):
-        yield item[rows], low[rows], high[rows]
+    box = np.array([[*origin, bottoms[full].min()], [*(origin + cell * (shape - 1)), tops[full].max()]])
+    return HeightMap(origin, cell, bottoms, tops, box), note
 
 
 def _raster(at: Array, z: Array, first: NDArray[np.int_], after: NDArray[np.int_], tops: Array, bottoms: Array) -> None:
@@ -265,9 +242,10 @@ class CutStock:
         low, high = self.before.interval(place)
         return low, np.minimum(high, self.surface.lowest(place))
 
-    def bounds(self) -> Array:
-        """Return the box around the stock before, see `StockColumns`."""
-        return self.before.bounds()
+    @property
+    def box(self) -> Array:
+        """The box around the stock before."""
+        return self.before.box
 
 
 def take_away(stock: StockColumns, cuts: Sequence[Cut]) -> tuple[StockColumns, list[str]]:
@@ -282,7 +260,7 @@ def take_away(stock: StockColumns, cuts: Sequence[Cut]) -> tuple[StockColumns, l
             left_out += 1
             continue
         start = np.vstack([cut.position[:1], cut.position[:-1]])
-        surface = build_cut_surface(cut.cutter, start, cut.position, stock.bounds()[:, :2], None)
+        surface = build_cut_surface(cut.cutter, start, cut.position, stock.box[:, :2], None)
         if surface is None:
             continue
         moves = np.flatnonzero(cut.cutting & (np.linalg.norm(cut.position - start, axis=1) > 0.0))

@@ -10,7 +10,6 @@ import numpy as np
 
 from compplan.identification.campaign import Identification
 from compplan.identification.estimate import Estimate
-from compplan.identification.problem import RefinementRound
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_mm_change, format_number
@@ -25,7 +24,7 @@ from compplan.reporting.writers.robot_folder import deliver_robot_folder
 
 #: Unit in which a parameter is shown, and factor from SI.
 SHOWN = {
-    "rad/(N m)": ("urad/(N m)", 1e6), "m/N": ("um/N", 1e6), "rad/N": ("urad/N", 1e6), "m": ("mm", 1e3),
+    "rad/(N m)": ("urad/(N m)", 1e6), "m/N": ("um/N", 1e6), "m": ("mm", 1e3),
     "rad": ("deg", 180 / np.pi), "1": ("1", 1.0),
 }  # fmt: skip
 #: Lines of compliances that the terminal shows at most.
@@ -71,7 +70,6 @@ def summarise_identification(result: Identification) -> dict[str, Any]:
         "intervals_from": "groups of neighbouring poses" if result.estimate.clustered else "residuals",
         "residual_per_axis": scatter,
         "gap": {f"{key}_rms_mm": _round(getattr(gap, key), 1e3) for key in gaps},
-        "structure": [_describe_round(entry, result) for entry in result.refinement.rounds],
         "registration": {
             "fitted": list(frames.parts),
             "base_position_mm": [_round(v, 1e3) for v in frames.base[:3, 3]],
@@ -97,25 +95,12 @@ def _describe(estimate: Estimate, name: str, *, written: bool) -> dict[str, Any]
     }  # fmt: skip
 
 
-def _describe_round(entry: RefinementRound, result: Identification) -> dict[str, Any]:
-    units = {p.name: SHOWN.get(p.unit, (p.unit, 1.0)) for p in (*result.estimate.parameters, *result.kept.parameters)}
-    candidates = []
-    for one in entry.candidates:
-        unit, factor = units.get(one.name, ("urad/(N m)", 1e6))
-        candidates.append({
-            "name": one.name, "told": one.told, "value": _round(one.value, factor),
-            "standard_error": _round(one.standard_error, factor), "unit": unit,
-            "held_out_rms_mm": _round(one.held_out_rms, 1e3), "gain_in_standard_errors": _round(one.gain),
-        })  # fmt: skip
-    return {"held_out_rms_mm": _round(entry.held_out_rms, 1e3), "added": entry.added or None, "candidates": candidates}
-
-
 def _round(value: float | None, factor: float = 1.0) -> float | None:
     return None if value is None or not np.isfinite(value) else float(f"{value * factor:.6g}")
 
 
 def _render(summary: Mapping[str, Any]) -> str:
-    """Return the page: values with intervals, what cannot be determined, the gap, how the model grew."""
+    """Return the page: values with intervals, what cannot be determined, the gap."""
     robot, notes = summary["robot"], summary["notes"]
     compliances = _list_compliances(summary)
     geometry = [p for p in summary["parameters"] if p["kind"] in FRAMES]
@@ -123,7 +108,7 @@ def _render(summary: Mapping[str, Any]) -> str:
         [entry["parameter"], ", ".join(entry["together_with"]) or None, entry["reason"]]
         for entry in summary["unidentifiable"]
     ] or [["none", None, "every parameter can be determined"]]
-    about = "Values with 95 % intervals. What the folder did not have is written if it helps on poses not in the fit."
+    about = "Values with 95 % intervals. What the folder did not have is written if it is surely above zero."
     sections = [
         Section("Compliances", [_list_parameters(compliances)], about),
         Section("What cannot be determined", [DataTable(["parameter", "together with", "reason"], held, "", 24)],

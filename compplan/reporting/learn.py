@@ -22,7 +22,7 @@ from compplan.reporting.charts import draw_curves
 from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, render_page
 from compplan.reporting.plan_page import name_unknown, write_plan_page
 from compplan.reporting.provenance import describe_robot
-from compplan.reporting.writers.plan import choose_rows, summarise_plan, write_joints, write_programs
+from compplan.reporting.writers.plan import choose_rows, write_joints, write_programs
 from compplan.reporting.writers.recording import write_deviation
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
@@ -43,7 +43,7 @@ def write_learning(update: LearnedPart, folder: Path) -> dict[str, Any]:
         write_joints(plan, part / "joints.csv", update.wanted)
         write_deviation(plan, part / "deviation.csv", choose_rows(plan))
         write_plan_page(plan, part / "plan.html")
-        write_json(part / "plan.json", summarise_plan(plan), indent=2)
+        write_json(part / "plan.json", plan.to_dict(), indent=2)
         write_text(part / "report.html", _render(update))
         summary = {**summarise_update(update), "files": [*map(str, list_files(part)), "learn.json"]}
         write_json(part / "learn.json", summary, indent=2)

@@ -15,18 +15,23 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+
 from compplan.controllers.writers import WHOLE
 from compplan.io.notes import list_remarks, list_stops
 from compplan.io.palette import BAND, BEFORE
 from compplan.io.quantities import format_length, format_mm, format_mm_change
 from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
-from compplan.planning.result import Plan, summarise_operations
+from compplan.planning.result import Plan
 from compplan.reporting.charts import Bars, draw_bars
 from compplan.reporting.page import Cell, Chart, DataTable, Provenance, Section, Summary, render_page
 from compplan.reporting.plan_summary import TONES
 from compplan.reporting.writers.plan import head_of_status, make_program, write_beside, write_moves
 
+#: Words from the best to the worst.
+STATUSES = ("solved", "not_confirmed", "infeasible")
+VERDICTS = ("keeps", "not_known", "may_not_keep")
 #: Time between the last row of a tool and the first of the next in joints.csv: the change is not timed. [s]
 CHANGE = 1.0
 
@@ -67,6 +72,59 @@ def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> 
         write_json(part / "plan.json", summary, indent=2)
         names = list_files(part)
     return read, [Path(folder) / name for name in names]
+
+
+def worst_status(plans: Sequence[Plan]) -> str:
+    """Return the status of several plans as one: the worst."""
+    return max((plan.status for plan in plans), key=STATUSES.index)
+
+
+def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
+    """Return what plan.json says of the plans of a job of several tools: the worst of every figure, and each tool."""
+    parts = [plan.to_dict() for plan in plans]
+    verdicts, labels = [part["verdict"] for part in parts], ["" if p.job is None else p.job.label for p in plans]
+
+    def worst(table: str, *keys: str) -> dict[str, float]:
+        return {key: max(float(part[table][key]) for part in parts) for key in keys}
+
+    kept = ("schema", "strategy", "robot", "robot_grade", "configuration", "judge", "made_by")
+    whole: dict[str, Any] = {
+        **{key: parts[0][key] for key in kept},
+        "name": name,
+        "status": worst_status(plans),
+        "verdict": max(verdicts, key=lambda one: (VERDICTS.index(one["word"]), one["beyond_share"] or 0.0)),
+        "waypoints": sum(part["waypoints"] for part in parts),
+        "solve_time_s": round(sum(part["solve_time_s"] for part in parts), 4),
+        "duration_s": sum(part["duration_s"] for part in parts),
+        **{key: worst(key, "rms", "mean", "max") for key in ("error_before_mm", "error_after_mm")},
+        **{key: worst(key, "max") for key in ("between_waypoints_mm", "correction_mm")},
+        "margins": {
+            "position_limit_deg": min(part["margins"]["position_limit_deg"] for part in parts),
+            **worst("margins", "velocity_ratio", "acceleration_ratio"),
+        },
+        "notes": list(dict.fromkeys(
+            note if note in plan.task.nominal.notes else type(note)(f"{label}: {note}")
+            for plan, label in zip(plans, labels, strict=True) for note in (*plan.reasons, *plan.notes)
+        )),
+        "tools": [_summarise_operation(plan, part, label)
+                  for plan, part, label in zip(plans, parts, labels, strict=True)],
+    }  # fmt: skip
+    if all("error_band_mm" in part for part in parts):
+        whole["error_band_mm"] = worst("error_band_mm", "p95_max")
+    failing = [f"{label}: {part['failure']}" for part, label in zip(parts, labels, strict=True) if "failure" in part]
+    if failing:
+        whole["failure"] = "; ".join(failing)
+    return whole
+
+
+def _summarise_operation(plan: Plan, part: dict[str, Any], label: str) -> dict[str, Any]:
+    """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
+    kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
+    length = 1e3 * float(np.linalg.norm(plan.robot.joints[-1].placement[:3, 3]))
+    return {
+        "operation": None if plan.job is None else plan.job.cam.operation, "label": label, "folder": label,
+        "length_mm": round(length, 6), **{key: part[key] for key in (*kept, "error_band_mm") if key in part},
+    }  # fmt: skip
 
 
 def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folder: Path, name: str) -> list[Path]:

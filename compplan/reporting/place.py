@@ -15,23 +15,16 @@ from compplan.io.transaction import replace_folder
 from compplan.job.job import Job
 from compplan.planning.posture.place import PlaceResult, summarise_placement
 from compplan.reporting.charts import INK, PAPER, Figure
-from compplan.reporting.page import Cell, Chart, DataTable, Provenance, Section, Summary, render_page
+from compplan.reporting.page import Chart, Provenance, Summary, render_page
 
 
 def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, Any]:
     """Write place.json and its page; return what place.json holds."""
     summary = {**summarise_placement(result, job), "made_by": describe_origin()}
-    there, here = summary["sensitivity_mm"], summary["sensitivity_here_mm"] or {"expected_rms": None, "p95": None}
-    rows = [
-        [name, here[key], Cell(there[key], "strong")]
-        for name, key in (("expected, rms", "expected_rms"), ("95 %", "p95"))
-    ]
-    table = DataTable(["remaining deviation", "job's place [mm]", "chosen place [mm]"], rows)
-    sections = [Section("There and here", [table], "What is left of the deviation along the path, after correction.")]
     unknown = ["the uncertainty of the robot (job: [posture.uncertainty])"]
     origin = Provenance([("robot", summary["robot"])], unknown if "uncertainty_assumed" in summary else [])
     html = render_page(
-        f"{summary['robot']}: where the part should stand", open_placement(summary, result), sections, kind="Placement",
+        f"{summary['robot']}: where the part should stand", open_placement(summary, result), [], kind="Placement",
         provenance=origin,
     )  # fmt: skip
     with replace_folder(folder, "place") as part:
@@ -47,15 +40,13 @@ def open_placement(summary: Mapping[str, Any], result: PlaceResult) -> Summary:
         "through the chosen place. Blank: the path cannot be followed there."
     )
     x, y, z = summary["part"]["position_mm"]
-    there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
+    there, here = summary["sensitivity_mm"]["expected_rms"], summary["sensitivity_here_mm"]
     turn = f", turned by {summary['part']['turn_deg']:g} deg" if summary["part"]["turn_deg"] else ""
-    figures: list[tuple[str, ...]] = [
-        (f"{there:.3g}\u00a0mm", "95 % of the remaining deviations are smaller there", "good")
-    ]
+    figures: list[tuple[str, ...]] = [(f"{there:.3g}\u00a0mm", "rms deviation expected there after correction", "good")]
     end = "; at the job's place the path cannot be followed."
     if here is not None:
         end, less = ".", format_percent(1.0 - summary["ratio"])
-        figures.append((f"{here['p95']:.3g}\u00a0mm", "the same at the job's place"))
+        figures.append((f"{here['expected_rms']:.3g}\u00a0mm", "the same at the job's place"))
         figures.append((less, "less deviation than at the job's place", "good"))
     todo = f"Write position_mm = [{x:g}, {y:g}, {z:g}] into [part] of the job and plan again."
     verdict = f"Put the part at X {x:g}, Y {y:g}, Z {z:g} mm{turn}{end}"

@@ -116,7 +116,7 @@ def _warn(plan: Plan) -> str:
 
 def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Section:
     """Show the figures of the plan, uncorrected and planned, and the robot in its cell."""
-    task, sides, between, bending = plan.task, (plan.before, plan.after), plan.between, plan.bending
+    task, sides, between = plan.task, (plan.before, plan.after), plan.between
     names = {"rms": "deviation, rms", "mean": "deviation, mean", "max": "deviation, largest"}
     rows: list[list[Any]] = [
         [words, *(format_length(1e-3 * side.figures[name]) for side in sides)] for name, words in names.items()
@@ -129,22 +129,17 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:
         drives = "drives as identified" if plan.executed.known else "drives not known"
-        way = "programs" if plan.executed.zone else "waypoints"
-        planned[f"as the controller executes the {way}, {drives}"] = format_length(plan.executed.most)
+        planned[f"as the controller executes the programs, {drives}"] = format_length(plan.executed.most)
     allowed = format_set_length(task.max_correction)
-    planned["largest correction"] = f"{format_length(plan.margins.max_correction)} of {allowed}"
+    planned["largest correction"] = f"{format_length(plan.max_correction)} of {allowed}"
     for name, values, limits in rates:
         share = np.abs(values) / limits
         joint = plan.robot.joint_names[int(np.argmax(share.max(axis=0)))]
         planned[f"{name} used"] = f"{format_percent(float(share.max()))} ({joint})"
-    assumed = " (assumed masses)" if "assumed" in bending.masses else ""
-    planned |= {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
-    if np.isfinite(bending.inertia):
-        word = "compensated" if bending.compensated else "not compensated"
-        planned[f"bent by inertia, {word}{assumed}"] = format_length(bending.inertia)
-    if np.isfinite(bending.frequencies).all():
-        rings = ", ".join(f"{frequency:.3g}" for frequency in bending.frequencies)
-        planned[f"lowest natural frequencies{assumed}"] = f"{rings}\u00a0Hz"
+    if plan.motion is not None:
+        word = "compensated" if task.inertia else "not compensated"
+        assumed = " (assumed masses)" if "assumed" in plan.robot.sources.get("masses", "") else ""
+        planned[f"bent by inertia, {word}{assumed}"] = format_length(plan.inertia)
     table = DataTable(["", "uncorrected", "planned"], [*rows, *([key, None, value] for key, value in planned.items())])
     cut = plan.after.cut
     kinds = np.where(mark_force(task.wrench, cut), 0, np.where(cut, 1, 2))

@@ -22,7 +22,8 @@ from compplan.io.quantities import (
     format_percent,
     format_set_length,
 )
-from compplan.planning.notes import describe_part_frame, find_top_feed, mark_slow
+from compplan.job.job import Job
+from compplan.planning.notes import find_top_feed, mark_slow
 from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.charts import draw_curves
@@ -119,6 +120,16 @@ def describe_pose(pose: Array) -> str:
         return f"{place}, not turned"
     vector = ", ".join(f"{value:g}" for value in turn)
     return f"{place}; A {a:g}  B {b:g}  C {c:g} deg (z, y', x''); rotation vector {vector} deg"
+
+
+def describe_part_frame(job: Job) -> str:
+    """Return in a sentence how the part frame was found, and what deviations are relative to."""
+    if not job.part.touched_off:
+        return "absolute in the robot base ([part] touched_off = false)"
+    points = job.part.touched_points
+    where = "three corners of the box around the toolpath" if points is None else f"the {len(points)} points of [part]"
+    return (f"touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
+            "to it (if the part is not touched off, set [part] touched_off = false)")  # fmt: skip
 
 
 def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
@@ -222,7 +233,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
         sizes += f"; 95 % band {without}{format_mm(band.whole)}"
     basis = plan.verdict.basis or f"robot model: {plan.robot.grade}"
     if plan.job is not None:
-        frame = "taken as touched off" if plan.job.touched_off else "absolute in the robot base"
+        frame = "taken as touched off" if plan.job.part.touched_off else "absolute in the robot base"
         basis += f"; part frame {frame}"
     return [
         _format_verdict(plan), sizes, *wrap(f"largest cause: {plan.verdict.largest_cause}",

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
 from compplan.io.quantities import format_length
 from compplan.reporting.along_path import FLOOR
 from compplan.reporting.charts import SEQUENTIAL, Figure, mark_decades, thin_path
-from compplan.robot import Array, Joint, Robot
+from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
-from compplan.robot.pose import move_joint
-from compplan.robot.shapes import read_form
-from compplan.robot.solids import read_colour, triangulate, triangulate_rod
-from compplan.robot.urdf import read_placement
+from compplan.robot.pose import follow_joints
+from compplan.robot.shapes import load_form
+from compplan.robot.solids import triangulate
+from compplan.robot.urdf import Colour, read_urdf
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
 MESH_COLOURS = {
@@ -46,7 +46,6 @@ DRAWN_SHARE = 0.09
 KINDS = (("cut with force", AFTER, 7), ("cut without force", BEFORE, 5), ("rapid", NEUTRAL, 2))
 #: Decades of deviation that the colours span at most.
 DECADES = 5.0
-Colour = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,38 +69,16 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
     if q.shape != (robot.nq,):
         raise ShapeError(f"q has shape {q.shape}, expected ({robot.nq},)")
     poses = follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q, strict=True)))
-    parents, mounted, count = read_parents(robot), robot.tcp == "tool_tcp", -1
-    while count != len(poses):  # links beside the chain; behind the flange only where the folder's own tool is mounted
-        count = len(poses)
-        for below, (above, origin) in parents.items():
-            if below not in poses and above in poses and not (mounted and above == robot.flange):
-                poses[below] = poses[above] @ read_placement(origin)
+    for link, (carrier, pose, _) in carry_links(robot, poses).items():
+        poses[link] = poses[carrier] @ pose
     back = np.linalg.inv(poses[robot.ground or robot.base])
     return {link: back @ pose for link, pose in poses.items()} if robot.ground else poses
 
 
-def read_parents(robot: Robot) -> dict[str, tuple[str, ElementTree.Element | None]]:
-    """Return the parent of each link of the URDF and the <origin> of the joint between them."""
-    found = {}
-    for element in ElementTree.fromstring(robot.urdf).findall("joint"):
-        parent, child = element.find("parent"), element.find("child")
-        if parent is not None and child is not None:
-            found[child.attrib["link"]] = parent.attrib["link"], element.find("origin")
-    return found
-
-
-def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, ArrayLike]) -> dict[str, Array]:
-    """Locate the links of a chain from its base; value: positions of actuated joints by name, shape (...) [rad or m].
-
-    Returns poses by link, shape (..., 4, 4), or (4, 4) where no joint moves the link. [m]
-    """
-    poses: dict[str, Array] = {base: np.eye(4)}
-    for joint in joints:
-        position = np.asarray(value.get(joint.name, 0.0))
-        if joint.mimic is not None:
-            position = joint.mimic.multiplier * np.asarray(value[joint.mimic.joint]) + joint.mimic.offset
-        poses[joint.child] = poses[joint.parent] @ joint.placement @ move_joint(joint, position)
-    return poses
+def carry_links(robot: Robot, chain: Collection[str]) -> dict[str, tuple[str, Array, bool]]:
+    """Find the link of the chain that carries each link, as `Urdf.carriers`; a job's tool replaces the folder's."""
+    mounted = robot.flange if robot.tcp == "tool_tcp" else ""
+    return read_urdf(robot.urdf, Path(robot.name) / "robot.urdf").carriers(chain, mounted)
 
 
 def place_shapes(robot: Robot, q: Array) -> list[Shape]:
@@ -110,43 +87,30 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     A tool that a job mounts takes the place of the folder's tool: what the URDF hangs on the flange is then left out,
     and a rod from flange to tool centre point is drawn.
     """
-    root, poses, shapes = ElementTree.fromstring(robot.urdf), locate_links(robot, q), list[Shape]()
-    paints = {element.attrib["name"]: _read_paint(element) for element in root.findall("material[@name]")}
-    for link in root.findall("link"):
-        name = link.attrib["name"]
-        for visual in link.findall("visual") if name in poses else ():
-            if (triangles := _triangulate(visual.find("geometry"), robot.folder)) is not None:
-                pose, material = poses[name] @ read_placement(visual.find("origin")), visual.find("material")
-                named = "" if material is None else material.attrib.get("name", "")
-                colour = _read_paint(material) or paints.get(named) or UNPAINTED
-                shapes.append(Shape(name, triangles[0] @ pose[:3, :3].T + pose[:3, 3], triangles[1], colour))
+    poses, shapes = locate_links(robot, q), list[Shape]()
+    for shape in read_urdf(robot.urdf, Path(robot.name) / "robot.urdf").shapes:
+        missing = shape.form[0] == "mesh" and find_mesh(shape.form[1], robot.folder) is None
+        if shape.kind == "visual" and shape.link in poses and not missing:
+            corners, faces = triangulate(load_form(shape.form, robot.folder), poses[shape.link] @ shape.placement)
+            shapes.append(Shape(shape.link, corners, faces, shape.colour or UNPAINTED))
     behind = {joint.child for joint in robot.joints[_first_behind(robot) :]}
     start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
     long = float(np.linalg.norm(end - start))
     if behind & {shape.link for shape in shapes} or long < SHORTEST_ROD:
         return shapes
     neck = end + (start - end) * min(0.5, CUTTER[0] / long)  # thin at its end, so that the cut is seen
-    holder, sides = triangulate_rod(start, neck, 0.02, sections=20)
-    cutter, more = triangulate_rod(neck, end, CUTTER[1], sections=20)
-    return [*shapes, Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)]
+    along, corners, faces = np.eye(4), np.zeros((0, 3)), np.zeros((0, 3), int)
+    along[:3, :3] = Rotation.align_vectors([end - start], [[0.0, 0.0, long]])[0].as_matrix()
+    for radius, first, last in ((0.02, start, neck), (CUTTER[1], neck, end)):
+        along[:3, 3] = 0.5 * (first + last)
+        rod = triangulate(("cylinder", radius, float(np.linalg.norm(last - first))), along)
+        corners, faces = np.vstack([corners, rod[0]]), np.vstack([faces, rod[1] + len(corners)])
+    return [*shapes, Shape(robot.tcp, corners, faces, ROD)]
 
 
 def _first_behind(robot: Robot) -> int:
     """Return the number of the first joint behind the flange, or how many joints there are."""
     return next((k for k, joint in enumerate(robot.joints) if joint.parent == robot.flange), len(robot.joints))
-
-
-def _read_paint(material: ElementTree.Element | None) -> Colour | None:
-    colour = None if material is None else material.find("color")
-    return None if colour is None else read_colour(colour)
-
-
-def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> tuple[Array, NDArray[np.int_]] | None:
-    if geometry is None or not len(geometry):
-        return None
-    if geometry[0].tag == "mesh" and find_mesh(geometry[0].attrib.get("filename", ""), folder) is None:
-        return None
-    return triangulate(read_form(geometry, folder))
 
 
 def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]]) -> list[Shape]:

@@ -24,6 +24,12 @@ from compplan.reporting.provenance import describe_robot
 from compplan.robot import Array, Robot
 
 MATCHES, CLOSE, FACTOR = 0.05, 0.20, 3.0
+#: How the page explains the verdicts.
+EXPLANATION = (
+    "Matches: within 5 %; close: within 20 %; order of magnitude: within a factor of 3. Fitted: tuned to the paper's "
+    "number; arithmetic: computed from the paper's own numbers; neither is evidence. Every other number of ours was "
+    "computed in this run."
+)
 TONES = {"matches": "good", "close": "good", "fitted": "assumed", "inconsistent in the paper": "bad"}
 
 
@@ -167,10 +173,7 @@ def write_reproduction(result: Reproduction, folder: Path) -> None:
 
 
 def _render(result: Reproduction) -> str:
-    blocks: list[Any] = [_table(result.rows)]
-    if list_assumptions(result.rows):
-        blocks.append(_assumption_table(result.rows))
-    sections = [page.Section("Figures of the paper beside ours", blocks, _explain_verdicts())]
+    sections = [page.Section("Figures of the paper beside ours", [_table(result.rows)], EXPLANATION)]
     if result.figures:
         pictures = [block for figure in result.figures for block in (figure.title, _picture(figure))]
         sections.append(page.Section("Redrawn", pictures))
@@ -206,25 +209,15 @@ def _picture(figure: Any) -> page.Picture:
 
 def _table(rows: tuple[Row, ...]) -> page.DataTable:
     columns = ["quantity", "unit", "paper", "ours", "ours / paper", "verdict", "assumed"]
-    marks = {text: f"[{number}]" for number, text in enumerate(list_assumptions(rows), start=1)}
     body: list[list[Any]] = []
     for row in rows:
         ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
         tone = TONES.get(row.verdict, "muted" if row.verdict.startswith("cannot") else "")
-        mark = page.Cell(marks.get(row.assumption, ""), "assumed")
         ours, verdict = page.Cell(_show(row.ours), "strong"), page.Cell(row.verdict, tone)
-        body.append([row.quantity, row.unit, _show(row.paper), ours, ratio, verdict, mark])
+        body.append(
+            [row.quantity, row.unit, _show(row.paper), ours, ratio, verdict, page.Cell(row.assumption, "assumed")]
+        )
     return page.DataTable(columns, body)
-
-
-def list_assumptions(rows: tuple[Row, ...]) -> list[str]:
-    """List the assumptions of the rows, each once, in order."""
-    return list(dict.fromkeys(row.assumption for row in rows if row.assumption))
-
-
-def _assumption_table(rows: tuple[Row, ...]) -> page.DataTable:
-    body = [[f"[{number}]", text] for number, text in enumerate(list_assumptions(rows), start=1)]
-    return page.DataTable(["", "assumed for the rows that point here"], body)
 
 
 def _show(value: float | str | None) -> str:
@@ -232,11 +225,3 @@ def _show(value: float | str | None) -> str:
         return value or "–"
     text = format_number(float(value), 4)
     return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
-
-
-def _explain_verdicts() -> str:
-    return (
-        "Matches: within 5 %; close: within 20 %; order of magnitude: within a factor of 3. Fitted: tuned to the "
-        "paper's number; arithmetic: computed from the paper's own numbers; neither is evidence. Every other number of "
-        "ours was computed in this run."
-    )

@@ -20,22 +20,3 @@ from compplan.robot.model import (
     Spring,
     roll_pitch_yaw_of,
 )
-
-__all__ = [
-    "GRADES",
-    "SPRING_AXES",
-    "Array",
-    "Body",
-    "Joint",
-    "LinkElasticity",
-    "Mimic",
-    "Robot",
-    "Spring",
-    "as_read",
-    "find_robot_folder",
-    "load_robot",
-    "read_robot_folder",
-    "robot_folders",
-    "roll_pitch_yaw_of",
-    "write_robot_folder",
-]

@@ -6,13 +6,15 @@ Zeros and senses of the URDF follow from its geometry. The result is a proposal:
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from compplan.robot.model import Array, Joint
-from compplan.robot.pose import move_joint
+from compplan.robot.pose import follow_joints
 
 #: Rounding of a URDF: greatest angle [deg] and distance [m].
 ANGLE, DISTANCE = 1.0, 1e-3
@@ -20,23 +22,15 @@ ANGLE, DISTANCE = 1.0, 1e-3
 SHORTEST = 5e-3
 #: Axes of the arm's frame, by name.
 DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
-#: Value that each configuration word adds to S of a KRL position, and the letters of CONFIG in FANUC programs.
-KRL = {key: f"status        = {{ {values} }}" for key, values in (
-    ("shoulder", "front = 0, back = 1"), ("elbow", "up = 2, down = 0"), ("wrist", "noflip = 0, flip = 4"))}  # fmt: skip
-FANUC = {key: f"native        = {{ {values} }}" for key, values in (
-    ("shoulder", 'front = "T", back = "B"'), ("elbow", 'up = "U", down = "D"'),
-    ("wrist", 'noflip = "N", flip = "F"'))}  # fmt: skip
-VAL3 = {"elbow": 'native        = { up = "epositive", down = "enegative" }',
-        "wrist": 'native        = { noflip = "wpositive", flip = "wnegative" }'}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Brand:
-    """The convention of a maker."""
+    """The convention of a maker, a table of makers.toml."""
 
-    joint_names: tuple[str, ...]  #: Names of the joints on the display.
+    joint_names: Sequence[str]  #: Names of the joints on the display.
     #: Direction of each axis in the zero posture; None where the controller counts as the URDF.
-    senses: tuple[str, ...] | None = None
+    senses: Sequence[str] | None = None
     upper: str = "z"  #: Direction of the upper arm in the zero posture.
     forearm: str = "x"  #: Direction of the forearm there.
     pendant_x: str = "x"  #: Direction of x of the flange frame (tool 0) there.
@@ -46,28 +40,16 @@ class Brand:
     words: Mapping[str, str] = field(default_factory=dict)
 
 
-_KUKA = Brand(("A1", "A2", "A3", "A4", "A5", "A6"), ("-z", "y", "y", "-x", "y", "-x"), "x", pendant_x="-z", words=KRL)
-_ABB = Brand(tuple(f"axis {k}" for k in range(1, 7)), ("z", "y", "y", "x", "y", "x"), pendant_x="-z")
-_TURNED = ("z", "y", "-y", "-x", "-y", "-x")
-_FANUC = Brand(("J1", "J2", "J3", "J4", "J5", "J6"), _TURNED, pendant_x="z", coupled=True, raised=True, words=FANUC)
-_YASKAWA = Brand(("S", "L", "U", "R", "B", "T"), _TURNED, pendant_x="z", raised=True)
-_STAUBLI = Brand(
-    ("J1", "J2", "J3", "J4", "J5", "J6"), ("z", "y", "y", "z", "y", "z"), forearm="z", raised=True, words=VAL3
-)
-_KAWASAKI = Brand(
-    ("JT1", "JT2", "JT3", "JT4", "JT5", "JT6"), ("-z", "y", "-y", "z", "-y", "z"), forearm="z", pendant_x="-y"
-)
-_UR = Brand(("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3"))
+def _load_makers() -> dict[str, tuple[str, Brand]]:
+    """Return name in controller.toml and convention of each controller in makers.toml."""
+    makers = tomllib.loads(Path(__file__).with_name("makers.toml").read_text(encoding="utf-8"))
+    names = {maker: table.pop("controllers") for maker, table in makers.items()}
+    brands = {maker: Brand(**table) for maker, table in makers.items()}
+    return {key: (name, brands[maker]) for maker in makers for key, name in names[maker].items()}
+
+
 #: Controllers by the name of the option --controller: name in controller.toml, and the maker's convention.
-CONTROLLERS: dict[str, tuple[str, Brand]] = {
-    "krc2": ("KUKA KRC2", _KUKA), "krc4": ("KUKA KRC4", _KUKA), "krc5": ("KUKA KRC5", _KUKA),
-    "irc5": ("ABB IRC5", _ABB), "omnicore": ("ABB OmniCore", _ABB),
-    "r30ia": ("FANUC R-30iA", _FANUC), "r30ib": ("FANUC R-30iB", _FANUC),
-    "dx200": ("Yaskawa DX200", _YASKAWA), "yrc1000": ("Yaskawa YRC1000", _YASKAWA),
-    "cs8c": ("Staubli CS8C", _STAUBLI), "cs9": ("Staubli CS9", _STAUBLI),
-    "kawasaki_e": ("Kawasaki E series", _KAWASAKI), "kawasaki_f": ("Kawasaki F series", _KAWASAKI),
-    "cb3": ("Universal Robots CB3", _UR), "e_series": ("Universal Robots e-Series", _UR),
-}  # fmt: skip
+CONTROLLERS = _load_makers()
 
 
 @dataclass
@@ -88,7 +70,7 @@ class ControllerProposal:
     coupling: list[list[float]] | None = None
     world_mm: list[float] | None = None
     words: dict[str, list[str]] = field(default_factory=dict)
-    pendant: tuple[list[float], list[float]] | None = None
+    pendant: list[list[float]] | None = None
     missing: list[str] = field(default_factory=list)
 
 
@@ -140,12 +122,7 @@ class _Arm:
 
     def locate(self, q: Mapping[str, float]) -> dict[str, Array]:
         """Return the pose of each link at joint positions that default to 0. [rad]"""
-        pose = np.eye(4)
-        poses = {self.joints[0].parent: pose}
-        for joint in self.joints:
-            pose = pose @ joint.placement @ move_joint(joint, q.get(joint.name, 0.0))
-            poses[joint.child] = pose
-        return poses
+        return follow_joints(self.joints[0].parent, self.joints, q)
 
     def axis(self, k: int, poses: Mapping[str, Array] | None = None) -> Array:
         """Return the direction of an axis, 1 to 6. Shape (3,)."""
@@ -266,8 +243,7 @@ def _propose_pendant(proposal: ControllerProposal, arm: _Arm, brand: Brand, rail
     if not _are_parallel(out, arm.axis(6, poses)) or abs(out @ x) > np.sin(np.radians(ANGLE)):
         raise _NotDerivedError("the tool does not leave the flange along axis 6")
     seen = [poses[flange][:3, :3].T @ v for v in (x - out * (out @ x), out)]
-    x_axis, z_axis = ([round(float(value), 9) + 0.0 for value in v / np.linalg.norm(v)] for v in seen)
-    proposal.pendant = (x_axis, z_axis)
+    proposal.pendant = [[round(float(value), 9) + 0.0 for value in v / np.linalg.norm(v)] for v in seen]
 
 
 def _are_parallel(one: Array, other: Array) -> bool:

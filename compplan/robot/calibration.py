@@ -11,6 +11,7 @@ yaw [rad], each in the frame before it; a joint turns about z of its frame, the 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,21 +21,20 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.io.tables import is_plain
 from compplan.robot.model import Array, Joint, Robot
-from compplan.robot.pose import build_pose
+from compplan.robot.pose import build_pose, follow_joints
 
 KEYS = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 VALUES = ("x", "y", "z", "roll", "pitch", "yaw")
-CONF_LINE = re.compile(r"\s*(delta_theta|delta_alpha|delta_a|delta_d)\s*=\s*\[?([^\]#]*)\]?")
-YAML_LINE = re.compile(r"^\s*(kinematics|shoulder):\s*$", re.MULTILINE)
+#: Numbers of each format by name, and how many each name has.
+CONF_NUMBERS = dict.fromkeys(KEYS, 6)
+YAML_NUMBERS = {f"{link}.{value}": 1 for link in LINKS for value in VALUES}
+#: A line `name = [numbers]` of the controller, or `name: number` of the driver.
+LINE = re.compile(r"\s*(\w+)\s*[=:]\s*\[?([^\]#]*)")
 KNOWN = (
     "calibration.conf of Universal Robots (delta_theta, delta_a, delta_d, delta_alpha); kinematics YAML of the ROS "
     "driver of Universal Robots (x y z roll pitch yaw a link)"
 )
-#: What calibration.conf cannot hold.
-LACKS = "where axis 1 stands in the base, 2 of 6 numbers of the flange"
-#: Angle below which axes count as parallel: 1 um at one metre. [rad]
-PARALLEL = 1e-6
 #: Greatest displacement of the flange by a calibration; beyond it the file is of another robot. [m]
 FARTHEST = 0.1
 #: Greatest difference of a shipped geometry from the numbers of the type. [m, rad]
@@ -62,81 +62,44 @@ def read_calibration(text: str, file: Path, nominal: Robot) -> tuple[Robot, str]
         InputError: If the text has no known format, a line is missing or no row of numbers, or the robot is of another
             make or type.
     """
-    if CONF_LINE.search(text):
-        dh = find_type(nominal) + _read_conf(text, file).T
-        return move_axes(nominal, walk_dh(dh), file), "universal_robots"
-    if YAML_LINE.search(text):
+    if re.search("|".join(rf"^\s*{key}\s*=" for key in KEYS), text, re.MULTILINE):
+        delta = np.reshape(_read_numbers(text, file, CONF_NUMBERS), (4, 6)).T
+        return move_axes(nominal, walk_dh(find_type(nominal) + delta), file), "universal_robots"
+    if re.search(r"^\s*(kinematics|shoulder):\s*$", text, re.MULTILINE):
         find_type(nominal)
-        return move_axes(nominal, _read_kinematics(text, file), file), "ur_kinematics"
+        pose, frames = np.eye(4), []
+        for row in np.reshape(_read_numbers(text, file, YAML_NUMBERS), (6, 6)):
+            pose = pose @ build_pose(row[:3], Rotation.from_euler("xyz", row[3:]).as_matrix())
+            frames.append(pose)
+        stack = np.array(frames)
+        return move_axes(nominal, ZeroPose(stack[:, :3, 2], stack[:, :3, 3], pose), file), "ur_kinematics"
     message = f"is no calibration file that is known, expected {KNOWN}"
     raise InputError(f"{message}; any other robot: measure it and use compplan diagnose", file=file)
 
 
-def _read_conf(text: str, file: Path) -> Array:
-    """Return the rows of a calibration.conf. Shape (4, 6). [rad, m, m, rad]"""
-    found: dict[str, list[float]] = {}
-    for number, line in enumerate(text.splitlines(), 1):
-        if matched := CONF_LINE.match(line):
-            _keep_once(found, matched[1], matched[2], 6, file, number)
-    return np.array(_take_all(found, list(KEYS), file))
-
-
-def _read_kinematics(text: str, file: Path) -> ZeroPose:
-    """Return axes and flange of a kinematics file."""
+def _read_numbers(text: str, file: Path, expected: Mapping[str, int]) -> list[float]:
+    """Return the expected numbers in their order; "link.name" is the line `name` below the line `link:`."""
     found: dict[str, list[float]] = {}
     link = ""
-    for number, line in enumerate(text.splitlines(), 1):
-        key, _, value = line.partition("#")[0].strip().partition(":")
-        if not value.strip():
-            link = key or link
-        elif link in LINKS and key in VALUES:
-            _keep_once(found, f"{link}.{key}", value, 1, file, number)
-    numbers = np.reshape(_take_all(found, [f"{link}.{key}" for link in LINKS for key in VALUES], file), (-1, 6))
-    pose, frames = np.eye(4), []
-    for row in numbers:
-        pose = pose @ build_pose(row[:3], Rotation.from_euler("xyz", row[3:]).as_matrix())
-        frames.append(pose)
-    stack = np.array(frames)
-    return ZeroPose(stack[:, :3, 2], stack[:, :3, 3], pose)
-
-
-def _keep_once(found: dict[str, list[float]], name: str, words: str, count: int, file: Path, line: int) -> None:
-    """Store the finite numbers of a line, separated by commas or spaces."""
-    try:
-        values = [float(word) for word in re.split(r"[,\s]+", words.strip())] if is_plain(words) else []
-    except ValueError:
-        values = []
-    if len(values) != count or not np.isfinite(values).all():
-        expected = "a finite number" if count == 1 else f"{count} finite numbers, one a joint"
-        raise InputError(f"{name} is {words.strip()!r}, expected {expected}", file=file, where=line)
-    if name in found:
-        raise InputError(f"{name} is given twice, expected once", file=file, where=line)
-    found[name] = values
-
-
-def _take_all(found: dict[str, list[float]], names: list[str], file: Path) -> list[list[float]]:
-    if missing := [name for name in names if name not in found]:
-        raise InputError(f"has no {', '.join(missing)}, expected {', '.join(names)}", file=file)
-    return [found[name] for name in names]
-
-
-def write_conf(robot: Robot, nominal: Robot) -> tuple[str, Robot]:
-    """Return the calibration.conf of a robot, and the robot as its controller then models it.
-
-    Args:
-        robot: The robot as measured.
-        nominal: The shipped robot of this type.
-
-    Raises:
-        InputError: If the robots have not the axes of a Universal Robots arm.
-    """
-    dh = find_type(nominal)
-    fitted = fit_dh(find_zero_pose(robot), dh[:, 2])
-    lines = [
-        f"{key} = [ {', '.join(repr(float(v)) for v in row)}]" for key, row in zip(KEYS, (fitted - dh).T, strict=True)
-    ]
-    held = move_axes(robot, walk_dh(fitted), robot.name)
-    return "[mounting]\n" + "\n".join(lines) + "\n", held
+    for line, matched in enumerate(map(LINE.match, text.splitlines()), 1):
+        name, words = ("", "") if matched is None else (matched[1], matched[2].strip())
+        link = link if words else name or link
+        name = name if name in expected else f"{link}.{name}"
+        if not words or name not in expected:
+            continue
+        try:
+            values = [float(word) for word in re.split(r"[,\s]+", words)] if is_plain(words) else []
+        except ValueError:
+            values = []
+        if len(values) != expected[name] or not np.isfinite(values).all():
+            wanted = "a finite number" if expected[name] == 1 else f"{expected[name]} finite numbers, one a joint"
+            raise InputError(f"{name} is {words!r}, expected {wanted}", file=file, where=line)
+        if name in found:
+            raise InputError(f"{name} is given twice, expected once", file=file, where=line)
+        found[name] = values
+    if missing := [name for name in expected if name not in found]:
+        raise InputError(f"has no {', '.join(missing)}, expected {', '.join(expected)}", file=file)
+    return [value for name in expected for value in found[name]]
 
 
 def find_type(nominal: Robot) -> Array:
@@ -165,14 +128,9 @@ def find_type(nominal: Robot) -> Array:
 
 def find_zero_pose(robot: Robot) -> ZeroPose:
     """Return axes and flange of a robot."""
-    pose, frames, flange = np.eye(4), [], np.eye(4)
-    for joint in robot.joints:
-        pose = pose @ joint.placement
-        if joint.actuated:
-            frames.append((pose[:3, :3] @ joint.axis, pose[:3, 3]))
-        if joint.child == robot.flange:
-            flange = pose
-    return ZeroPose(np.array([axis for axis, _ in frames]), np.array([point for _, point in frames]), flange)
+    poses, moving = follow_joints(robot.base, robot.joints, {}), robot.actuated
+    direction = np.array([poses[joint.child][:3, :3] @ joint.axis for joint in moving])
+    return ZeroPose(direction, np.array([poses[joint.child][:3, 3] for joint in moving]), poses[robot.flange])
 
 
 def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:
@@ -224,50 +182,6 @@ def walk_dh(dh: Array) -> ZeroPose:
         point.append(pose[:3, 3])
         pose = pose @ _frame_dh(*row)
     return ZeroPose(np.array(direction), np.array(point), pose)
-
-
-def fit_dh(zero: ZeroPose, d_parallel: Array) -> Array:
-    """Return the Denavit-Hartenberg numbers of axes and a flange, by the common normals of neighbouring axes.
-
-    They cannot express the place of axis 1 in the base (4 numbers) and 2 of the 6 numbers of the flange.
-
-    Args:
-        zero: Axes and flange at the zero pose.
-        d_parallel: Distance along an axis used where the next one is parallel. Shape (n,). [m]
-
-    Returns:
-        theta, a, d, alpha of each joint. Shape (n, 4). [rad, m, m, rad]
-    """
-    first, point = zero.direction[0], zero.point[0]
-    pose, numbers = build_pose(point - first * (first @ point), _turn_between(np.eye(3)[2], first)), []
-    for k in range(len(zero.direction)):
-        last = k + 1 == len(zero.direction)
-        to = np.linalg.inv(pose)
-        axis = to[:3, :3] @ (zero.flange[:3, 2] if last else zero.direction[k + 1])
-        point = to[:3, :3] @ (zero.flange[:3, 3] if last else zero.point[k + 1]) + to[:3, 3]
-        if last:
-            theta, d = np.arctan2(*(to[:3, :3] @ zero.flange[:3, 0])[[1, 0]]), point[2]
-        else:
-            theta, d = _common_normal(axis, point, d_parallel[k])
-        normal = np.array([np.cos(theta), np.sin(theta), 0.0])
-        across = np.array([-np.sin(theta), np.cos(theta), 0.0])
-        a, alpha = float(normal @ point), float(np.arctan2(-across @ axis, axis[2]))
-        numbers.append((theta, a, d, alpha))
-        pose = pose @ _frame_dh(*numbers[-1])
-    return np.array(numbers)
-
-
-def _common_normal(axis: Array, point: Array, d_parallel: float) -> tuple[float, float]:
-    """Return direction about z [rad] and height on z [m] of the common normal of z and another axis."""
-    sine = float(np.hypot(axis[0], axis[1]))
-    if sine < PARALLEL:
-        normal, height = point[:2] - axis[:2] * point[2] / axis[2], d_parallel
-    else:
-        level = axis[:2] / sine
-        normal, height = np.array([axis[1], -axis[0]]), float(point[2] - axis[2] / sine * (level @ point[:2]))
-    if normal[0] < 0.0:  # choose the sense with a turn of at most 90 degrees
-        normal = -normal
-    return float(np.arctan2(normal[1], normal[0])), height
 
 
 def _frame_dh(theta: float, a: float, d: float, alpha: float) -> Array:

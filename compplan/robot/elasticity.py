@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.io.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, read_toml_model
+from compplan.io.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3
 from compplan.robot.model import GRADES, SPRING_AXES, Array, Joint, LinkElasticity, Spring
 
 _ROTATIONS = {
@@ -176,15 +176,6 @@ class ElasticityTable(StrictTable):
         if value is not None and np.linalg.norm(value) > MOST_GRAVITY:
             raise ValueError(f"is {list(value)}, at most {MOST_GRAVITY:g} m/s^2; is it in mm/s^2?")
         return value
-
-
-def read_elasticity(file: Path) -> ElasticityTable:
-    """Read elasticity.toml.
-
-    Raises:
-        InputError: With file and key, if it is invalid.
-    """
-    return read_toml_model(ElasticityTable, file)
 
 
 def build_springs(table: ElasticityTable, joints: Sequence[Joint], file: Path) -> tuple[Spring, ...]:

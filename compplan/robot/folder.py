@@ -17,11 +17,13 @@ from pydantic import Field
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.tables import escape_bytes, read_text, write_text
 from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, read_toml_model
-from compplan.robot.elasticity import ElasticityTable, build_links, build_springs, read_elasticity
-from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
+from compplan.robot.elasticity import ElasticityTable, build_links, build_springs
+from compplan.robot.model import Array, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
 from compplan.robot.urdf import UrdfNode, read_placement, read_urdf
+
+EFFECTS = "effects.toml"
 
 
 class EffectTable(StrictTable):
@@ -97,11 +99,12 @@ def read_robot_folder(folder: Path) -> Robot:
     for file in (urdf_file, elasticity_file):
         if not file.is_file():
             raise InputError(f"no {file.name} in this robot folder", file=folder)
-    robot = _assemble(read_text(urdf_file), read_elasticity(elasticity_file), folder)
+    robot = _assemble(read_text(urdf_file), read_toml_model(ElasticityTable, elasticity_file), folder)
+    effects = folder / EFFECTS
     return replace(
         robot,
         name=escape_bytes(folder.resolve().name),
-        effects=_read_effects(folder / "effects.toml"),
+        effects=_list_effects(read_toml_model(EffectsTable, effects)) if effects.exists() else (),
         uncertainty=read_uncertainty(folder / UNCERTAINTY),
     )
 
@@ -113,18 +116,14 @@ def as_read(robot: Robot) -> Robot:
         InputError: If the folder is invalid, such as an implausibly soft spring or a negative mass.
     """
     folder = Path(robot.name) if robot.folder is None else robot.folder
-    springs = check_table(ElasticityTable, _as_toml(_elasticity_table(robot)), file=folder / "elasticity.toml")
+    texts = format_robot(robot)
+    springs = check_table(ElasticityTable, tomllib.loads(texts["elasticity.toml"]), file=folder / "elasticity.toml")
     effects: tuple[Mapping[str, Any], ...] = ()
-    if robot.effects:
-        table = _as_toml(_effects_table(robot))
-        effects = _list_effects(check_table(EffectsTable, table, file=folder / "effects.toml"))
-    read = _assemble(_edit_urdf(robot), springs, folder)
+    if EFFECTS in texts:
+        effects = _list_effects(check_table(EffectsTable, tomllib.loads(texts[EFFECTS]), file=folder / EFFECTS))
+    read = _assemble(texts["robot.urdf"], springs, folder)
     return replace(read, name=robot.name, folder=robot.folder, effects=effects,
                    uncertainty=robot.uncertainty)  # fmt: skip
-
-
-def _as_toml(table: Mapping[str, Any]) -> dict[str, Any]:
-    return tomllib.loads(tomli_w.dumps(table))
 
 
 def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
@@ -134,19 +133,20 @@ def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
     if table.tcp not in urdf.links:
         raise UnknownNameError("frame", table.tcp, list(urdf.links), file=elasticity_file, where="tcp")
     joints, base = urdf.chain_to(table.tcp)
-    arm_links, ground = [base, *(joint.child for joint in joints)], ""
-    chain_links, springy = arm_links, joints
-    flange = _default_flange(joints) if table.flange is None else table.flange
-    if flange not in chain_links:
-        raise UnknownNameError("frame", flange, chain_links, file=elasticity_file, where="flange")
-    _check_flange(flange, arm_links, joints, elasticity_file)
+    arm, arm_links, ground = joints, [base, *(joint.child for joint in joints)], ""
+    flange = table.flange or (joints[-1].parent if joints[-1].kind == "fixed" else joints[-1].child)
+    if flange not in arm_links:
+        raise UnknownNameError("frame", flange, arm_links, file=elasticity_file, where="flange")
+    if beyond := [joint.name for joint in joints[arm_links.index(flange) :] if joint.kind != "fixed"]:
+        behind = arm_links[1 + max(k for k, joint in enumerate(joints) if joint.kind != "fixed") :]
+        message = f"is {flange!r}, but {', '.join(beyond)} move what is mounted there; choose from {behind}"
+        raise InputError(message, file=elasticity_file, where="flange")
     if table.part is not None:
         if table.part not in urdf.links:
             raise UnknownNameError("frame", table.part, list(urdf.links), file=elasticity_file, where="part")
         back = urdf.chain_from(table.part, joints)
         joints, base, ground = [*back, *joints], table.part, base
-        chain_links = [base, *(joint.child for joint in joints)]
-    nq = sum(joint.actuated for joint in joints)
+    links, nq = [base, *(joint.child for joint in joints)], sum(joint.actuated for joint in joints)
     accelerations = table.acceleration_limits
     if accelerations is not None and len(accelerations) != nq:
         message = f"has {len(accelerations)} numbers, expected {nq}, one a joint"
@@ -155,8 +155,8 @@ def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
         name=folder.name,
         urdf=text,
         joints=tuple(joints),
-        bodies=tuple(body for body in urdf.bodies(chain_links) if body.link in arm_links),
-        springs=build_springs(table, springy, elasticity_file),
+        bodies=tuple(body for body in urdf.bodies(links) if body.link in arm_links),
+        springs=build_springs(table, arm, elasticity_file),
         link_elasticities=build_links(table, arm_links, elasticity_file),
         base=base,
         ground=ground,
@@ -183,16 +183,11 @@ def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) 
             None: no controller.urdf.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "robot.urdf", _edit_urdf(robot))
-    write_text(folder / "elasticity.toml", tomli_w.dumps(_elasticity_table(robot)))
-    if robot.effects:
-        write_text(folder / "effects.toml", tomli_w.dumps(_effects_table(robot)))
-    else:
-        (folder / "effects.toml").unlink(missing_ok=True)
-    if robot.uncertainty is not None:
-        write_text(folder / UNCERTAINTY, format_uncertainty(robot.uncertainty))
-    else:
-        (folder / UNCERTAINTY).unlink(missing_ok=True)
+    texts = format_robot(robot)
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    for name in {EFFECTS, UNCERTAINTY} - set(texts):
+        (folder / name).unlink(missing_ok=True)
     if robot.folder is not None:
         for name in ("controller.toml", "controller.urdf"):
             source = robot.folder / name
@@ -200,6 +195,16 @@ def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) 
                 write_text(folder / name, source.read_text(encoding="utf-8"))
     if before is not None and not (folder / "controller.urdf").is_file() and _has_moved(robot, before):
         write_text(folder / "controller.urdf", before.urdf)
+
+
+def format_robot(robot: Robot) -> dict[str, str]:
+    """Return the text of every file of a robot folder by name, without those of the controller."""
+    texts = {"robot.urdf": _edit_urdf(robot), "elasticity.toml": tomli_w.dumps(_elasticity_table(robot))}
+    if robot.effects:
+        texts[EFFECTS] = tomli_w.dumps({"schema": 1, "effect": [dict(effect) for effect in robot.effects]})
+    if robot.uncertainty is not None:
+        texts[UNCERTAINTY] = format_uncertainty(robot.uncertainty)
+    return texts
 
 
 def _has_moved(robot: Robot, before: Robot) -> bool:
@@ -212,41 +217,9 @@ def _has_moved(robot: Robot, before: Robot) -> bool:
     )  # fmt: skip
 
 
-def _check_flange(flange: str, links: list[str], joints: list[Joint], file: Path) -> None:
-    """Refuse a flange frame with moving joints between flange and tool.
-
-    Args:
-        flange: The frame.
-        links: Links of the chain, base first.
-        joints: Joints between them.
-        file: elasticity.toml, for the message.
-
-    """
-    moving = [number for number, joint in enumerate(joints) if joint.kind != "fixed"]
-    behind = links[moving[-1] + 1 :] if moving else links
-    if flange not in behind:
-        beyond = [joint.name for joint in joints[links.index(flange) :] if joint.kind != "fixed"]
-        message = f"is {flange!r}, but {', '.join(beyond)} move what is mounted there; choose from {behind}"
-        raise InputError(message, file=file, where="flange")
-
-
-def _default_flange(joints: list[Joint]) -> str:
-    return joints[-1].parent if joints and joints[-1].kind == "fixed" else joints[-1].child
-
-
-def _read_effects(file: Path) -> tuple[Mapping[str, Any], ...]:
-    """Read effects.toml as tables, checked by `compplan.effects`."""
-    if not file.exists():
-        return ()
-    return _list_effects(read_toml_model(EffectsTable, file))
-
-
 def _list_effects(table: EffectsTable) -> tuple[Mapping[str, Any], ...]:
+    """Return the effects as tables, which `compplan.effects` checks."""
     return tuple(entry.model_dump(exclude_none=True) for entry in table.effect)
-
-
-def _effects_table(robot: Robot) -> dict[str, Any]:
-    return {"schema": 1, "effect": [dict(effect) for effect in robot.effects]}
 
 
 def _edit_urdf(robot: Robot) -> str:

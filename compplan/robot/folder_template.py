@@ -6,8 +6,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot.brands import CONTROLLERS, ControllerProposal, propose_counting
@@ -16,81 +18,8 @@ from compplan.robot.model import Array, Joint
 from compplan.robot.rating import Rating, check_mass, sum_arm_mass
 from compplan.robot.urdf import Urdf, read_urdf
 
-_HEAD = """\
-# What bends in this robot. Fill in what you know; a number that nobody measured says "assumed" in its source.
-# {opening}
-
-schema  = 1
-grade   = {grade:<25} # placeholder | scaled | literature | identified
-tcp     = "{tcp}"                   # URDF frame of the tool centre point, z out of the tool
-# flange = "{parent}"               # frame that tools are mounted on; left out: the tcp's parent
-{gravity}
-acceleration_limits = [{accelerations}]  # rad/s^2 (m/s^2), assumed: full speed after half a second
-# repeatability_mm  = 0.03          # one standard deviation an axis: the data sheet's value / 3.6 for isotropic scatter
-
-[sources]
-compliance    = "{compliance}"
-geometry      = "URDF: {file}"
-masses        = "{masses}"
-limits        = "URDF: {file}{effort}"
-accelerations = "assumed: full speed after half a second"
-
-# One block a spring; compliance in rad/(N m), or m/N for a slide. The robots that ship with compplan show the size to
-# expect (robots/*/elasticity.toml); compplan identify or diagnose finds yours.
-"""
-_RIGID = "As it stands the robot is rigid: a plan corrects nothing, an identification or a diagnosis starts from it."
-_RULE = "Springs by payload and reach, a rule found on other arms (docs/robots.md): measure before you correct a part."
-_SPRING = """
-# [[spring]]
-# joint      = "{joint}"
-# axis       = "own"
-# compliance = {compliance}
-"""
-_CONTROLLER = """\
-# How the controller of this robot counts joints, and its teach pendant tools.
-# {state}
-# Compare two postures with the display, then set checked = true. Until then programs say that it is not checked.
-# controller_deg = sign * q_deg + zero_deg{coupled}
-
-schema      = 1
-checked     = false
-controller  = {controller:<20}  # such as "KUKA KRC4": programs of its brand are then written without asking
-joint_names = [{names}]
-sign        = {sign}
-zero_deg    = {zero}
-{coupling}{world}{words}
-# The flange frame from which the teach pendant counts tools (tool 0, all zero): its x and z in axes of {flange!r}.
-{pendant}"""
-_STATED = """\
-[pendant]
-x         = {x}
-z         = {z}
-confirmed = false
-source    = "{source}"
-"""
-_OPEN = """\
-# [pendant]
-# x         = [1.0, 0.0, 0.0]       # not known: jog along +x of tool 0 and see where the flange goes
-# z         = {z}
-# confirmed = false
-# source    = "jogged on the machine"
-"""
-_SOURCE = """\
-# Where this folder comes from
-
-- Geometry, limits and masses: {file}.
-- {rating}: as given to compplan init robot.
-- Compliances and accelerations are assumed; see elasticity.toml.
-"""
-_TIP = """\
-  <!-- compplan: the tool leaves along {axis} of {parent}; z of this frame points out of it -->
-  <link name="{name}"/>
-  <joint name="{name}_fixed" type="fixed">
-    <origin xyz="0 0 0" rpy="{rpy}"/>
-    <parent link="{parent}"/>
-    <child link="{name}"/>
-  </joint>
-"""
+#: Folder of the templates.
+TEMPLATES = Path(__file__).parent / "templates"
 #: Rotations from z of a frame to an axis: roll, pitch, yaw. [rad]
 TURNS = {
     "x": "0 1.5707963267948966 0", "-x": "0 -1.5707963267948966 0", "y": "-1.5707963267948966 0 0",
@@ -138,9 +67,7 @@ def build_skeleton(
         raise UnknownNameError("frame", tcp, list(urdf.links), file=file)
     tcp = tcp if tcp is not None else _find_tip(urdf)
     joints, _ = urdf.chain_to(tcp)
-    axis = tool_axis if tool_axis is not None else find_tool_axis(urdf, tcp)
-    if axis is None:
-        raise InputError(ask_tool_axis(urdf, tcp), file=file)
+    axis = tool_axis if tool_axis is not None else _find_tool_axis(joints, file)
     if axis not in TURNS:
         raise InputError(f"--tool-axis is {axis!r}, choose from {list(TURNS)}")
     parent = joints[-1].parent if joints[-1].kind == "fixed" else tcp
@@ -158,7 +85,7 @@ def build_skeleton(
         text = re.sub(r"<inertial\b.*?</inertial>\s*", "", text, flags=re.DOTALL)
     texts = {"robot.urdf": text, "elasticity.toml": elasticity, "controller.toml": written}
     if rating is not None:
-        texts["SOURCE.md"] = _SOURCE.format(file=file.name, rating=rating.text)
+        texts["SOURCE.md"] = _render("SOURCE.md", file=file.name, rating=rating.text)
     meshes, missing = find_mesh_files(text, file.resolve().parent)
     grade = "placeholder" if rating is None or not springs else rating.grade
     return Skeleton(texts, meshes, missing, springs, grade, gaps, fault)
@@ -171,77 +98,67 @@ def _write_elasticity(
     moving = [joint for joint in joints if joint.actuated]
     mass = sum_arm_mass(joints, urdf.bodies([joints[0].parent, *(joint.child for joint in joints)]))
     fault = check_mass(mass, rating)
-    arm = moving[-6:]
-    ruled = rating is not None and len(arm) == 6 and all(joint.kind != "prismatic" for joint in arm)
-    ruled = ruled and all(joint.kind == "prismatic" for joint in moving[:-6])
-    name, weight = file.name.replace("\\", "/").replace('"', "'"), "gravity = [0.0, 0.0, -9.81]"
-    masses = f"left out: {fault}" if fault else f"URDF: {name}" if mass else "none in the URDF"
-    if fault or not mass:
-        weight = f"{f'# {weight}':<36}# m/s^2, base frame; no link has a mass"
-    else:
-        weight = f"{weight:<36}# m/s^2, base frame; left out: weight is no load"
-    unstated = [joint.name for joint in moving if not np.isfinite(joint.effort)]
-    head = _HEAD.format(
-        opening=_RULE if ruled else _RIGID,
-        grade='"placeholder"' if rating is None or not ruled else f'"{rating.grade}"',
-        tcp=tcp, parent=flange, file=name, gravity=weight, masses=masses,
-        effort=f"; effort of {', '.join(unstated)} not stated" if unstated else "",
-        compliance="assumed: by payload and reach, a rule found on other arms; docs/robots.md" if ruled else
-        "assumed: none known, rigid",
-        accelerations=", ".join(f"{2.0 * _velocity(joint):.3g}" for joint in moving),
+    slides = [joint.kind == "prismatic" for joint in moving]
+    estimated = rating is not None and len(moving) >= 6 and all(slides[:-6]) and not any(slides[-6:])
+    springs = [(joint.name, "1e-8" if slide else "1e-6") for joint, slide in zip(moving, slides, strict=True)]
+    if estimated and rating is not None:
+        numbers = [f"{value:.3g}" for value in rating.estimate_compliances()]
+        springs = [(joint.name, number) for joint, number in zip(moving[-6:], numbers, strict=True)]
+    name = file.name.replace("\\", "/").replace('"', "'")
+    text = _render(
+        "elasticity.toml", tcp=tcp, flange=flange, file=name, springs=springs, estimated=estimated,
+        grade=rating.grade if estimated and rating is not None else "placeholder",
+        masses=f"left out: {fault}" if fault else f"URDF: {name}" if mass else "none in the URDF",
+        unstated=[joint.name for joint in moving if not np.isfinite(joint.effort)],
+        accelerations=[f"{2.0 * _velocity(joint):.3g}" for joint in moving],
     )  # fmt: skip
-    if ruled and rating is not None:
-        numbers = rating.estimate_compliances()
-        blocks = [
-            _SPRING.format(joint=joint.name, compliance=f"{value:.3g}").replace("# ", "")
-            for joint, value in zip(arm, numbers, strict=True)
-        ]
-        return head + "".join(blocks), 6, fault
-    blocks = [
-        _SPRING.format(joint=joint.name, compliance="1e-8" if joint.kind == "prismatic" else "1e-6") for joint in moving
-    ]
-    return head + "".join(blocks), 0, fault
+    return text, 6 if estimated else 0, fault
 
 
-def find_tool_axis(urdf: Urdf, tcp: str) -> str | None:
-    """Return the axis of a frame that points out of the tool: z of a tool0 along the last joint's axis, else None.
+def _render(template: str, /, **values: Any) -> str:
+    """Render a template of a robot folder's file."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    Other frames (ee_link, link_6) follow no convention.
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )  # fmt: skip
+    return environment.get_template(f"{template}.jinja").render(values)
+
+
+def _find_tool_axis(joints: Sequence[Joint], file: Path) -> str:
+    """Return the axis of the TCP frame that points out of the tool: z of a tool0 along the last joint's axis.
+
+    Raises:
+        InputError: For any other frame (ee_link, link_6), which follows no convention; it asks for --tool-axis.
     """
-    joints = urdf.chain_to(tcp)[0]
+    tcp, hint = joints[-1].child, ""
     turns = [k for k, joint in enumerate(joints) if joint.actuated and joint.kind != "prismatic"]
-    if tcp != "tool0" or not turns:
-        return None
-    return "z" if abs(float(_last_axis(joints, turns[-1])[2])) > np.cos(np.radians(STRAIGHT)) else None
-
-
-def ask_tool_axis(urdf: Urdf, tcp: str) -> str:
-    """Return the question for --tool-axis, with the axis of the last joint."""
-    joints = urdf.chain_to(tcp)[0]
-    turns = [k for k, joint in enumerate(joints) if joint.actuated and joint.kind != "prismatic"]
-    hint = ""
     if turns:
-        axis = _last_axis(joints, turns[-1])
-        k = int(np.abs(axis).argmax())
-        if abs(axis[k]) > np.cos(np.radians(STRAIGHT)):
-            name = "xyz"[k]
+        axis = _rotation_along(joints[turns[-1] + 1 :]).T @ joints[turns[-1]].axis
+        name = "xyz"[int(np.abs(axis).argmax())]
+        if np.abs(axis).max() > np.cos(np.radians(STRAIGHT)):
+            if (tcp, name) == ("tool0", "z"):
+                return "z"
             hint = f" (its last joint turns about {name} of it: a straight tool leaves along {name} or -{name})"
-    return f"does not say which axis of {tcp!r} points out of the tool{hint}; give --tool-axis x, -x, y, -y, z or -z"
+    asked = f"does not say which axis of {tcp!r} points out of the tool{hint}"
+    raise InputError(f"{asked}; give --tool-axis x, -x, y, -y, z or -z", file=file)
 
 
-def _last_axis(joints: Sequence[Joint], last: int) -> Array:
-    """Return the axis of a joint in the frame at the end of the chain. Shape (3,)."""
+def _rotation_along(joints: Sequence[Joint]) -> Array:
+    """Return the rotation of the end of a chain, joints at zero, in the frame of its begin. Shape (3, 3)."""
     turn = np.eye(3)
-    for joint in joints[last + 1 :]:
+    for joint in joints:
         turn = turn @ joint.placement[:3, :3]
-    return np.asarray(turn.T @ joints[last].axis)
+    return turn
 
 
 def _add_tip(text: str, urdf: Urdf, tcp: str, axis: str) -> tuple[str, str, str]:
     """Add a frame with z out of the tool; return the URDF, the parent frame and the name."""
     name = next(name for name in ("tool0", "tool_tip", "compplan_tip") if name not in urdf.links)
     head, end, rest = text.rpartition("</robot>")
-    return f"{head}{_TIP.format(axis=axis, parent=tcp, name=name, rpy=TURNS[axis])}{end}{rest}", tcp, name
+    tip = _render("tip.urdf", axis=axis, parent=tcp, name=name, rpy=TURNS[axis])
+    return f"{head}{tip}{end}{rest}", tcp, name
 
 
 def _write_controller(
@@ -264,47 +181,21 @@ def _write_controller(
     if brand is not None:
         found = propose_counting(brand, joints, flange)
         gaps = list(found.missing)
-    turn = None if not stated else _turn_between(joints if stated == joints[-1].child else urdf.chain_to(stated)[0],
-                                                 flange)  # fmt: skip
-    if found.pendant is not None:
-        x, z = found.pendant
-        if turn is not None and np.degrees(np.arccos(np.clip(turn[:, 0] @ np.array(x), -1.0, 1.0))) > STRAIGHT:
-            gaps.append(f"flange frame of the pendant: {stated} of the URDF has another x than {name} usually has")
-        pendant = _STATED.format(x=x, z=z, source=f"assumed: usual for {name}, from the geometry; jog to check")
-    elif turn is not None:
-        x, z = ([round(float(value), 9) + 0.0 for value in turn[:, k]] for k in (0, 2))
+    turn, source = None, f"assumed: usual for {name}, from the geometry; jog to check"
+    beyond = urdf.chain_to(stated)[0] if stated else []
+    if flange in (stated, *(joint.parent for joint in beyond)):
+        first = next((k for k, joint in enumerate(beyond) if joint.parent == flange), len(beyond))
+        turn = _rotation_along(beyond[first:])
+    if found.pendant is None and turn is not None:
+        found.pendant = [[round(float(value), 9) + 0.0 for value in turn[:, k]] for k in (0, 2)]
         source = f"tool0 of {urdf.file.name}" if axis is None else f"--tool-axis {axis}; where x points is not known"
-        pendant = _STATED.format(x=x, z=z, source=source)
-    else:
-        out = np.zeros(3)
-        out["xyz".index((axis or "z")[-1])] = -1.0 if (axis or "z")[0] == "-" else 1.0
-        pendant = _OPEN.format(z=out.tolist())
-    state = "Nothing here is checked: fill it in." if brand is None else (
-        "Derived from the geometry and what is usual for the maker, NOT checked.")  # fmt: skip
-    coupling, world = "", ""
-    if found.coupling is not None:
-        coupling = "coupling    = [\n" + "".join(f"    {row},\n" for row in found.coupling) + "]\n"
-    if found.world_mm is not None:
-        remark = "# where axis 1 meets the height of axis 2"
-        world = f"\n{'[world]':<35}{remark}\nposition_mm = {found.world_mm}\n"
-    words = "".join("\n".join([f"\n[configuration.{key}]", *lines, ""]) for key, lines in found.words.items())
-    return gaps, _CONTROLLER.format(
-        state=state, coupled=" + coupling @ q_deg" if coupling else "", controller=f'"{name}"', sign=found.sign,
-        zero=found.zero_deg, coupling=coupling, world=world, words=words, flange=flange, pendant=pendant,
-        names=", ".join(f'"{joint}"' for joint in found.joint_names),
+    elif found.pendant and turn is not None and turn[:, 0] @ found.pendant[0] < np.cos(np.radians(STRAIGHT)):
+        gaps.append(f"flange frame of the pendant: {stated} of the URDF has another x than {name} usually has")
+    out = Rotation.from_euler("xyz", [float(word) for word in TURNS[axis or "z"].split()]).as_matrix()[:, 2]
+    return gaps, _render(
+        "controller.toml", **vars(found), controller=name, source=source, flange=repr(flange),
+        out=[round(float(value)) + 0.0 for value in out],
     )  # fmt: skip
-
-
-def _turn_between(joints: Sequence[Joint], flange: str) -> Array | None:
-    """Return the rotation of the end of a chain in the flange frame; None without a flange. Shape (3, 3)."""
-    if flange == joints[-1].child:
-        return np.eye(3)
-    turn = None
-    for joint in joints:
-        if joint.parent == flange:
-            turn = np.eye(3)
-        turn = None if turn is None else turn @ joint.placement[:3, :3]
-    return turn
 
 
 def _find_tip(urdf: Urdf) -> str:

@@ -336,11 +336,12 @@ def roll_pitch_yaw_of(rotation: Array) -> Array:
 
 def _urdf_with_tool(robot: Robot, tool: Joint) -> str:
     root = ElementTree.fromstring(robot.urdf)
-    roll_pitch_yaw = roll_pitch_yaw_of(tool.placement[:3, :3])
+    for element in (*root.findall(f"link[@name='{tool.child}']"), *root.findall(f"joint[@name='{tool.name}']")):
+        root.remove(element)  # an earlier mounted tool
     ElementTree.SubElement(root, "link", name=tool.child)
     joint = ElementTree.SubElement(root, "joint", name=tool.name, type="fixed")
     ElementTree.SubElement(joint, "parent", link=tool.parent)
     ElementTree.SubElement(joint, "child", link=tool.child)
-    text = {"xyz": tool.placement[:3, 3], "rpy": roll_pitch_yaw}
+    text = {"xyz": tool.placement[:3, 3], "rpy": roll_pitch_yaw_of(tool.placement[:3, :3])}
     ElementTree.SubElement(joint, "origin", {key: " ".join(repr(float(v)) for v in row) for key, row in text.items()})
     return ElementTree.tostring(root, encoding="unicode")

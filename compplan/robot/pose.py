@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
@@ -35,6 +37,26 @@ def move_joint(joint: Joint, q: ArrayLike) -> Array:
     elif joint.kind == "revolute":
         pose[..., :3, :3] = Rotation.from_rotvec(q[..., None] * joint.axis).as_matrix()
     return pose
+
+
+def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """Locate the links of a chain from its base.
+
+    Args:
+        base: Link at the base.
+        joints: The chain.
+        value: Positions of actuated joints by name, 0 if left out. Shape (...) each. [rad or m]
+
+    Returns:
+        Pose of each link in the base. Shape (..., 4, 4), or (4, 4) where no joint moves it. [m]
+    """
+    poses: dict[str, Array] = {base: np.eye(4)}
+    for joint in joints:
+        position = np.asarray(value.get(joint.name, 0.0))
+        if joint.mimic is not None:
+            position = joint.mimic.multiplier * np.asarray(value.get(joint.mimic.joint, 0.0)) + joint.mimic.offset
+        poses[joint.child] = poses[joint.parent] @ joint.placement @ move_joint(joint, position)
+    return poses
 
 
 def fit_displacement(points: Array, moved: Array) -> Array:

@@ -6,11 +6,10 @@ the kinematics (such as a mesh scaled twice), hide parts of the arm from the col
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from compplan.io.meshes import load_mesh
 from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.solids import UrdfShape
-from compplan.robot.urdf import UrdfNode, read_placement
+from compplan.robot.urdf import read_urdf
 
 #: Greatest distance to the next joint of a body without shapes, visuals and mass that counts as a frame. [m]
 FRAME = 0.03
@@ -78,30 +77,28 @@ def read_bodies(robot: Robot) -> tuple[BodyShapes, ...]:
         robot: The robot.
 
     """
-    root = ElementTree.fromstring(robot.urdf)
+    urdf = read_urdf(robot.urdf, Path(robot.name) / "robot.urdf")
     bodies = _gather(robot)
     home = {link: body for body in bodies for link in body.poses}
-    carriers, loose = _find_beside(robot, root, set(home))
-    masses = {body.link for body in robot.bodies if body.mass > 0.0}
-    for element in root.findall("link"):
-        link = element.attrib["name"]
-        carrier, pose = carriers.get(link, (link, np.eye(4)))
-        if carrier not in home:
+    carriers = urdf.carriers(home, robot.flange if robot.tcp == "tool_tcp" else "")
+    seen = {shape.link for shape in urdf.shapes if shape.kind == "visual"}
+    seen |= {body.link for body in robot.bodies if body.mass > 0.0}
+    for body in bodies:
+        body.shown = any(carrier in body.poses for link, (carrier, _, _) in carriers.items() if link in seen)
+    for shape in urdf.shapes:
+        if shape.kind != "collision" or shape.link not in carriers:
             continue
+        carrier, pose, moved = carriers[shape.link]
         body = home[carrier]
-        body.shown = body.shown or element.find("visual") is not None or link in masses
-        elements = element.findall("collision")
-        for number, shape in enumerate(elements):
-            if link in loose:
-                body.dropped.append(f"{link} hangs on a joint beside the chain")
-                continue
-            name = link if len(elements) == 1 else f"{link} ({number + 1})"
-            try:
-                form = read_form(shape.find("geometry"), robot.folder)
-            except InputError as error:
-                body.dropped.append(f"{name}: {error}" if carrier != link else str(error))
-                continue
-            body.shapes.append(UrdfShape(name, carrier, form, pose @ read_placement(shape.find("origin"))))
+        if moved:
+            body.dropped.append(f"{shape.link} hangs on a joint beside the chain")
+            continue
+        try:
+            form = load_form(shape.form, robot.folder)
+        except InputError as error:
+            body.dropped.append(f"{shape.name}: {error}" if carrier != shape.link else str(error))
+            continue
+        body.shapes.append(UrdfShape(shape.name, carrier, form, pose @ shape.placement))
     return tuple(_assess(body, robot.longest_reach) for body in bodies)
 
 
@@ -121,32 +118,18 @@ def describe_shapes(bodies: Sequence[BodyShapes]) -> str:
     return ", ".join(texts)
 
 
-def read_form(geometry: ElementTree.Element | None, folder: Path | None) -> Any:
-    """Read the geometry of a shape, as `UrdfShape` holds it.
-
-    Args:
-        geometry: The <geometry>.
-        folder: Folder of the URDF, for meshes.
+def load_form(form: tuple[Any, ...], folder: Path | None) -> Any:
+    """Return the form of a shape, a mesh loaded from the folder of the URDF (trimesh).
 
     Raises:
-        InputError: If its form is unknown, or its mesh is missing or cannot be read.
-
+        InputError: If its mesh is missing or cannot be read.
     """
-    if geometry is None or not len(geometry):
-        raise InputError("no geometry")
-    shape = geometry[0]
-    node = UrdfNode(shape, Path("robot.urdf"), None)
-    if shape.tag == "box":
-        return ("box", node.vector("size", ""))
-    if shape.tag in ("cylinder", "capsule"):
-        return (shape.tag, float(shape.attrib["radius"]), float(shape.attrib["length"]))
-    if shape.tag == "sphere":
-        return ("sphere", float(shape.attrib["radius"]))
-    name = shape.attrib.get("filename", "")
-    file = find_mesh(name, folder)
+    if form[0] != "mesh":
+        return form
+    file = find_mesh(form[1], folder)
     if file is None:
-        raise InputError(f"mesh {name!r} is not found")
-    return load_mesh(file, "m").apply_scale(node.vector("scale", "1 1 1"))
+        raise InputError(f"mesh {form[1]!r} is not found")
+    return load_mesh(file, "m").apply_scale(form[2])
 
 
 def _gather(robot: Robot) -> list[_Body]:
@@ -161,33 +144,6 @@ def _gather(robot: Robot) -> list[_Body]:
         else:
             bodies.append(_Body(joint.child, True, {joint.child: np.eye(4)}))
     return bodies
-
-
-def _find_beside(
-    robot: Robot, root: ElementTree.Element, chain: set[str]
-) -> tuple[Mapping[str, tuple[str, Array]], set[str]]:
-    """Find the links beside the chain: the link that carries each, its pose there, and those that joints move."""
-    carriers: dict[str, tuple[str, Array]] = {}
-    loose: set[str] = set()
-    hanging: dict[str, list[ElementTree.Element]] = {}
-    for element in root.findall("joint"):
-        parent = element.find("parent")
-        hanging.setdefault("" if parent is None else parent.attrib["link"], []).append(element)
-    replaced = robot.flange if robot.tcp == "tool_tcp" else ""
-    waiting = [link for link in chain if link != replaced]
-    while waiting:
-        above = waiting.pop()
-        for element in hanging.get(above, ()):
-            child = element.find("child")
-            below = "" if child is None else child.attrib["link"]
-            if below in chain:
-                continue
-            carrier, pose = carriers.get(above, (above, np.eye(4)))
-            carriers[below] = carrier, pose @ read_placement(element.find("origin"))
-            if element.get("type") != "fixed" or above in loose:
-                loose.add(below)
-            waiting.append(below)
-    return carriers, loose
 
 
 def _assess(body: _Body, reach: float) -> BodyShapes:

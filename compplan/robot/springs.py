@@ -1,14 +1,13 @@
-"""Names and possible places of springs, and valid 6x6 link compliances."""
+"""Names and possible places of springs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.robot.model import SPRING_AXES, Array, LinkElasticity, Robot, Spring
+from compplan.robot.model import SPRING_AXES, Robot, Spring
 
 
 def missing_springs(robot: Robot) -> tuple[Spring, ...]:
@@ -75,18 +74,3 @@ def read_spring(robot: Robot, name: str) -> Spring:
     if any((spring.joint, spring.axis) == (joint, axis) for spring in robot.springs):
         raise InputError(f"spring {name!r} is to be added, but the robot has it already")
     return Spring(joint, axis, 0.0, actuator=axis == "own")
-
-
-def build_link(block: LinkElasticity) -> tuple[LinkElasticity, bool]:
-    """Return a link elasticity without negative eigenvalues, and whether it had any."""
-    own = block.compliance
-    value, vector = np.linalg.eigh(_scaled(own))
-    if value[0] < -1e-12:
-        own = _scaled((vector * np.maximum(value, 0.0)) @ vector.T, back=True)
-    return replace(block, compliance=0.5 * (own + own.T)), bool(value[0] < -1e-12)
-
-
-def _scaled(matrix: Array, *, back: bool = False) -> Array:
-    """Scale m/N, rad/N and rad/(N m) to comparable sizes (metre against 0.1 rad), or back."""
-    scale = np.r_[np.full(3, 10.0), np.ones(3)]
-    return matrix / np.outer(scale, scale) if back else matrix * np.outer(scale, scale)

@@ -89,15 +89,11 @@ class Uncertainty:
         """Names of the parameters. Length p."""
         return tuple(name for unknown in self.unknowns for name in unknown.names)
 
-    def _widen(self, value: Array) -> Array:
-        """Multiply by the calibration factor."""
-        return np.asarray(self.calibration * value)
-
     @property
     def width(self) -> Array:
         """Standard deviation of every parameter, with calibration. Shape (p,). [SI]."""
         stated = [unknown.deviation for unknown in self.unknowns]
-        return self._widen(np.concatenate(stated)) if stated else np.zeros(0)
+        return self.calibration * np.concatenate(stated) if stated else np.zeros(0)
 
     @property
     def spread(self) -> Array:
@@ -112,7 +108,7 @@ class Uncertainty:
     @property
     def smooth(self) -> float:
         """Standard deviation of the unmodelled error per axis, with calibration. [m]."""
-        return float(self._widen(np.asarray(self.unexplained))) / np.sqrt(3.0)
+        return float(self.calibration * self.unexplained / np.sqrt(3.0))
 
     def with_covariance(self, covariance: Array) -> Uncertainty:
         """Replace the covariance (with calibration, shape (p, p))."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,6 +25,7 @@ SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius
 FARTHEST, WIDEST = 100.0, 50.0
 #: Greatest velocity limit [rad/s or m/s], mass [kg] and length of a name.
 FASTEST, HEAVIEST, LONGEST_NAME = 50.0, 1e5, 200
+Colour = tuple[float, float, float, float]
 #: Greatest number of links; libraries walk the chain by recursion.
 MOST_LINKS = 1000
 
@@ -48,35 +50,28 @@ class UrdfNode:
         """Return an attribute, or None."""
         return None if self.element is None else self.element.get(key)
 
-    def number(self, key: str, default: float | None = None) -> float:
-        """Return a finite number; the default where it is left out.
+    def numbers(self, key: str, default: str | None, count: int, expected: str) -> Array:
+        """Return the finite numbers of an attribute; the default where it is left out. Shape (count,).
 
         Raises:
-            InputError: If it is no such number, or left out without a default.
+            InputError: If they are no such numbers, or left out without a default.
         """
-        assert self.element is not None
-        text = self.element.get(key)
+        tag = "" if self.element is None else f"{self.element.tag} "
+        text = default if self.element is None else self.element.get(key, default)
         if text is None:
-            if default is None:
-                raise self.fault(f"{self.element.tag} has no {key}")
-            return default
-        value = _parse(text)
-        if not abs(value) <= GREATEST:
-            raise self.fault(f"{self.element.tag} {key} is {text!r}, expected a finite number up to {GREATEST:g}")
-        return value
+            raise self.fault(f"{tag}has no {key}")
+        values = [_parse(word) for word in text.split()]
+        if len(values) != count or not all(abs(value) <= GREATEST for value in values):
+            raise self.fault(f"{tag}{key} is {text!r}, expected {expected} up to {GREATEST:g}")
+        return np.array(values)
+
+    def number(self, key: str, default: str | None = None) -> float:
+        """Return a finite number, see `numbers`."""
+        return float(self.numbers(key, default, 1, "a finite number")[0])
 
     def vector(self, key: str, default: str) -> Array:
-        """Return three finite numbers of an attribute. Shape (3,).
-
-        Raises:
-            InputError: If they are not three finite numbers.
-        """
-        text = default if self.element is None else self.element.get(key, default)
-        values = [_parse(word) for word in text.split()]
-        if len(values) != 3 or not all(abs(value) <= GREATEST for value in values):
-            tag = "" if self.element is None else f"{self.element.tag} "
-            raise self.fault(f"{tag}{key} is {text!r}, expected three numbers up to {GREATEST:g}")
-        return np.array(values)
+        """Return three finite numbers, see `numbers`. Shape (3,)."""
+        return self.numbers(key, default, 3, "three numbers")
 
     def placement(self) -> Array:
         """Return the pose of an <origin>. Shape (4, 4). [m]
@@ -100,14 +95,29 @@ def read_placement(element: ElementTree.Element | None) -> Array:
     return UrdfNode(element, Path("robot.urdf"), None).placement()
 
 
+@dataclass(frozen=True, eq=False)
+class LinkShape:
+    """One shape of a link."""
+
+    link: str  #: Its link.
+    kind: str  #: "visual" or "collision".
+    name: str  #: Name of its link, numbered where the link has several of this kind.
+    #: ("box", size (3,)), ("cylinder" or "capsule", radius, length), ("sphere", radius), ("mesh", address, scale (3,));
+    #: a capsule's length is between its two centres. [m]
+    form: tuple[Any, ...]
+    placement: Array  #: Its pose in the frame of the link. Shape (4, 4). [m]
+    colour: Colour | None  #: Red, green, blue, alpha from 0 to 1, or None.
+
+
 @dataclass(frozen=True)
 class Urdf:
-    """Contents of a URDF: joints, names of links, and the masses of links in their own frame."""
+    """Contents of a URDF: joints, names of links, masses and shapes of links in their own frame."""
 
     file: Path
     joints: tuple[Joint, ...]
     links: tuple[str, ...]
     masses: tuple[Body, ...]
+    shapes: tuple[LinkShape, ...]
 
     def chain_to(self, tcp: str) -> tuple[list[Joint], str]:
         """Return the joints from the base to a frame, and the base.
@@ -157,15 +167,37 @@ class Urdf:
             raise InputError(f"no joint moves the link {part!r} that carries the part", file=self.file)
         return back
 
-    def bodies(self, chain_links: Sequence[str]) -> tuple[Body, ...]:
+    def carriers(self, chain: Collection[str], without: str = "") -> dict[str, tuple[str, Array, bool]]:
+        """Find the link of a chain that carries each link, joints beside the chain at zero.
+
+        Args:
+            chain: Links of the chain.
+            without: Link on which nothing beside the chain is carried (the flange, where a job's tool is mounted), or
+                "".
+
+        Returns:
+            By link: the carrying link, the pose in its frame, shape (4, 4) [m], and whether a joint beside the chain
+            moves it. Links that nothing in the chain carries are missing.
+        """
+        found = {link: (link, np.eye(4), False) for link in chain}
+        by_parent: dict[str, list[Joint]] = {}
+        for joint in self.joints:
+            by_parent.setdefault(joint.parent, []).append(joint)
+        waiting = [link for link in chain if link != without]
+        while waiting:
+            above = waiting.pop()
+            carrier, pose, moved = found[above]
+            for joint in by_parent.get(above, ()):
+                if joint.child not in chain:
+                    found[joint.child] = carrier, pose @ joint.placement, moved or joint.kind != "fixed"
+                    waiting.append(joint.child)
+        return found
+
+    def bodies(self, chain_links: Collection[str]) -> tuple[Body, ...]:
         """Collect the masses; links beside the chain count with the chain link that carries them, joints at zero."""
-        by_child = {joint.child: joint for joint in self.joints}
-        bodies = []
+        carriers, bodies = self.carriers(chain_links), []
         for body in self.masses:
-            place, carrier = np.eye(4), body.link
-            while carrier not in chain_links:
-                place = by_child[carrier].placement @ place
-                carrier = by_child[carrier].parent
+            carrier, place, _ = carriers[body.link]
             turn = place[:3, :3]
             bodies.append(Body(carrier, body.mass, turn @ body.centre + place[:3, 3], turn @ body.inertia @ turn.T))
         return tuple(bodies)
@@ -193,16 +225,21 @@ def read_urdf(text: str, file: Path) -> Urdf:
         raise InputError(f"holds {len(elements)} links, at most {MOST_LINKS} are read", file=file)
     links = _read_names(elements, "link", file)
     moving = root.findall("joint")
-    joints = [_read_joint(element, name, file) for element, name in zip(moving, _read_names(moving, "joint", file),
-                                                                         strict=True)]  # fmt: skip
-    _check_tree(links, joints, file)
-    masses = []
+    names = _read_names(moving, "joint", file)
+    joints = [_read_joint(element, name, file) for element, name in zip(moving, names, strict=True)]
+    roots = _find_roots(links, joints, file)
+    masses: list[Body] = []
+    shapes: list[LinkShape] = []
+    paints = {element.attrib["name"]: _read_colour(UrdfNode(element, file, None)) for element in
+              root.findall("material[@name]")}  # fmt: skip
     for link, element in zip(links, elements, strict=True):
         body = _read_body(UrdfNode(element, file, f"link {link!r}"), link)
         masses += [] if body is None else [body]
-        for shape in (*element.findall("visual"), *element.findall("collision")):
-            _check_shape(UrdfNode(shape, file, f"link {link!r}, {shape.tag}"))
-    return Urdf(file, tuple(joints), tuple(links), tuple(masses))
+        shapes += _read_shapes(element, file, paints)
+    urdf = Urdf(file, tuple(joints), tuple(links), tuple(masses), tuple(shapes))
+    if loop := sorted(set(links) - set(urdf.carriers(roots)), key=links.index):
+        raise InputError(f"the joints above link {loop[0]!r} form a loop", file=file)
+    return urdf
 
 
 def _parse(word: str) -> float:
@@ -216,9 +253,8 @@ def _read_names(elements: Sequence[ElementTree.Element], kind: str, file: Path) 
     names: dict[str, None] = {}
     for element in elements:
         name = element.get("name", "")
-        if not name.strip() or len(name) > LONGEST_NAME:
-            fault = f"a name of {len(name)} letters" if name.strip() else "no name"
-            raise InputError(f"a {kind} has {fault}, expected 1 to {LONGEST_NAME} letters", file=file)
+        if not 0 < len(name.strip()) <= LONGEST_NAME:
+            raise InputError(f"a {kind} has a name of {len(name)} letters, expected 1 to {LONGEST_NAME}", file=file)
         if name in names:
             raise InputError(f"{kind} {name!r} occurs twice", file=file)
         names[name] = None
@@ -245,7 +281,7 @@ def _read_joint(element: ElementTree.Element, name: str, file: Path) -> Joint:
         placement=node.child("origin").placement(),
         axis=axis / length,
         mimic=mimic,
-        **_narrow_limits(_read_limits(node.child("limit"), "mimic" if mimic is not None else kind), node),
+        **_read_limits(node.child("limit"), "mimic" if mimic is not None else kind),
     )
 
 
@@ -270,25 +306,10 @@ def _read_limits(limit: UrdfNode, kind: str) -> dict[str, float]:
         velocity = limits["velocity"] = limit.number("velocity")
         if not 0.0 < velocity <= FASTEST:
             raise limit.fault(f"limit velocity is {velocity:g} {unit}/s, expected more than 0 and at most {FASTEST:g}")
-    effort = limit.number("effort", 0.0)
+    effort = limit.number("effort", "0")
     if effort < 0.0:
         raise limit.fault(f"limit effort is {effort:g}, expected 0 or more")
     return {**limits, "effort": effort} if effort else limits  # ROS-Industrial writes 0 for unknown
-
-
-def _narrow_limits(limits: dict[str, float], joint: UrdfNode) -> dict[str, float]:
-    """Narrow limits by <safety_controller>; equal soft limits (left out, both are zero) are ignored."""
-    soft = joint.child("safety_controller")
-    if soft.text("soft_lower_limit") is None or soft.text("soft_upper_limit") is None:
-        return limits
-    low, high = soft.number("soft_lower_limit"), soft.number("soft_upper_limit")
-    if low == high or "lower" not in limits:
-        return limits
-    lower, upper = max(limits["lower"], low), min(limits["upper"], high)
-    if lower >= upper:
-        own = f"the limits {limits['lower']:g} to {limits['upper']:g}"
-        raise soft.fault(f"soft limits {low:g} to {high:g} leave no room within {own}")
-    return {**limits, "lower": lower, "upper": upper}
 
 
 def _read_mimic(mimic: UrdfNode, own: str) -> Mimic | None:
@@ -297,11 +318,11 @@ def _read_mimic(mimic: UrdfNode, own: str) -> Mimic | None:
     leader = mimic.element.get("joint", "")
     if not leader or leader == own:
         raise mimic.fault(f"mimic names the joint {leader!r}, expected another joint")
-    return Mimic(leader, mimic.number("multiplier", 1.0), mimic.number("offset", 0.0))
+    return Mimic(leader, mimic.number("multiplier", "1"), mimic.number("offset", "0"))
 
 
-def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> None:
-    """Refuse joints without a link, links with two parents, loops, and unconnected links."""
+def _find_roots(links: Sequence[str], joints: Sequence[Joint], file: Path) -> list[str]:
+    """Return the base link, or no link of a loop; refuse joints without a link, two parents, unconnected links."""
     known = set(links)
     parents: dict[str, Joint] = {}
     for joint in joints:
@@ -316,15 +337,7 @@ def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> No
     if len(roots) > 1:
         message = f"links {roots[:5]} have no parent joint, expected one base link and joints to all others"
         raise InputError(message, file=file)
-    reached: set[str] = set()
-    for link in links:
-        path = []
-        while link in parents and link not in reached and link not in path:
-            path.append(link)
-            link = parents[link].parent
-        if link in path:
-            raise InputError(f"the joints above link {link!r} form a loop", file=file)
-        reached.update(path)
+    return roots
 
 
 def _read_body(node: UrdfNode, link: str) -> Body | None:
@@ -340,30 +353,53 @@ def _read_body(node: UrdfNode, link: str) -> Body | None:
         raise node.fault(f"mass is {value:g} kg, expected 0 to {HEAVIEST:g} kg")
     for i, j in zip(*np.triu_indices(3), strict=True) if inertia.element is not None else ():
         key = f"i{'xyz'[i]}{'xyz'[j]}"
-        tensor[i, j] = tensor[j, i] = inertia.number(key, None if i == j else 0.0)
+        tensor[i, j] = tensor[j, i] = inertia.number(key, None if i == j else "0")
         if i == j and tensor[i, i] < 0.0:
             raise node.fault(f"inertia {key} is {tensor[i, i]:g}, expected 0 or more")
     place = inertial.child("origin").placement()
     return Body(link, value, place[:3, 3], place[:3, :3] @ tensor @ place[:3, :3].T)
 
 
-def _check_shape(shape: UrdfNode) -> None:
-    """Refuse a shape without size or a mesh without a file."""
-    shape.child("origin").placement()
+def _read_shapes(element: ElementTree.Element, file: Path, paints: Mapping[str, Colour | None]) -> list[LinkShape]:
+    """Read the shapes of a link; refuse one without size and a mesh without a file."""
+    link, shapes = element.attrib["name"], []
+    for kind in ("visual", "collision"):
+        entries = element.findall(kind)
+        for number, entry in enumerate(entries, 1):
+            name = link if len(entries) == 1 else f"{link} ({number})"
+            node = UrdfNode(entry, file, f"link {link!r}, {kind}")
+            material = node.child("material")
+            colour = _read_colour(material) or paints.get(material.text("name") or "")
+            shapes.append(LinkShape(link, kind, name, _read_form(node), node.child("origin").placement(), colour))
+    return shapes
+
+
+def _read_form(shape: UrdfNode) -> tuple[Any, ...]:
+    """Read the form of a shape, as `LinkShape` holds it."""
     geometry = shape.child("geometry").element
     if geometry is None or not len(geometry):
         raise shape.fault("has no geometry, expected box, cylinder, sphere or mesh")
-    form = replace(shape, element=geometry[0])
-    tag = geometry[0].tag
+    form, tag = replace(shape, element=geometry[0]), geometry[0].tag
     if tag == "mesh":
         name = form.text("filename") or ""
         if Path(name).suffix.lower() not in MESHES:
             raise shape.fault(f"mesh {name!r} is no mesh file, expected {' '.join(MESHES)}")
-        form.vector("scale", "1 1 1")
-        return
+        return tag, name, form.vector("scale", "1 1 1")
     if tag not in SHAPES:
         raise shape.fault(f"geometry <{tag}>, expected box, cylinder, sphere or mesh")
-    for key in SHAPES[tag]:
-        sizes = form.vector(key, "") if key == "size" else np.array([form.number(key)])
-        if not ((sizes > 0.0) & (sizes <= FARTHEST)).all():
+    sizes = [form.vector(key, "") if key == "size" else form.number(key) for key in SHAPES[tag]]
+    for key, size in zip(SHAPES[tag], sizes, strict=True):
+        if not ((np.asarray(size) > 0.0) & (np.asarray(size) <= FARTHEST)).all():
             raise shape.fault(f"{tag} {key} is {form.text(key)}, expected more than 0 and at most {FARTHEST:g} m")
+    return tag, *sizes
+
+
+def _read_colour(material: UrdfNode) -> Colour | None:
+    """Return red, green, blue, alpha (0 to 1) of a <material>, or None."""
+    colour = material.child("color")
+    if colour.element is None:
+        return None
+    numbers = [_parse(word) for word in colour.element.get("rgba", "0.6 0.6 0.6 1").split()]
+    if len(numbers) != 4 or not all(0.0 <= number <= 1.0 for number in numbers):
+        return None
+    return numbers[0], numbers[1], numbers[2], numbers[3]

@@ -7,9 +7,11 @@ The cell's robot may differ from the one that was planned with. Its loaded equil
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.effects.attained import attain_with_effects, rest_robot
@@ -97,3 +99,44 @@ def _attain(
     without = attain_with_effects(replace(cell.robot, effects=()), q, wrench, steps)
     turn = Rotation.from_matrix(with_effects[1] @ np.swapaxes(without[1], 1, 2)).as_matrix()
     return position + with_effects[0] - without[0], turn @ rotation
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A run in a cell against its path; n waypoints, base frame. Figures are of the waypoints of the cut."""
+
+    position: Array  #: Attained tip. Shape (n, 3). [m]
+    rotation: Array  #: Attained orientation of the TCP frame. Shape (n, 3, 3).
+    deviation: Array  #: Attained minus nominal tip. Shape (n, 3). [m]
+    tilt: Array  #: Angle between attained and nominal tool axis. Shape (n,). [rad]
+    cut: NDArray[np.bool_]  #: Waypoints that are compensated and evaluated. Shape (n,).
+
+    @cached_property
+    def distance(self) -> Array:
+        """Distance of the attained tip from the nominal one. Shape (n,). [m]"""
+        return np.asarray(np.linalg.norm(self.deviation, axis=1))
+
+    @property
+    def rms_deviation(self) -> float:
+        """Root mean square distance over the cut. [m]"""
+        return float(np.sqrt(np.mean(self.distance[self.cut] ** 2)))
+
+    @property
+    def max_deviation(self) -> float:
+        """Greatest distance over the cut. [m]"""
+        return float(self.distance[self.cut].max())
+
+    @property
+    def max_tilt(self) -> float:
+        """Greatest angle between attained and nominal tool axis over the cut. [rad]"""
+        return float(self.tilt[self.cut].max())
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Deviation over the cut as files hold it: rms, mean and max. [mm]"""
+        sizes = {"rms": self.rms_deviation, "mean": float(self.distance[self.cut].mean()), "max": self.max_deviation}
+        return {name: value * 1e3 for name, value in sizes.items()}
+
+    def share_within(self, tolerance: float) -> float:
+        """Return the share of the cut's waypoints within a distance [m] of the path."""
+        return float((self.distance[self.cut] <= tolerance).mean())

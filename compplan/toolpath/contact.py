@@ -7,7 +7,7 @@ y = z x x, the left-hand side for somebody who looks down the tool axis along th
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,10 +46,7 @@ class ContactTable(ForceTable):
 class PathForceTable(ForceTable):
     """Keys of every model whose wrench stands in path axes and follows from the path alone."""
 
-    @property
-    def follows_feed(self) -> bool:
-        """Tell whether the force depends on the feed that is driven."""
-        return False
+    follows_feed: ClassVar[bool] = False  #: Whether the force depends on the feed that is driven.
 
     def wrench_along(self, nominal: Toolpath) -> Array:
         """Return the wrench on the tool at every waypoint, path axes, contact aside. Shape (n, 6). [N, N m]"""

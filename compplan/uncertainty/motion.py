@@ -36,6 +36,11 @@ DAMPING_FACTOR = 1.6
 DRAWS = 12
 
 
+def greatest_shift(shift: Array) -> float:
+    """Return the greatest length of displacements (n, 3), 0 for none. [m]"""
+    return float(np.linalg.norm(shift, axis=1).max(initial=0.0))
+
+
 def spread_draws(error: Array) -> Array:
     """Return the covariance of drawn tips about their mean. Shape (d, n, 3) -> (n, 3, 3). [m^2]."""
     away = error - error.mean(axis=0)

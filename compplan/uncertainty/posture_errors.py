@@ -76,7 +76,7 @@ def posture_errors(job: Job, robot: Robot) -> PostureErrors | None:
     if job.posture.preset != "error_band":
         return None
     known = robot_uncertainty(robot)
-    if job.touched_off:  # to first order what moves the base moves a touched-off part as well
+    if job.part.touched_off:  # to first order what moves the base moves a touched-off part as well
         unknowns = tuple(replace(u, deviation=0.0 * u.deviation) if moves_base(robot, u) else u for u in known.unknowns)
         known = replace(known, unknowns=unknowns)
     return PostureErrors(robot, known, read_force_spread(job))

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.cli.doctor import installation as installation_module
-from compplan.cli.doctor.installation import examine_installation
-from compplan.cli.doctor.log import examine_log
-from compplan.cli.doctor.robot_folder import examine_robot
+from compplan.cli import doctor
+from compplan.cli.doctor import examine_installation, examine_log, examine_robot
 from compplan.errors import InputError
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder
@@ -43,10 +41,10 @@ def test_an_engine_that_answers_wrongly_or_not_at_all_is_odd(monkeypatch):
     def fails() -> bool:
         raise RuntimeError("no ipopt")
 
-    monkeypatch.setattr(installation_module, "_try_ipopt", fails)
-    monkeypatch.setattr(installation_module, "_try_pinocchio", lambda: False)
-    said = odd(examine_installation())
-    assert "no ipopt" in said and "a wrong answer" in said
+    monkeypatch.setattr(doctor, "_try_ipopt", fails)
+    assert "no ipopt" in odd(examine_installation())
+    monkeypatch.setattr(doctor, "_try_ipopt", lambda: False)
+    assert "a wrong answer" in odd(examine_installation())
 
 
 def test_compliances_without_their_exponent_bend_the_arm_by_metres(tmp_path):
@@ -79,7 +77,7 @@ def test_a_good_log_has_nothing_odd(tmp_path):
     findings = examine_log(write_log(tmp_path), load_robot("ur10"))
     assert not odd(findings)
     said = [finding.sentence for finding in findings]
-    assert "30 different poses" in said and "5 poses are met again" in said
+    assert "30 different poses" in said and "5 poses are repeated" in said
 
 
 def test_a_log_in_inches_is_odd(tmp_path):

@@ -183,7 +183,7 @@ def test_an_unconfirmed_pendant_and_a_spindle_below_the_part_are_asked_about() -
     assert len(notes) == 1 and "not confirmed" in notes[0]
     assert not ask_about_tool(job, load_robot("kuka_kr16_2"))
     up, down = np.tile(Z, (3, 1)), np.tile(-Z, (3, 1))
-    assert not look_at_spindle(up, job) and "on the side of -z" in look_at_spindle(down, job)[0]
+    assert not look_at_spindle(up, job) and "on the side of -z" in look_at_spindle(down, job)
     turned = check_job({**base, "part": {"rotation_deg": [180.0, 0.0, 0.0]}})
     assert not look_at_spindle(down, turned) and look_at_spindle(up, turned)
 

@@ -12,7 +12,6 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import diagnose_campaign
 from compplan.diagnosis.results.next_measurement import (
-    DifferenceShown,
     expected_gain,
     list_rows,
     pick_poses,
@@ -45,10 +44,8 @@ def test_the_expected_gain_agrees_with_measuring_many_times() -> None:
 def test_moves_that_repeat_each_other_are_not_picked_twice() -> None:
     """Three readings, two of them of what is nearly the same, over noise of one."""
     shared = 1e3 * np.array([[1.0, 0.999, 0.0], [0.999, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    shown = DifferenceShown(np.sqrt(1e3) * np.array([2.0, 2.0, 1.9]), shared, np.eye(3)[:, None])
-    picked, information = pick_poses(shown, 0.0)
+    picked, _ = pick_poses(np.sqrt(1e3) * np.array([2.0, 2.0, 1.9]), shared, np.eye(3)[:, None])
     assert set(picked[:2]) in ({0, 2}, {1, 2})
-    assert information == pytest.approx(0.5 * (4 + 3.61), rel=0.01)
 
 
 def test_what_moves_tell_of_two_explanations_is_the_ratio_of_their_likelihoods_in_whatever_order() -> None:
@@ -115,5 +112,5 @@ def test_what_is_proposed_says_poses_loads_and_gain(measured: tuple[Robot, Campa
     steps = [step for step in found if step["poses"]]
     assert steps
     for step in steps:
-        assert 3 <= len(step["poses"]) == len(step["wrenches"]) <= 16
-        assert step["expected_probability_gain"] >= 0.05
+        assert 5 <= len(step["poses"]) == len(step["wrenches"]) <= 10
+        assert step["expected_probability_gain"] >= 0.02

@@ -23,7 +23,6 @@ from compplan.effects.frame_shift import shift_at
 from compplan.effects.joint_stiffness import signatures
 from compplan.effects.linearization import Linearization, linearize_model
 from compplan.effects.signature import Signature
-from compplan.effects.transmission_error import spline_at
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import read_robot_folder
@@ -56,7 +55,7 @@ def make_linearization(robot: Robot) -> Linearization:
 
 def all_signatures(at: Linearization) -> list[Signature]:
     found = [s for model in EFFECTS.values() for s in model.signatures(at)]
-    return [*found, *shift_at(at, 17), spline_at(at, 1)]
+    return [*found, *shift_at(at, 17)]
 
 
 def worst_disagreement(at: Linearization, signature: Signature) -> float:

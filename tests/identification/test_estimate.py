@@ -128,19 +128,6 @@ def test_a_pure_force_through_the_last_axis_leaves_joint_6_of_the_reduced_model_
     assert reduced.compliance[5] == 0.0
 
 
-def test_a_link_factor_scales_its_whole_6x6() -> None:
-    full = load_robot("kuka_kr270_full")
-    long = ("link_2", "link_3")
-    links = tuple(
-        replace(e, compliance=e.compliance * (1.4 if e.link in long else 1.0)) for e in full.link_elasticities
-    )
-    assert {e.link for e in links} > set(long)
-    drawn = draw_candidates(full, 60, seed=1)
-    rows = simulate_observations(replace(full, link_elasticities=links), drawn.q, drawn.wrench)
-    structure = build_structure(full, links="scale").select([f"{link}.scale" for link in long])
-    np.testing.assert_allclose(estimate_parameters(structure, rows).model_values, 1.4, rtol=1e-4)
-
-
 def test_wrong_shapes_and_names_are_refused_with_what_is_allowed() -> None:
     robot = load_robot("kuka_kr270")
     q = np.zeros((3, 6))

@@ -9,8 +9,7 @@ import pytest
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.io.transaction import check_results, replace_folder
-from compplan.planning import plan as planning
+from compplan.io.transaction import check_folder, replace_folder
 
 GOOD = Path(__file__).parents[1] / "bad_inputs" / "good"
 
@@ -59,11 +58,10 @@ def test_a_result_replaces_nothing_that_compplan_did_not_write(name, what, tmp_p
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_results_of_any_command_are_replaced_and_so_is_what_is_the_same(tmp_path) -> None:
+def test_results_of_any_command_are_replaced(tmp_path) -> None:
     out = tmp_path / "out"
     write(out, {"report.html": "1"}, "compare")
-    put(out, "file", "same.txt")
-    write(out, {"report.html": "2", "same.txt": "mine"})
+    write(out, {"report.html": "2"})
     assert list_all(out)["report.html"] == "2"
 
 
@@ -72,20 +70,7 @@ def test_a_manifest_of_another_program_is_not_replaced(tmp_path) -> None:
     with pytest.raises(InputError, match=r"manifest\.json: was not written by compplan"):
         write(tmp_path, {"plan.json": "1"})
     with pytest.raises(InputError, match=r"manifest\.json"):
-        check_results(tmp_path, [])
-
-
-@pytest.mark.parametrize("what", ["file", "folder"])
-def test_a_plan_is_refused_before_it_is_computed(what, tmp_path, monkeypatch, capsys) -> None:
-    work = tmp_path / "work"
-    shutil.copytree(GOOD, work)
-    put(work / "out", what, "joints.csv")
-    monkeypatch.setattr(planning, "plan_job", lambda *_, **__: pytest.fail("the plan was computed"))
-    before = list_all(work)
-    answer = run_command(["plan", work / "job.toml", "--out", work / "out"], monkeypatch, capsys)
-    assert answer.status == 2
-    assert answer.err.startswith(f"error: {work / 'out' / 'joints.csv'}: ")
-    assert list_all(work) == before
+        check_folder(tmp_path)
 
 
 def test_a_program_of_the_users_own_is_not_replaced(tmp_path, monkeypatch, capsys) -> None:

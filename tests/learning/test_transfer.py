@@ -131,14 +131,11 @@ def test_a_lesson_says_how_force_and_robot_go_together() -> None:
     assert sizes[1] > 9e-5 > 4 * sizes[0]
 
 
-def test_three_parts_tell_their_scatter_and_four_a_clear_trend() -> None:
+def test_three_parts_tell_their_scatter() -> None:
     """s^2 = (4 a^2 + sum (l - mean)^2 / mean^2) / (4 + n - 1)."""
     three = add_part(force_of(1.0, 0.9, 1.1), part_of(1.0))
     assert three.scatter == pytest.approx(np.sqrt((4 * SCATTER**2 + 0.02) / 6))
     assert three.level == 1.0
-    worn = add_part(force_of(1.15, 1.0, 1.1, 1.2), part_of(1.301))
-    assert worn.level == pytest.approx(1.4, abs=0.01)
-    assert add_part(force_of(1.15, 1.0, 1.2, 1.0), part_of(1.2)).level == 1.15
 
 
 @pytest.mark.parametrize("frame", ["part", "base"])

@@ -12,9 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import compplan.job.loading as loading
-import compplan.planning.deflection as bending
+import compplan.planning.inertia as inertia
 import compplan.planning.posture.lattice as lattice
-from compplan.job.job import Job, ToolTable, check_job, load_job
+from compplan.job.job import Job, ToolTable, load_job
 from compplan.planning import plan as planning
 from compplan.planning.plan import plan_job
 from compplan.planning.timing import Timing
@@ -70,18 +70,6 @@ def test_a_tool_that_leans_takes_its_x_along(tmp_path: Path, monkeypatch: pytest
     turn, true = Rotation.from_rotvec([0.0, 0.0, np.radians(0.3)]).as_matrix(), lattice.tool_axes
     monkeypatch.setattr(lattice, "tool_axes", lambda *words: true(*words) @ turn)
     assert "turned 0.3 deg about its axis" in " ".join(plan_job(load_job(tmp_path / "part.toml")).breaches)
-
-
-def test_own_weight_is_no_bending_by_the_process() -> None:
-    job = check_job({
-        "schema": 1, "robot": "ur20", "part": {"position_mm": [900.0, 200.0, 300.0]},
-        "toolpath": {"generator": "circle", "radius_mm": 40.0, "feed_mm_s": 20.0, "waypoints": 12},
-        "process": {"model": "constant", "force_N": [0.0, 0.0, 60.0]},
-    }, "job.toml")  # fmt: skip
-    plan = plan_job(job)
-    still = bending.measure_bending(replace(plan.task, wrench=0.0 * plan.task.wrench), plan.q, plan.timing)
-    assert plan.bending.process > 1e-5 and still.process < 1e-9
-    assert still.weight == pytest.approx(plan.bending.weight) and still.weight > 1e-4
 
 
 def test_the_torque_that_holds_a_wrench_is_its_virtual_work_with_the_sign_turned() -> None:
@@ -148,8 +136,8 @@ def _without_last(path: Toolpath) -> Toolpath:
 
 
 def _heavy(patch: pytest.MonkeyPatch) -> None:
-    true = bending.load_motion
-    patch.setattr(bending, "load_motion", lambda *words: 2.0 * true(*words))
+    true = inertia.load_motion
+    patch.setattr(inertia, "load_motion", lambda *words: 2.0 * true(*words))
 
 
 MISTAKES: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], str]] = {

@@ -11,10 +11,10 @@ import pytest
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job
 from compplan.planning.feed import FeedRequest, find_constant_feed, time_run
-from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.plan import PlanOptions, build_task
 from compplan.planning.task import cutting_runs
 from compplan.robot import load_robot
+from compplan.simulation.torque import TorqueRules
 from compplan.toolpath.corners import SLOWED, find_corners, find_roundings, find_shares, round_corners
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 

@@ -158,6 +158,6 @@ def test_a_cut_that_nothing_turns_the_spindle_for_is_told() -> None:
     job = check_job({**JOB, "process": {"model": "end_mill", "diameter_mm": 8.0, "teeth": 2, "spindle_rpm": 9000.0,
                                         "material": "al6082_t6"}})  # fmt: skip
     task: Any = SimpleNamespace(nominal=SimpleNamespace(events=(Event(-1, "tool", 1.0),)))
-    assert "never starts the spindle (no M3 or M4)" in describe_spindle(task, job)[0]
+    assert "never starts the spindle (no M3 or M4)" in describe_spindle(task, job)
     task.nominal.events = (Event(0, "spindle_cw", 9000.0),)
     assert not describe_spindle(task, job) and not describe_spindle(task, check_job({**JOB, "toolpath": "path.csv"}))

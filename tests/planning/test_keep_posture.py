@@ -9,7 +9,7 @@ import pytest
 from compplan.job.job import load_job
 from compplan.learning.part import build_learned
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.posture.kept_posture import is_same_machine
+from compplan.planning.posture.start import is_same_machine
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 
@@ -61,7 +61,7 @@ def write_measured(folder: Path, *, reach: float = 1.0) -> Robot:
 
 def starts_at(file: Path, robot: str | None = None, keep: str | None = None) -> Array:
     """Return the joint positions that a plan starts from, at the waypoints of the toolpath."""
-    task = build_task(*prepare_job(load_job(file, robot, keep)), file=file)
+    task = build_task(*prepare_job(load_job(file, robot, () if keep is None else (f"plan.keep={keep}",))), file=file)
     places = np.flatnonzero(task.origin == np.round(task.origin))
     return task.q_start[places[np.unique(task.origin[places], return_index=True)[1]]]
 

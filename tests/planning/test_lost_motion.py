@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.effects.backlash import list_plays, lost_motion
+from compplan.effects.backlash import find_crossings, find_sides, list_plays, lost_motion
 from compplan.job.job import load_job
-from compplan.planning.lost_motion import find_crossings, find_sides
 from compplan.planning.plan import PlanOptions, plan_compensation, plan_job
 from compplan.planning.sampling import measure_between
 from compplan.planning.task import attain_rows
@@ -99,6 +98,6 @@ def test_inertia_is_compensated_beside_the_play() -> None:
     place[:3, 3] = 1.7, 0.0, 0.9
     path = place_toolpath(CircleTable(radius_mm=60, feed_mm_s=30, waypoints=60).generate(), place)
     plan = plan_compensation(replace(robot, effects=(play,)), path, PlanOptions(inertia=True))
-    assert plan.status == "solved" and plan.bending.compensated, plan.notes
+    assert plan.status == "solved" and plan.task.inertia, plan.notes
     assert plan.between.max_deviation < 0.2 * PlanOptions().tolerance
-    assert plan.after.max_deviation < 0.2 * plan.bending.inertia
+    assert plan.after.max_deviation < 0.2 * plan.inertia

@@ -9,11 +9,11 @@ import pytest
 
 from compplan.planning.dense import pick_stations, solve_path, state_problem
 from compplan.planning.limits.torque import read_torques
-from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.nlp import build_nlp, explain_conflict, solve_nlp, solve_problem
 from compplan.planning.strategies import command_path
 from compplan.planning.task import attain_rows
 from compplan.robot import load_robot
+from compplan.simulation.torque import TorqueRules
 from compplan.statics.chain import build_chain
 from compplan.statics.kinematics import build_loaded_function
 from compplan.statics.stiffness import attain_pose

@@ -10,12 +10,12 @@ from compplan.job.job import Job, check_job
 from compplan.planning.approach import plan_approach
 from compplan.planning.dense import STATIONS
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.posture.follow import follow_path, reach_tip_and_axis
+from compplan.planning.posture.follow import follow_path
 from compplan.planning.strategies import command_path
 from compplan.planning.task import OUT_OF_REACH
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
-from compplan.statics.ik import build_arm
+from compplan.statics.ik import build_arm, reach_tip_and_axis
 from compplan.toolpath.toolpath import Toolpath
 
 pytestmark = pytest.mark.usefixtures("graph_alone")

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InfeasibleError, InputError
 from compplan.job.job import check_job
-from compplan.job.loading import load_nominal
 from compplan.planning.plan import job_robot
 from compplan.planning.posture.place import place_part, rate_places, summarise_placement
 from compplan.planning.posture.settings import PostureSettings
@@ -59,7 +58,7 @@ def test_the_result_is_plain_json_with_a_picture(placed) -> None:
 def test_places_out_of_reach_are_rated_as_such() -> None:
     job = check_job(TABLE, "job.toml")
     shifts = np.array([[0.0, 0, 0], [9.0, 0, 0]])
-    bound = rate_places(job, job_robot(job), PostureSettings(), load_nominal(job), shifts)
+    bound = rate_places(job, job_robot(job), PostureSettings(), shifts)
     assert np.isfinite(bound[0]) and np.isnan(bound[1])
 
 

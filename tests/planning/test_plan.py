@@ -43,9 +43,9 @@ def test_loaded_tip_of_the_cone_stays_within_a_micrometre_in_the_exact_cell(cone
 
 def test_times_grow_and_rates_stay_within_limits(cone):
     assert (np.diff(cone.timing.time) > 0).all()
-    assert cone.margins.velocity_ratio <= 1 + 1e-6
-    assert cone.margins.acceleration_ratio <= 1 + 1e-2
-    assert cone.margins.position > 0
+    assert cone.timing.velocity_ratio <= 1 + 1e-6
+    assert cone.timing.acceleration_ratio <= 1 + 1e-2
+    assert cone.limit_room[0] > 0
 
 
 def test_the_velocity_limit_is_active_in_the_fast_cut_and_lowers_the_feed():
@@ -54,7 +54,7 @@ def test_the_velocity_limit_is_active_in_the_fast_cut_and_lowers_the_feed():
     joints = [replace(joint, velocity=10 * joint.velocity) for joint in robot.joints]
     free = cp.plan_compensation(replace(robot, joints=tuple(joints)), nominal, options)
     assert plan.status == "solved"
-    assert plan.margins.velocity_ratio == pytest.approx(1.0, abs=1e-2)  # smoothing takes the tip off the peak
+    assert plan.timing.velocity_ratio == pytest.approx(1.0, abs=1e-2)  # smoothing takes the tip off the peak
     assert any("by the velocity limit of joint_1" in note for note in plan.notes)
     middle = len(nominal) // 2
     assert plan.timing.share[middle] < 0.6
@@ -72,7 +72,7 @@ def test_position_and_correction_limits_are_active_in_the_circle_out_of_limits(o
     named = {limit for text in plan.command.failures.values() for limit in text.split(", ")}
     assert plan.status == "infeasible"
     assert named == {"correction limit", "lower position limit of joint_2"}
-    assert plan.margins.position == pytest.approx(0.0, abs=1e-9)
+    assert plan.limit_room[0] == pytest.approx(0.0, abs=1e-9)
     assert np.linalg.norm(plan.correction, axis=1).max() <= 1.5e-3 + 1e-6  # hard where joints stop the arm too
     by_correction = [k for k, text in plan.command.failures.items() if text == "correction limit"]
     sizes = np.linalg.norm(plan.correction, axis=1)
@@ -88,7 +88,7 @@ def test_without_its_limits_the_circle_out_of_limits_is_solved():
     assert plan.status == "solved"
     assert plan.after.max_deviation < 1e-6
     assert plan.q[:, 1].min() < robot.lower[1]
-    assert plan.margins.max_correction > 1.5e-3
+    assert plan.max_correction > 1.5e-3
 
 
 def test_failing_waypoints_and_limits_are_named_in_a_sentence(out_of_reach):
@@ -161,7 +161,7 @@ def test_a_plan_tells_its_stages_in_order_and_ends_where_it_is_cancelled():
 
     cp.plan_job(job, progress=progress)
     stages = ["robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell"]
-    assert list(dict.fromkeys(told)) == [*stages, "margins, approach and retract"]
+    assert list(dict.fromkeys(told)) == [*stages, "checks, approach and retract"]
     for stop in ("posture", "compensation"):
         told.clear()
         with pytest.raises(CancelledError):

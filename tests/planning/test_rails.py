@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compplan.effects.transmission_error import LEAST, MOST, weigh_joints
 from compplan.job.job import Job, check_job
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.strategies import command_path
-from compplan.planning.task import LEAST, MOST, weigh_joints
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import build_chain
 

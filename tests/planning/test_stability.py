@@ -9,7 +9,8 @@ import pytest
 import compplan as cp
 from compplan.job.job import check_job
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.stability import compute_depth_limit, describe_depth_limit
+from compplan.planning.stability import describe_depth_limit
+from compplan.simulation.chatter import compute_depth_limit
 
 CIRCLE = Path(__file__).parents[2] / "paths" / "circle_10mm.toml"
 

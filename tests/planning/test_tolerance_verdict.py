@@ -13,7 +13,6 @@ from commandline import run_command
 
 from compplan.job.job import check_job
 from compplan.planning.plan import plan_compensation, plan_job, prepare_job
-from compplan.planning.task import group_waypoints
 from compplan.planning.tolerance_verdict import share_length
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import widen_to_path
@@ -57,7 +56,7 @@ def test_a_plan_that_leaves_the_limits_never_keeps() -> None:
     assert "No 95 % band is stated, waypoints are out of reach." in plan.verdict.sentence
     assert plan.error_band is None and plan.verdict.band is None
     assert "error_band_mm" not in plan.to_dict() and plan.to_dict()["verdict"]["band_mm"] is None
-    assert dict(plan.summary())["95 % band"] == "no 95 % band is stated, waypoints are out of reach"
+    assert dict(plan.summary())["95 % band"] == "No 95 % band is stated, waypoints are out of reach"
 
 
 def test_a_job_that_leaves_inertia_alone_says_so_and_so_does_the_basis_of_a_robot_that_nobody_measured() -> None:
@@ -68,7 +67,7 @@ def test_a_job_that_leaves_inertia_alone_says_so_and_so_does_the_basis_of_a_robo
     measured = plan_compensation(replace(robot, uncertainty=known), nominal, options).verdict
     assert plain.word == measured.word == "keeps"
     assert plain.sentence.endswith(
-        "along the whole cut (robot and force are assumed, not measured)."
+        "along the whole cut (the robot is assumed, not measured; the force is assumed)."
         " Inertia is not compensated: [plan] inertia = false."
     )
     assert "(the robot is measured; the force is assumed)" in measured.sentence
@@ -97,10 +96,6 @@ def test_the_share_of_a_cut_goes_by_length() -> None:
     apart = np.array([True, True, False, True])  # the moves over waypoint 2 are no cut
     assert share_length(length, apart, np.array([True, False, False, False])) == pytest.approx(0.5)
     assert share_length(np.zeros(4), cut, np.array([True, False, False, False])) == pytest.approx(0.25)
-
-
-def test_stretches_are_the_runs_beyond() -> None:
-    assert group_waypoints([1, 2, 4]) == [(1, 2), (4, 4)] and group_waypoints([]) == []
 
 
 def test_the_whole_path_is_never_promised_less_than_its_widest_point() -> None:

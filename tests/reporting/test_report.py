@@ -18,8 +18,6 @@ from compplan.errors import ShapeError
 from compplan.io.quantities import format_length
 from compplan.planning.approach import Passage
 from compplan.planning.compare import Comparison
-from compplan.planning.deflection import Bending
-from compplan.planning.evaluate import Evaluation, measure_margins
 from compplan.planning.result import Plan
 from compplan.planning.sampling import Between
 from compplan.planning.task import Command, PlanTask
@@ -32,7 +30,7 @@ from compplan.reporting.plan_page import mark_force, write_plan_page
 from compplan.reporting.provenance import describe_robot
 from compplan.reporting.scenes import draw_cell, locate_links, place_meshes, place_shapes
 from compplan.robot import load_robot
-from compplan.simulation.simulated_robot import EXACT_EVALUATION, build_simulated_robot
+from compplan.simulation.simulated_robot import EXACT_EVALUATION, Evaluation, build_simulated_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 from compplan.toolpath.toolpath import Toolpath
@@ -75,14 +73,14 @@ def make_plan(n: int = 400, name: str = "kuka_kr270") -> Plan:
         acceleration_limits=robot.acceleration_limits, max_correction=1e-2, tolerance=1e-4, spin_free=True,
     )  # fmt: skip
     timing = replace(state_timing(task, q, time), feed=np.full(n, 0.05), share=np.ones(n))
-    before = Evaluation("as modelled", nominal.position + away, rotation, away, np.zeros(n), ~rapid)
+    before = Evaluation(nominal.position + away, rotation, away, np.zeros(n), ~rapid)
     after = replace(before, position=nominal.position + 1e-4 * away, deviation=1e-4 * away)
     nowhere = Passage(np.zeros((0, 6)), np.zeros(0), np.zeros((0, 6)), np.zeros((0, 3)), np.zeros((0, 6)), np.zeros(0))
     return Plan(
         name="Circle <test>", task=task, strategy="nlp", command=Command(q), timing=timing, before=before, after=after,
-        margins=measure_margins(task, q, timing), approach=nowhere, retract=nowhere,
+        approach=nowhere, retract=nowhere,
         between=Between(*np.zeros((2, n - 1))),
-        bending=Bending(1e-3, 0.0, np.nan, False, np.full(2, np.nan), "assumed"),
+        motion=None,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import pytest
 from commandline import run_command
 from planted_robots import PLANTS, plant_robot
 
-from compplan.cli.doctor.robot_folder import examine_robot
+from compplan.cli.doctor import examine_robot
 from compplan.errors import InputError
 from compplan.planning.posture.collision_scene import check_bodies
 from compplan.robot import load_robot, robot_folders

@@ -1,4 +1,4 @@
-"""URDFs that are odd in a lawful way: colours that are none, soft limits, more links than an arm has."""
+"""URDFs that are odd in a lawful way: colours that are none, more links than an arm has."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.errors import InputError
 from compplan.reporting.scenes import UNPAINTED, place_shapes
 from compplan.robot import load_robot
 from compplan.simulation.exact_model import read_exact_robot
@@ -87,28 +86,6 @@ def test_the_judge_reads_a_chain_of_as_many_links_as_are_allowed(tmp_path) -> No
     known = len(load_robot(GOOD / "robot").joints) + 1
     load_robot(write_robot(tmp_path / "robot", before_end=hang_links(1000 - known, chain=True)))
     assert read_exact_robot(tmp_path / "robot").model.nq > 0
-
-
-@pytest.mark.parametrize(
-    ("soft", "ends"),
-    [("-0.1 0.2", (-0.1, 0.2)), ("-9 0.2", (None, 0.2)), ("0 0", (None, None)), ("-9 9", (None, None))],
-)
-def test_soft_limits_narrow_the_limits(soft, ends, tmp_path) -> None:
-    low, high = soft.split()
-    controller = f'<safety_controller soft_lower_limit="{low}" soft_upper_limit="{high}" k_velocity="1"/>'
-    plain = load_robot(GOOD / "robot").joints
-    robot = load_robot(write_robot(tmp_path / "robot", into_joint=controller))
-    place = next(k for k, joint in enumerate(robot.joints) if joint.name == "joint_1")
-    joint = robot.joints[place]
-    assert joint.lower == (plain[place].lower if ends[0] is None else ends[0])
-    assert joint.upper == (plain[place].upper if ends[1] is None else ends[1])
-
-
-@pytest.mark.parametrize(("low", "high"), [("0.2", "-0.1"), ("nan", "1"), ("x", "1"), ("50", "51")])
-def test_soft_limits_that_make_no_sense_are_refused(low, high, tmp_path) -> None:
-    controller = f'<safety_controller soft_lower_limit="{low}" soft_upper_limit="{high}"/>'
-    with pytest.raises(InputError, match=r"joint 'joint_1': .*soft"):
-        load_robot(write_robot(tmp_path / "robot", into_joint=controller))
 
 
 def test_a_mass_beside_the_chain_counts_with_the_link_that_carries_it_turned_and_moved(tmp_path) -> None:

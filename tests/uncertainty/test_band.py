@@ -20,7 +20,7 @@ import compplan
 from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable
 from compplan.measurement.distance import band_radius, calibrate_band
-from compplan.planning.deflection import find_inside
+from compplan.planning.inertia import find_inside
 from compplan.planning.plan import plan_job
 from compplan.robot import load_robot
 from compplan.robot.pose import fit_displacement
@@ -302,7 +302,7 @@ def test_a_plan_that_leaves_inertia_alone_has_it_in_its_band_and_its_verdict_say
         assert bands[on] is not None and bands[on].motion is not None
     widest = {on: float(band.parts["motion"][band.cut].max()) for on, band in bands.items() if band is not None}
     assert widest[True] < 0.8 * widest[False]
-    assert widest[False] > plans[False].bending.inertia
+    assert widest[False] > plans[False].inertia
     if plans[False].verdict.largest_cause == "inertia and vibration":
         assert "inertia = true" in plans[False].verdict.change
 

@@ -21,7 +21,6 @@ from compplan.cli.options import (
     measured_options,
     out_folder,
     out_table,
-    posture_kept,
     robot_instead,
     robot_option,
     split_names,
@@ -30,7 +29,6 @@ from compplan.cli.terminal import Work, show_progress
 from compplan.effects import EFFECTS
 from compplan.effects.requested import GEOMETRY
 from compplan.errors import InputError
-from compplan.identification.parameters import LINK_TERMS
 from compplan.io.parsing import LEAST_SIGMA_MM
 from compplan.io.provenance import describe_origin
 from compplan.measurement.checks import check_unit, list_notes
@@ -49,7 +47,6 @@ if TYPE_CHECKING:
     click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".'),
     click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint."),
     click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".'),
-    click.option("--links", type=click.Choice(LINK_TERMS), help="Terms of the links' 6x6 elasticities to identify."),
     click.option("--effects", help='Effects to fit too, such as "backlash,joint_coupling@joint_5:of joint_4".'),
     click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry fitted along."),
     click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
@@ -125,7 +122,7 @@ def run_diagnose(
     with show_progress() as progress:
         start = perf_counter()
         diagnosis, questions = diagnose_measured(
-            measurements, robot_name, register=parse_parts(register), progress=progress, **options
+            measurements, robot_name, register=parse_parts(register), progress=progress, self_test=self_test, **options
         )
         tested = _test_diagnosis(diagnosis, perf_counter() - start, progress) if self_test else None
         table = deliver_diagnosis(diagnosis, folder, progress, tested)
@@ -219,7 +216,7 @@ def run_campaign(
 
     Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
     """
-    from compplan.diagnosis.data.plausibility import ask_unit, build_rows_model
+    from compplan.diagnosis.data.plausibility import build_rows_model
     from compplan.learning.campaign import design_campaign, parse_weights
     from compplan.measurement.equipment import Equipment
     from compplan.planning.plan import plan_job
@@ -234,8 +231,9 @@ def run_campaign(
         announce("plan")
         plan = plan_job(job)
         known = None if log is None else read_measured(log, plan.robot, instrument=described)[1]
-        if known is not None and (question := ask_unit(build_rows_model(plan.robot, known))) is not None:
-            raise InputError(question.sentence, file=log)
+        if known is not None:
+            rows = build_rows_model(plan.robot, known)
+            check_unit(rows.campaign, rows.position)
         campaign = design_campaign(plan, equipment, count, known, announce)
         announce("report")
         summary = write_campaign(campaign, folder)
@@ -263,7 +261,7 @@ def run_campaign(
     click.option("--reach-mm", type=click.FloatRange(0.0, 1000.0, min_open=True),
                  help="How far from the path of the tip the tool makes that surface; else 1 mm more than the radius of"
                  " the cutter in [process]."),
-    assume_ok, posture_kept,
+    assume_ok,
 )  # fmt: skip
 def run_learn(
     job: Job, measured: Path, robot_name: str, folder: Path, **options: Any

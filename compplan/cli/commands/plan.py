@@ -15,7 +15,6 @@ from compplan.cli.options import (
     make_command,
     make_job_command,
     out_folder,
-    posture_kept,
     robot_instead,
     robot_option,
     take_cam_options,
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from compplan.planning.result import Plan
 
 
-@make_job_command(out_folder, robot_instead, posture_kept, several=True)
+@make_job_command(out_folder, robot_instead, several=True)
 def run_plan(job: Job, folder: Path) -> CommandResult:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs.
 
@@ -53,8 +52,7 @@ def run_plan(job: Job, folder: Path) -> CommandResult:
 def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     """Plan a job, a plan for each tool that it calls, and write what came of it; `note` is added to the first."""
     from compplan.api.verbs import plan_operations
-    from compplan.planning.result import summarise_operations, summarise_plan
-    from compplan.reporting.operations import describe_operations, describe_order
+    from compplan.reporting.operations import describe_operations, describe_order, summarise_operations
     from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
 
     with show_progress() as announce:
@@ -62,7 +60,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     fault = explain_failures(done.plans)
     if len(done.plans) == 1:
         plan = done.plans[0]
-        return CommandResult(summarise_plan(plan), format_plan(plan, folder, done.files), fault)
+        return CommandResult(plan.to_dict(), format_plan(plan, folder, done.files), fault)
     name = job.name or job.file.stem
     summary = summarise_operations(done.plans, name)
     lines = [f"{name}: {describe_operations(summary)}"]
@@ -80,7 +78,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
 
 def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
     """Return which waypoints and limits stop plans that are not solved; None where all are."""
-    from compplan.planning.result import worst_status
+    from compplan.reporting.operations import worst_status
 
     failing = [plan for plan in plans if plan.status != "solved"]
     if not failing:
@@ -106,8 +104,8 @@ OPTIONS = {"toolpath": "CAMFILE"} | {
     robot_option("A folder in robots/ or a path.", required=False),
     click.option("--part", metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector."),
     click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP."),
-    click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library "
-                 "(Fusion, HSM, LinuxCNC, Heidenhain) whose lengths count from the spindle that --tool describes."),
+    click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library of "
+                 "Fusion, whose lengths count from the spindle that --tool describes."),
     click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted."),
     click.option("--program", "programs", multiple=True,
                  help=f"Language, may be given more than once: {', '.join(WRITERS)}."),

@@ -27,7 +27,7 @@ from compplan.errors import InputError
 from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_text
 from compplan.io.tomlfile import check_table, read_named_table
-from compplan.io.transaction import check_folder, replace_folder
+from compplan.io.transaction import replace_folder
 from compplan.robot import load_robot
 from compplan.toolpath.readers import READERS, CamFacts, read_cam, refuse_idle
 from compplan.toolpath.readers.options import CamTable
@@ -155,27 +155,21 @@ def run_trace(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: st
 
 
 @make_command(
-    click.argument("direction", type=click.Choice(["read", "write"])), click.argument("source", type=INPUT),
+    click.argument("direction", type=click.Choice(["read", "write"]), metavar="read"),
+    click.argument("source", type=INPUT),
     robot_option("The type as it ships, which the controller's numbers count from."),
-    click.option("--out", required=True, type=INPUT, help="read: folder to write; write: file."),
+    click.option("--out", required=True, type=FOLDER, help="Folder to write."),
 )  # fmt: skip
 def run_calibration(direction: str, source: Path, robot_name: str, out: Path) -> CommandResult:
-    """Read a UR controller's calibration, the file SOURCE, into DIR/robot, or write it from the measured folder SOURCE.
+    """Read a UR controller's calibration, the file SOURCE, into DIR/robot.
 
-    What the controller's file cannot hold of a folder is listed with the tip error that it leaves.
-
-    Example: compplan calibration write out/robot --robot ur10e --out calibration.conf
+    Example: compplan calibration read calibration.conf --robot ur10e --out out
     """
-    from compplan.reporting.writers.robot_folder import write_calibrated, write_controller_file
+    from compplan.reporting.writers.robot_folder import write_calibrated
 
+    if direction == "write":
+        raise InputError("calibration write is no longer supported; run joint programs of the measured robot folder")
     nominal = load_robot(robot_name)
-    if direction == "read":
-        check_folder(out)
-        summary = write_calibrated(source, nominal, out)
-        lines = [f"{nominal.name} with the geometry of {source} ({summary['format']})", f"wrote {out / 'robot'}"]
-        return CommandResult(summary, lines)
-    summary = write_controller_file(load_robot(source), nominal, out)
-    lines = [f"lost, tip error rms over {summary['poses']} drawn poses without load:"]
-    lines += [f"  {row['rms_mm']:9.4f} mm  {row['what']}" for row in summary["lost"]]
-    lines += [f"  {summary['left_rms_mm']:9.4f} mm  left in all", f"wrote {out}: {summary['advice']}"]
+    summary = write_calibrated(source, nominal, out)
+    lines = [f"{nominal.name} with the geometry of {source} ({summary['format']})", f"wrote {out / 'robot'}"]
     return CommandResult(summary, lines)

@@ -31,7 +31,7 @@ from compplan.robot.rating import Rating
 from compplan.toolpath.readers import find_reader, list_suffixes
 
 if TYPE_CHECKING:
-    from compplan.cli.doctor.installation import Remark
+    from compplan.cli.doctor import Remark
 
 #: What is written by the first word: how that is called, and its options; any other first word is the file of a job.
 FORMS = {
@@ -294,9 +294,7 @@ def run_doctor(target: str | None, robot_name: str | None) -> CommandResult:
 
     Example: compplan doctor measurements.csv --robot ur10
     """
-    from compplan.cli.doctor.installation import examine_installation
-    from compplan.cli.doctor.log import examine_log
-    from compplan.cli.doctor.robot_folder import examine_robot
+    from compplan.cli.doctor import examine_installation, examine_log, examine_robot
 
     _refuse_others(target)
     if target is not None and Path(target).is_file():

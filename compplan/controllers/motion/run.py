@@ -76,11 +76,7 @@ def execute_program(file: File, robot: Robot, start: Array | None = None) -> Exe
 
 def write_executed(executed: Executed, robot: Robot, file: File) -> None:
     """Write EXECUTED.csv: time_s, q1_deg .., x_mm y_mm z_mm of the nominal tip, base frame."""
-    columns: dict[str, object] = {"time_s": executed.time}
-    for j in range(robot.nq):
-        slides = bool(robot.prismatic[j])
-        size = 1e3 if slides else 180.0 / np.pi
-        columns[f"q{j + 1}_{'mm' if slides else 'deg'}"] = executed.q[:, j] * size
+    columns: dict[str, object] = {"time_s": executed.time, **robot.joint_columns(executed.q)}
     for axis, values in zip("xyz", executed.position.T, strict=True):
         columns[f"{axis}_mm"] = 1e3 * values
     write_table(file, columns)

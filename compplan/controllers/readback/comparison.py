@@ -33,6 +33,7 @@ from compplan.controllers.writers.joint_convention import (
 from compplan.errors import InputError
 from compplan.io.parsing import guard_parser
 from compplan.robot import Array, Robot, load_robot
+from compplan.robot.pose import build_pose
 
 #: Files that each language writes, joint programs and programs with positions, and who reads them; {} is the name.
 FORMS: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Move]] | None]] = {
@@ -57,7 +58,7 @@ DECIMAL = re.compile(r"(?<![\w.])-?\d+\.\d+")
 class Commanded:
     """What was planned at the rows that programs hold: the way there, the path, the way back. Shapes (m, ..)."""
 
-    q: Array  #: Joint positions that programs hold: commanded, or what leads by the lag of drives. [rad or m]
+    q: Array  #: Commanded joint positions. [rad or m]
     time: Array  #: [s]
     feed: Array  #: Feed that is driven in the move to each row, 0 in rapid moves. [mm/s]
     stands: NDArray[np.bool_]  #: Whether the tool has to stand still, beside the ends of rapid moves.
@@ -232,7 +233,7 @@ class _Rows:
         q, placed = from_controller(self.counting, self.list_joints([moves[k] for k in rows])), list(moves)
         for k, position, rotation in zip(rows, *self.arm.locate(q), strict=True):
             placed[k] = moves[k]._replace(
-                pose=np.linalg.inv(self.part) @ _pose(rotation, 1e3 * position), base=self.part
+                pose=np.linalg.inv(self.part) @ build_pose(1e3 * position, rotation), base=self.part
             )
         return placed
 
@@ -315,11 +316,11 @@ def _place_rows(robot: Robot, arm: StiffArm, wanted: Commanded) -> _Rows:
     counting, part = load_controller(robot), arm.part
     position, rotation = arm.locate(wanted.q)
     flange, turn = arm.locate_flange(wanted.q[:1])
-    tool = _pose(turn[0].T @ rotation[0], 1e3 * turn[0].T @ (position[0] - flange[0]))
-    world = np.eye(4) if arm.carries_part else _pose(counting.world[:3, :3], 1e3 * counting.world[:3, 3])
+    tool = build_pose(1e3 * turn[0].T @ (position[0] - flange[0]), turn[0].T @ rotation[0])
+    world = np.eye(4) if arm.carries_part else build_pose(1e3 * counting.world[:3, 3], counting.world[:3, :3])
     return _Rows(
         robot, counting, to_controller(counting, wanted.q), position * 1e3, rotation, world, wanted,
-        _pose(part[:3, :3], 1e3 * part[:3, 3]), tool, arm,
+        build_pose(1e3 * part[:3, 3], part[:3, :3]), tool, arm,
     )  # fmt: skip
 
 
@@ -334,12 +335,6 @@ def _report_rows(rows: _Rows) -> ReportedProgram:
         rows.shown[:, ~rows.outer], read_words(rows.counting, believed_robot(rows.robot), wanted.q),
         wanted.feed <= 0.0, wanted.stands, share, rows.arm.mass, centre,
     )  # fmt: skip
-
-
-def _pose(rotation: Array, position: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
-    return pose
 
 
 def compare_declared(path: Path, part: Pose, tool: Pose) -> list[str]:

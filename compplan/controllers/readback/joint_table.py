@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -37,21 +36,15 @@ def check_joint_table(
     if near.max() >= load_motion(robot)[0].cycle:
         yield f"joints.csv leaves out row {near.argmax()}, {1e3 * near.max():.3g} ms from the rows around it"
     time, q, wanted = time[kept], q[kept], wanted[kept]
-    with file.open(encoding="utf-8", newline="") as stream:
-        head = next(csv.reader(stream))
-    shown = robot.joint_columns(q)
-    names = ["time_s", *shown, *WANTED]
-    missing = [name for name in names if name not in head]
-    if missing:
-        yield f"joints.csv has no column {missing[0]}"
+    stated = {"time_s": time, **robot.joint_columns(q), **dict(zip(WANTED, wanted.T, strict=True))}
+    with guard_parser(file, "is not a table"), file.open(encoding="utf-8") as stream:
+        head = stream.readline().strip().split(",")
+        at = [head.index(name) for name in stated if name in head]
+        table = np.loadtxt(stream, delimiter=",", usecols=at, ndmin=2)
+    if table.shape != (len(q), len(stated)):
+        yield f"joints.csv has {len(table)} rows and {len(at)} columns, planned are {len(q)} and {len(stated)}"
         return
-    at = [head.index(name) for name in names]
-    with guard_parser(file, "is not a table"):
-        table = np.loadtxt(file, delimiter=",", skiprows=1, usecols=at, ndmin=2, encoding="utf-8")
-    if len(table) != len(q):
-        yield f"joints.csv has {len(table)} rows, planned are {len(q)}"
-        return
-    away = np.abs(table - np.column_stack([time, *shown.values(), wanted]))
+    away = np.abs(table - np.column_stack([*stated.values()]))
     places = np.cumsum([0, 1, robot.nq, 3, 3, 6])
     whats = (("time", "s"), ("a joint", "deg or mm"), ("the wanted tip", "mm"), ("the tool axis", ""),
              ("the wrench", "N or N m"))  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Protocol
@@ -13,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.writers.joint_convention import load_controller
+from compplan.controllers.writers.language import ProgramForm
 from compplan.controllers.writers.machine import Wiring, describe_events
-from compplan.controllers.writers.post import describe_cell
-from compplan.controllers.writers.program import Program, build_program
+from compplan.controllers.writers.post import check_cell, describe_cell, render_own
+from compplan.controllers.writers.program import Program, build_program, head_lines
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import OTHER, ZONES, BlendZone, mark_narrow
 from compplan.errors import InputError, UnknownNameError
@@ -26,7 +28,11 @@ from compplan.robot import Robot
 
 
 class Language(Protocol):
-    """What the file of a language offers; MAIN, a `MainForm`, too where it has calls."""
+    """What the file of a language offers.
+
+    It may also hold its form (`FORM`, a `ProgramForm`, of languages.toml), what a user has to know of a program
+    (`describe`), and how it writes a program that calls those of several tools (`format_main`).
+    """
 
     name: str
 
@@ -39,8 +45,7 @@ class Language(Protocol):
 
 
 _OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "own", "csv")
-#: Every language, by the name of its module. It may also say whose controllers
-#: speak the language (BRAND), its words for events (PHRASES), and what a user has to know of a program (describe).
+#: Every language, by the name of its module.
 WRITERS: Registry[Language] = Registry[Language](_OWN, __name__)
 
 #: Letters that a main program adds to the name of the job: _ALL, and _L for linear moves.
@@ -138,7 +143,7 @@ def check_languages(
             its controller.toml is not what it has to be.
     """
     controller = load_controller(robot).name if languages else ""
-    moving = [name for name, module in WRITERS.items() if getattr(module, "MOVES_PART", False)]
+    moving = [name for name in WRITERS if name == "csv" or ((own := _form(name)) is not None and own.moves_part)]
     for language in languages:
         if robot.ground and language not in moving:
             message = f"{language} programs cannot move what carries the part, choose from {moving}"
@@ -177,10 +182,10 @@ def describe_program(program: Program, language: str) -> list[str]:
         changes = f"{language}: the configuration changes within a cut, at {where}: linear programs swing over"
         notes.append(Stop(changes))
     module = WRITERS[language]
-    describe, phrases = getattr(module, "describe", None), getattr(module, "PHRASES", None)
-    own = [*(describe(program) if describe else []), *describe_cell(program.post, getattr(module, "CELL", None))]
-    if phrases is not None:
-        own += describe_events(program.events, program.wiring, phrases)
+    describe, form = getattr(module, "describe", None), _form(language)
+    own = list(describe(program)) if describe else []
+    if form is not None:
+        own += [*describe_cell(program.post, form.cell), *describe_events(program.events, program.wiring, form.phrases)]
     elif any(event.kind != "comment" for event in program.events):
         own.append("spindle, coolant, dwells and stops of the CAM file are not in this table")
     return [*notes, *(type(note)(f"{language}: {note}") for note in own)]
@@ -194,20 +199,27 @@ def write_sequence(
     `groups` are the files that were written for each tool, in the order in which they run. Nothing is written where the
     language has no calls of other programs.
     """
-    main = getattr(WRITERS[language], "MAIN", None)
-    if main is None or len(groups) < 2:
+    form = _form(language)
+    if form is None or not form.suffix or len(groups) < 2:
         return []
-    entries = [_find_entries([file for file in files if file.suffix == main.suffix]) for files in groups]
+    entries = [_find_entries([file for file in files if file.suffix == form.suffix]) for files in groups]
+    post = replace(check_cell(program.post, form.cell, form.title), overwrite=False)
+    format_main = getattr(WRITERS[language], "format_main", partial(_format_main, language))
     files = []
     for kind in entries[0]:
         if all(kind in entry for entry in entries):
             calls = [entry[kind] for entry in entries]
-            whole = f"{legal_name(name, main.longest - ADDED)}_ALL{kind}"
+            whole = f"{legal_name(name, (form.longest_main or form.longest) - ADDED)}_ALL{kind}"
             upper, lower = calls[0].isupper(), calls[0].islower()
             whole = whole.upper() if upper else whole.lower() if lower else whole
-            files.append(folder / f"{whole}{main.suffix}")
-            write_text(files[-1], main.format(whole, program, calls), newline=main.newline)
+            files.append(folder / f"{whole}{form.suffix}")
+            write_text(files[-1], format_main(whole, replace(program, post=post), calls), newline=form.newline)
     return files
+
+
+def _format_main(language: str, name: str, program: Program, calls: Sequence[str]) -> str:
+    words = {"name": name, "comments": head_lines(program), "lines": [], "calls": calls}
+    return render_own(f"{language}_main", words)
 
 
 def _find_entries(files: Sequence[Path]) -> dict[str, str]:
@@ -217,5 +229,10 @@ def _find_entries(files: Sequence[Path]) -> dict[str, str]:
     return {found.group() if (found := KINDS.search(stem)) else "": stem for stem in stems if stem not in parts}
 
 
+def _form(language: str) -> ProgramForm | None:
+    return getattr(WRITERS[language], "FORM", None)
+
+
 def _brand(language: str) -> str:
-    return str(getattr(WRITERS[language], "BRAND", ""))
+    form = _form(language)
+    return "" if form is None else form.brand

@@ -11,7 +11,6 @@ from compplan.controllers.writers.text import legal_name
 from compplan.io.tables import write_table
 
 name = "csv"
-MOVES_PART = True
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:

@@ -10,45 +10,27 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import MainForm, ProgramForm, ProgramPart, WrittenMove, describe_feeds
-from compplan.controllers.writers.machine import Phrases
-from compplan.controllers.writers.post import CellWords, check_cell, render_post
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, WrittenMove, describe_feeds
+from compplan.controllers.writers.post import render_post
 from compplan.controllers.writers.program import Program, head_lines
-from compplan.controllers.writers.text import clean_text, wrap_text
+from compplan.controllers.writers.text import clean_text
 from compplan.errors import InputError
 from compplan.io.tables import Array
 
 name = "fanuc_ls"
-BRAND = "FANUC"
 #: A remark has 32 letters.
 LONGEST_REMARK = 32
 #: Greatest and least linear speed in mm/sec; slower ones are in cm/min, at least SLOWEST of these.
 FASTEST, SLOW, SLOWEST = 2000.0, 1.0, 1.0
-#: Share of the axis rates that rapid moves take (assumed). [%]
-RAPID = 20
-#: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
-CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1}), 99
-MOVES_PART = True
+#: The position register through which programs fill tool and user frame if asked.
+REGISTER = 99
 #: Motion group of what carries the part (assumed).
 POSITIONER = 2
 #: Numbers of a Cartesian position.
 PLACE = [f"{name} = {{:12.5f}}  mm" for name in "XYZ"] + [f"{name} = {{:12.6f}} deg" for name in "WPR"]
 
-PHRASES = Phrases(
-    say=lambda text: [f"!{part}" for part in wrap_text(text, LONGEST_REMARK)],
-    switch=lambda signal, on: [f"DO[{signal}]={'ON' if on else 'OFF'}"],
-    wait=lambda seconds: [f"WAIT {seconds:7.2f}(sec)"],
-    expect=lambda signal: [f"WAIT DI[{signal}]=ON"],
-    pause=lambda task: ["PAUSE"],
-    call=lambda name, number: [f"CALL {name.upper()}({number:.0f})"],
-)
 
-
-#: A teach pendant program takes 36 letters (R-30iB; older ones 8).
-FORM = ProgramForm(
-    "fanuc_ls", "FANUC", PHRASES, lambda poses: place_table(poses, "xyz"), longest=26, most=1000, letters=str.upper,
-    single=True, numbered=False, carried_arcs=False, percents=(RAPID, 1.0),
-)  # fmt: skip
+FORM = ProgramForm.load("fanuc_ls", lambda poses: place_table(poses, "xyz"))
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -64,7 +46,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         raise InputError(f"FANUC programs take six rotating and three sliding joints, not {list(program.joint_names)}")
     if program.feed.max(initial=0.0) > FASTEST:
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
-    check_cell(program.post, CELL, "FANUC")
     can = len(turning) == 6 and (program.moves_part or state_configurations(program) is not None)
     return FORM.write(program, folder, most, _format_part, _format_calls, can=can)
 
@@ -119,7 +100,7 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
 
 
 def _user_frame(part: ProgramPart) -> int:
-    return int(check_cell(part.program.post, CELL, "FANUC").base or 1) if part.linear else 0
+    return int(part.program.post.base or 1) if part.linear else 0
 
 
 def _format_move(program: Program, move: WrittenMove, number: int, via: int | None, linear: bool) -> str:
@@ -135,8 +116,7 @@ def _format_move(program: Program, move: WrittenMove, number: int, via: int | No
 
 def _format_position(program: Program, move: WrittenMove, number: int, frame: int, words: str) -> str:
     """Return a position: joints, or a place in a user frame where the move is no joint move; external axes behind."""
-    cell = check_cell(program.post, CELL, "FANUC")
-    head, second = f"UF : {frame}, UT : {cell.tool}", ""
+    head, second = f"UF : {frame}, UT : {program.post.tool}", ""
     if words and move.kind != "joint":
         head += f",\t\tCONFIG : '{words}'"
         values = [text.format(value) for text, value in zip(PLACE, move.place, strict=True)]
@@ -159,7 +139,7 @@ def format_program(
 
     `frame` is the user frame that positions count from, 0 for joint positions; a main program has frames.
     """
-    cell = check_cell(program.post, CELL, "FANUC")
+    cell = program.post
     second = POSITIONER if program.moves_part else 0
     base = program.base_frame if frame and not program.moves_part else None
     wanted = [("UTOOL", cell.tool, program.tool), ("UFRAME", cell.base, base)]
@@ -179,9 +159,6 @@ def format_program(
     return "\n".join([f"{before}/MN", *numbered, f"/POS\n{after}"])
 
 
-def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    plain = replace(program, post=replace(program.post, overwrite=False))
-    return format_program(name, plain, 0, [], [], False, calls)
-
-
-MAIN = MainForm(".LS", 26, _format_main)
+def format_main(name: str, program: Program, calls: Sequence[str]) -> str:
+    """Return the program that calls those of several tools."""
+    return format_program(name, program, 0, [], [], False, calls)

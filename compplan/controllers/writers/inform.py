@@ -3,51 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import (
-    MainForm,
-    ProgramForm,
-    ProgramPart,
-    WrittenMove,
-    describe_feeds,
-    need_six_axes,
-)
-from compplan.controllers.writers.machine import Phrases
-from compplan.controllers.writers.post import CellWords, check_cell, render_post
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, WrittenMove, describe_feeds, need_six_axes
+from compplan.controllers.writers.post import render_post
 from compplan.controllers.writers.program import Program, head_lines
-from compplan.controllers.writers.text import clean_text, list_numbers, wrap_text
+from compplan.controllers.writers.text import clean_text, list_numbers
 
 name = "inform"
-BRAND = "Yaskawa"
 #: A remark has 32 letters.
 LONGEST_REMARK = 32
-#: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
-CELL = CellWords(int, int, {"tool": 1, "base": 1})
-TOOL_VARIABLE, FRAME_VARIABLE, MOVES_PART = 98, 99, True
+#: The position variables through which jobs fill tool and user frame if asked.
+TOOL_VARIABLE, FRAME_VARIABLE = 98, 99
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1
 
 
-PHRASES = Phrases(
-    say=lambda text: [f"'{part}" for part in wrap_text(text, LONGEST_REMARK)],
-    switch=lambda signal, on: [f"DOUT OT#({signal}) {'ON' if on else 'OFF'}"],
-    wait=lambda seconds: [f"TIMER T={seconds:.2f}"],
-    expect=lambda signal: [f"WAIT IN#({signal})=ON"],
-    pause=lambda task: ["PAUSE"],
-    call=lambda name, number: [f"CALL JOB:{name.upper()}"],
-)
-
-
-#: A job's name has 32 letters (older controllers 8).
-FORM = ProgramForm(
-    "inform", "INFORM", PHRASES, lambda poses: place_table(poses, "xyz"), longest=24, most=2000, letters=str.upper,
-    single=True, numbered=False, arcs=False, narrows=False, percents=(20.0, 0.01),
-)  # fmt: skip
+FORM = ProgramForm.load("inform", lambda poses: place_table(poses, "xyz"))
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -128,7 +103,7 @@ def format_job(
     words = {
         "name": name, "count": sum(line.startswith("C") for line in points), "points": points, "main": main,
         "station": program.moves_part,
-        "cell": check_cell(program.post, CELL, "INFORM"), "tool_variable": TOOL_VARIABLE,
+        "cell": program.post, "tool_variable": TOOL_VARIABLE,
         "user": "///POSTYPE USER" in points,
         "frame_variable": FRAME_VARIABLE, "tool": list_numbers(place_numbers(program.tool, "xyz"), 7),
         "base": list_numbers(place_numbers(program.base_frame, "xyz"), 7), "moves": moves, "parts": parts,
@@ -138,9 +113,6 @@ def format_job(
     return render_post(program, "inform", words)
 
 
-def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    plain = replace(program, post=replace(program.post, overwrite=False))
-    return format_job(plain, name, [], [], main=False, parts=calls)
-
-
-MAIN = MainForm(".JBI", 28, _format_main)
+def format_main(name: str, program: Program, calls: Sequence[str]) -> str:
+    """Return the job that calls those of several tools."""
+    return format_job(program, name, [], [], main=False, parts=calls)

@@ -25,7 +25,7 @@ from compplan.io.tomlfile import (
     refuse_other_types,
 )
 from compplan.robot import Robot
-from compplan.robot.pose import build_pose
+from compplan.robot.pose import build_pose, move_joint
 from compplan.robot.urdf import Urdf, read_urdf
 
 #: A name of a joint, and a zero [deg or mm], that are taken for true.
@@ -199,35 +199,24 @@ def locate_link(robot: Robot, q: Array, link: str) -> Array:
 
 
 def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Array]:
-    """Return the poses of the frames of some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
+    """Return the poses of the frames of the base and some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
 
     Raises:
         InputError: If the chain has no such link.
     """
     pose = np.tile(np.eye(4), (len(q), 1, 1))
-    found = {robot.base: pose}
-    column = {name: index for index, name in enumerate(robot.joint_names)}
-    if all(link == robot.base for link in links):
-        return found
+    found, values = {robot.base: pose}, dict(zip(robot.joint_names, q.T, strict=True))
     for joint in robot.joints:
         pose = pose @ joint.placement
-        driver = joint.name if joint.mimic is None else joint.mimic.joint
-        if driver in column:
-            value = q[:, column[driver]]
-            if joint.mimic is not None:
-                value = joint.mimic.multiplier * value + joint.mimic.offset
-            move = np.tile(np.eye(4), (len(q), 1, 1))
-            if joint.kind == "prismatic":
-                move[:, :3, 3] = value[:, None] * joint.axis
-            else:
-                move[:, :3, :3] = Rotation.from_rotvec(value[:, None] * joint.axis).as_matrix()
-            pose = pose @ move
-        if joint.child in links:
-            found[joint.child] = pose
-        if all(link in found for link in links):
-            return found
-    missing = next(link for link in links if link not in found)
-    raise InputError(f"no link named {missing!r}, choose from {[joint.child for joint in robot.joints]}")
+        if joint.mimic is not None:
+            pose = pose @ move_joint(joint, joint.mimic.multiplier * values[joint.mimic.joint] + joint.mimic.offset)
+        elif joint.name in values:
+            pose = pose @ move_joint(joint, values[joint.name])
+        found[joint.child] = pose
+    missing = next((link for link in links if link not in found), None)
+    if missing is not None:
+        raise InputError(f"no link named {missing!r}, choose from {[joint.child for joint in robot.joints]}")
+    return {link: found[link] for link in links}
 
 
 def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:

@@ -2,44 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import MainForm, ProgramForm, ProgramPart, change, need_six_axes
-from compplan.controllers.writers.machine import Phrases
-from compplan.controllers.writers.post import CellWords, check_cell, render_post
-from compplan.controllers.writers.program import Program, head_lines
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, change, need_six_axes
+from compplan.controllers.writers.program import Program
 from compplan.controllers.writers.text import list_numbers
 
 name = "kawasaki_as"
-BRAND = "Kawasaki"
 #: Letters of the program's name in a variable; variables have 15 too, and all programs of a controller share them.
 LONGEST_VARIABLE = 9
-CELL = CellWords(str, str)
-RESERVED = frozenset({"if", "then", "else", "end", "for", "to", "while", "do", "case", "of", "goto", "call", "return",
-                      "tool", "base", "speed", "here", "point", "not", "and", "or", "mod", "on", "off"})  # fmt: skip
 #: How near a point within a cut has to be passed. [mm]
 ACCURACY = 0.1
-#: Inputs are counted from here.
-INPUTS = 1000
-PHRASES = Phrases(
-    say=lambda text: [f"; {text}"],
-    switch=lambda signal, on: [f"SIGNAL {signal if on else f'-{signal}'}"],
-    wait=lambda seconds: [f"TWAIT {seconds:.3f}"],
-    expect=lambda signal: [f"SWAIT {INPUTS + int(signal)}"],
-    pause=lambda task: [f'TYPE "{task}"', "PAUSE"],
-    call=lambda name, number: [f"CALL {name.lower()}({number:.0f})"],
-)
 
-
-#: Names have 15 letters, of which "_l_" and the number of a part take some.
-FORM = ProgramForm(
-    "kawasaki_as", "Kawasaki AS", PHRASES, lambda poses: place_table(poses, "ZYZ"), longest=12, most=2000,
-    reserved=RESERVED, letters=str.lower, endings=("", "_l"), percents=(20.0, 0.01),
-)  # fmt: skip
+FORM = ProgramForm.load("kawasaki_as", lambda poses: place_table(poses, "ZYZ"))
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -85,16 +63,4 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
     if program.mass is not None:
         load = list_numbers([program.mass, *program.centre * 1e3], 3)
     tool, base = (list_numbers(place_numbers(pose, "ZYZ"), 7) for pose in (program.tool, program.base_frame))
-    words = {
-        "name": part.name, "parts": [*part.parts], "comments": head_lines(program), "load": load, "accuracy": ACCURACY,
-        "cell": check_cell(program.post, CELL, "Kawasaki AS"), "base": base, "tool": tool,
-    }  # fmt: skip
-    return {f"{part.name}.as": render_post(program, "kawasaki_as", words)}
-
-
-def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    head = [f"  ; {line}" for line in head_lines(program)]
-    return "\n".join([f".PROGRAM {name}()", *head, *(f"  CALL {call}" for call in calls), ".END", ""])
-
-
-MAIN = MainForm(".as", 12, _format_main)
+    return {f"{part.name}.as": part.render("kawasaki_as", load=load, accuracy=ACCURACY, base=base, tool=tool)}

@@ -8,48 +8,25 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import MainForm, ProgramForm, ProgramPart, WrittenMove, change
-from compplan.controllers.writers.machine import Phrases
-from compplan.controllers.writers.post import CellWords, check_cell, render_post
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, WrittenMove, change
+from compplan.controllers.writers.post import render_own
 from compplan.controllers.writers.program import Program, head_lines, joint_percent, order_joints
 
 name = "krl"
-BRAND = "KUKA"
 ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
 EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
 RAPID_PERCENT = 20
-#: Letters of a message on the pendant.
-LONGEST_MESSAGE = 80
 #: A joint move whose whole percent is off by more than this share does not hold its feed.
 UNTRUE = 0.1
 #: How far before a corner lines and arcs leave the path where the job does not ask for less. [mm]
 WIDE = "$APO.CDIS=0.1"
 #: $BASE of a part that a positioner carries is EK of MACHINE_DEF[n], here its number (assumed).
-CELL, POSITIONER = CellWords(int, int), 2
-MOVES_PART = True
-#: How modules begin that the controller itself writes: seen and edited by all, all lines editable.
-HEAD = ("&ACCESS RVP", "&REL 1", "&PARAM EDITMASK = *")
-#: A place, a frame, joints of the arm, and a message on the pendant (MsgLib of KSS 8; older controllers have none).
+POSITIONER = 2
+#: A place, a frame, and joints of the arm.
 PLACE = "X {:.5f},Y {:.5f},Z {:.5f},A {:.6f},B {:.6f},C {:.6f}"
 FRAME = "{{X {:.7f},Y {:.7f},Z {:.7f},A {:.7f},B {:.7f},C {:.7f}}}"
 JOINTS = "A1 {:.6f},A2 {:.6f},A3 {:.6f},A4 {:.6f},A5 {:.6f},A6 {:.6f}"
-MESSAGE = f'MsgNotify("{{:.{LONGEST_MESSAGE}}}")'
-
-PHRASES = Phrases(
-    say=lambda text: [f"; {text}"],
-    switch=lambda signal, on: [f"$OUT[{signal}]={'TRUE' if on else 'FALSE'}"],
-    wait=lambda seconds: [f"WAIT SEC {seconds:.3f}"],
-    expect=lambda signal: [f"WAIT FOR $IN[{signal}]"],
-    pause=lambda task: [MESSAGE.format(task), "HALT"],
-    call=lambda name, number: [f"{name}({number:.0f})"],
-)
-
-
-#: Names have 24 letters; files a size that KRC2 and later load without complaint.
-FORM = ProgramForm(
-    "krl", "KRL", PHRASES, lambda poses: place_table(poses, "ZYX"), longest=22, most=2000, endings=("_J", "_L"),
-    between="",
-)  # fmt: skip
+FORM = ProgramForm.load("krl", lambda poses: place_table(poses, "ZYX"))
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -70,9 +47,9 @@ def turn_bits(arm: Sequence[float]) -> int:
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
-    comments = [f"; {line}" for line in head_lines(part.program)]
-    lines = [*HEAD, f"DEF {part.name}()", *comments, *_fold_lines(_format_moves(part)), "END", ""]
-    return {f"{part.name}.src": "\n".join(lines)}
+    lines = _fold_lines(_format_moves(part))
+    words = {"name": part.name, "comments": head_lines(part.program), "lines": lines, "calls": []}
+    return {f"{part.name}.src": render_own("krl_main", words)}
 
 
 def _format_moves(part: ProgramPart) -> list[str]:
@@ -153,21 +130,10 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
         x, y, z = (program.centre * 1e3).tolist()
         centre = f"CM {{X {x:.3f},Y {y:.3f},Z {z:.3f},A 0.0,B 0.0,C 0.0}},J {{X 0.0,Y 0.0,Z 0.0}}"
         load = f"{{M {program.mass:.3f},{centre}}}"
-    words = {
-        "name": part.name, "parts": [*part.parts], "comments": head_lines(program), "load": load,
-        "remarks": [] if part.linear else describe(program),
-        "cell": check_cell(program.post, CELL, "KRL"), "positioner": POSITIONER,
-        "base": FRAME.format(*place_numbers(program.base_frame, "ZYX")),
-        "tool": FRAME.format(*place_numbers(program.tool, "ZYX")),
-        "rapid_percent": RAPID_PERCENT,
-        "rail": bool(program.prismatic.any()) and not program.moves_part, "carried": program.moves_part,
-    }  # fmt: skip
-    return {f"{part.name}.src": render_post(program, "krl", words)}
-
-
-def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    head = [f"; {line}" for line in head_lines(program)]
-    return "\n".join([*HEAD, f"DEF {name}()", *head, *(f"{call}()" for call in calls), "END", ""])
-
-
-MAIN = MainForm(".src", 22, _format_main)
+    text = part.render(
+        "krl", load=load, remarks=[] if part.linear else describe(program), positioner=POSITIONER,
+        base=FRAME.format(*place_numbers(program.base_frame, "ZYX")),
+        tool=FRAME.format(*place_numbers(program.tool, "ZYX")), rapid_percent=RAPID_PERCENT,
+        rail=bool(program.prismatic.any()) and not program.moves_part, carried=program.moves_part,
+    )  # fmt: skip
+    return {f"{part.name}.src": text}

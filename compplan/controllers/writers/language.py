@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -12,23 +12,12 @@ import numpy as np
 
 from compplan.controllers.writers.fit import Fitted, fit_moves
 from compplan.controllers.writers.machine import Phrases, phrase_events
-from compplan.controllers.writers.post import name_main
-from compplan.controllers.writers.program import Program, joint_percent
-from compplan.controllers.writers.text import legal_name
+from compplan.controllers.writers.post import CellWords, check_cell, name_main, render_post
+from compplan.controllers.writers.program import Program, head_lines, joint_percent
+from compplan.controllers.writers.text import LANGUAGES, legal_name
 from compplan.controllers.writers.zones import OTHER, ZONES, find_zones, stop_at_corners
 from compplan.errors import InputError
 from compplan.io.tables import Array, write_text
-
-
-@dataclass(frozen=True)
-class MainForm:
-    """How a language writes a program that calls others, for jobs of several tools."""
-
-    suffix: str  #: Ending of its files.
-    longest: int  #: Letters of its name.
-    #: The text, from the name, the program of the first tool (for the head), and the programs to call.
-    format: Callable[[str, Program, Sequence[str]], str]
-    newline: str = "\r\n"  #: What ends its lines.
 
 
 class WrittenMove(NamedTuple):
@@ -73,21 +62,30 @@ class ProgramPart:
             woven += [*own, *self.events.get(move.row, [])]
         return [indent + line for line in woven]
 
+    def render(self, language: str, **words: object) -> str:
+        """Return the text that a language's template makes of these words and those that all templates know."""
+        program = self.program
+        known = {"name": self.name, "parts": [*self.parts], "comments": head_lines(program), "cell": program.post}
+        return render_post(program, language, {**known, **words})
+
 
 @dataclass(frozen=True)
 class ProgramForm:
-    """How a language names and divides its programs, and in which numbers it states a pose."""
+    """How a language names, divides and words its programs (languages.toml), and in which numbers it states a pose."""
 
     language: str  #: Name of its file.
-    title: str  #: What messages call it.
-    phrases: Phrases  #: How it says what happens beside motion.
     #: Poses as the language states them. Shape (n, 4, 4) [m] -> (n, k).
     numbers: Callable[[Array], Array]
+    phrases: Phrases  #: How it says what happens beside motion.
+    cell: CellWords  #: What it can call of a cell.
+    title: str  #: What messages call it.
     longest: int  #: Letters of a name, its ending and the number of a part aside.
     most: int  #: Points in a file where the job says nothing.
-    reserved: frozenset[str] = frozenset()  #: Words that are no names.
-    letters: Callable[[str], str] = str  #: How it spells names.
-    endings: tuple[str, str] = ("", "_L")  #: What names of joint and linear programs end in.
+    brand: str = ""  #: Whose controllers speak it, "" for those of many brands.
+    moves_part: bool = False  #: Whether its programs move joints that carry the part.
+    reserved: Collection[str] = ()  #: Words that are no names.
+    letters: str = ""  #: How it spells names: "upper", "lower", "" as they are.
+    endings: Sequence[str] = ("", "_L")  #: What names of joint and linear programs end in.
     between: str = "_"  #: What stands before the number of a part.
     single: bool = False  #: Whether a program of one part is that part itself.
     numbered: bool = True  #: Whether a name leaves room for the number of a part.
@@ -96,7 +94,16 @@ class ProgramForm:
     narrows: bool = True  #: Whether it has smaller zones; else it stops where its own would leave the path too far.
     by_main: bool = True  #: Whether the name that a job gives its main program is that of the files.
     newline: str = "\r\n"  #: What ends its lines.
-    percents: tuple[float, float] = (100.0, 1.0)  #: Share of the joint rates in rapid moves, and least one. [%]
+    percents: Sequence[float] = (100.0, 1.0)  #: Share of the joint rates in rapid moves, and least one. [%]
+    suffix: str = ""  #: Ending of the files that call others, "" where it has no such programs.
+    longest_main: int = 0  #: Letters of the name of a program that calls those of several tools; 0: `longest`.
+
+    @classmethod
+    def load(cls, language: str, numbers: Callable[[Array], Array]) -> ProgramForm:
+        """Return the form of a language of languages.toml."""
+        table = {key: value for key, value in LANGUAGES[language].items() if key in cls.__dataclass_fields__}
+        table |= {"phrases": Phrases(**table["phrases"]), "cell": CellWords(**table.get("cell", {}))}
+        return cls(language, numbers, **table)
 
     def write(
         self, program: Program, folder: Path, most: int | None, format_part: Callable[[ProgramPart], dict[str, str]],
@@ -126,7 +133,8 @@ class ProgramForm:
         """Return the name of a program, its ending aside."""
         room = len(str(max(1, -(-len(program) // max(most, 1))))) if self.numbered else 0
         own = name_main(program) if self.by_main else program.name
-        return self.letters(legal_name(own, self.longest - room, reserved=self.reserved))
+        name = legal_name(own, self.longest - room, reserved=self.reserved)
+        return {"upper": name.upper(), "lower": name.lower()}.get(self.letters, name)
 
     def divide(self, name: str, count: int, most: int) -> dict[str, slice]:
         """Return the names of parts with their rows, at most `most` of them, all about equally many."""
@@ -142,6 +150,7 @@ class ProgramForm:
         format_main: Callable[[ProgramPart], dict[str, str]] | None, *, linear: bool,
     ) -> dict[str, str]:  # fmt: skip
         """Return the files of a program of joint moves, or of lines, by their names."""
+        program = replace(program, post=check_cell(program.post, self.cell, self.title))
         # a job that names its one program needs no ending
         whole = name if self.by_main and program.post.main else f"{name}{self.endings[linear]}"
         parts = self.divide(whole, len(program), most)

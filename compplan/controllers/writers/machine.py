@@ -7,13 +7,13 @@ stands still is fed into the part. Every language has a `Phrases`; `phrase_event
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from compplan.controllers.writers.text import clean_text
+from compplan.controllers.writers.text import clean_text, wrap_text
 from compplan.errors import InputError
 from compplan.io.notes import Stop
 from compplan.io.tomlfile import StrictTable
@@ -53,17 +53,33 @@ class Wiring(StrictTable):
 
 @dataclass(frozen=True)
 class Phrases:
-    """Hold how a language says things; each gives lines."""
+    """Hold how a language says things: templates of lines (languages.toml); a signal is its number or name."""
 
-    say: Callable[[str], list[str]]  #: Comment of a text.
-    switch: Callable[[Signal, bool], list[str]]  #: Sets an output: (signal, on).
-    wait: Callable[[float], list[str]]  #: Waits: (seconds).
-    expect: Callable[[Signal], list[str]]  #: Waits for an input: (signal).
-    pause: Callable[[str], list[str]]  #: Stops until the operator goes on: (what to do).
-    call: Callable[[str, float], list[str]]  #: Calls a program with a number: (name, number).
-    named: bool = False  #: Whether signals may have names.
-    #: Lines of events that the language has words of its own for, None for others.
-    native: Callable[[Event], list[str] | None] = lambda event: None
+    say: str  #: Comment of a text.
+    on: str  #: Sets an output.
+    off: str  #: Clears it.
+    wait: str  #: Waits for a time. [s]
+    expect: str  #: Waits for an input.
+    pause: str  #: Stops until the operator goes on: the text says what to do.
+    call: str  #: Calls a program with a number: name (as it is, upper, lower), number.
+    longest: int | None = None  #: Letters of a line of a comment, None for as many as it takes.
+    outputs: str = ""  #: What stands before the number of an output, in languages whose signals have names; else "".
+    inputs: str = ""  #: The same of inputs.
+    first_input: int = 0  #: Inputs are counted from here.
+    native: Mapping[str, str] = field(default_factory=dict)  #: Lines of events that it has words of its own for.
+
+    def write(self, phrase: str, **words: object) -> list[str]:
+        """Return the lines of a phrase."""
+        return str(getattr(self, phrase)).format(**words).split("\n")
+
+    def comment(self, text: str) -> list[str]:
+        """Return a text as comments."""
+        lines = [text] if self.longest is None else wrap_text(text, self.longest)
+        return [self.say.format(text=line) for line in lines]
+
+    def switch(self, signal: Signal, on: bool) -> list[str]:
+        """Return the lines that set an output."""
+        return self.write("on" if on else "off", signal=name_signal(signal, self.outputs))
 
 
 def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, language: str) -> dict[int, list[str]]:
@@ -74,7 +90,7 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
     """
     wired = {key: getattr(wiring, key) for key in ("spindle", "spindle_ready", "coolant")}
     for key, signal in {**wired, **wiring.signals}.items():
-        if isinstance(signal, str) and not phrases.named:
+        if isinstance(signal, str) and not phrases.outputs:
             raise InputError(f"output.io {key} is {signal!r}, {language} numbers its signals; give a number")
     lines: dict[int, list[str]] = {}
     for event in events:
@@ -84,11 +100,11 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
         for event in (event for event in events if event.place == place):
             remark, code, task = plan_event(event, wiring, phrases)
             if asked and code:
-                written += phrases.pause(", then ".join(asked))
+                written += phrases.write("pause", text=", then ".join(asked))
                 asked = []
             written += [*remark, *code]
             asked += [task] if task else []
-        written += phrases.pause(", then ".join(asked)) if asked else []
+        written += phrases.write("pause", text=", then ".join(asked)) if asked else []
     return lines
 
 
@@ -97,26 +113,32 @@ def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> tuple[list[str
     text = clean_text(event.describe())
     if not text:
         return [], [], ""
-    code = [] if event.kind == "comment" else phrases.native(event)
-    code = _phrase_event(event, wiring, phrases) if code is None else code
-    return phrases.say(text), code or [], text if code is None else ""
+    code = [] if event.kind == "comment" else _phrase_event(event, wiring, phrases)
+    return phrases.comment(text), code or [], text if code is None else ""
 
 
 def _phrase_event(event: Event, wiring: Wiring, phrases: Phrases) -> list[str] | None:
-    """Return the lines that do an event by the signals of the cell; None where nothing is wired for it."""
+    """Return the lines that do an event, natively or by the signals of the cell; None where nothing is wired for it."""
     kind = event.kind
+    if kind in phrases.native:
+        speed = f" S{event.value:g}" if event.value > 0.0 else ""
+        return [phrases.native[kind].format(speed=speed, value=event.value)]
     if kind == "spindle_cw" and wiring.spindle is not None:
         ready = wiring.spindle_ready
-        wait = phrases.wait(SPINDLE_WAIT) if ready is None else phrases.expect(ready)
+        if ready is None:
+            return phrases.switch(wiring.spindle, True) + phrases.write("wait", value=SPINDLE_WAIT)
+        number = ready + phrases.first_input if isinstance(ready, int) else ready
+        wait = phrases.write("expect", signal=name_signal(number, phrases.inputs))
         return phrases.switch(wiring.spindle, True) + wait
     if kind == "spindle_off" and wiring.spindle is not None:
         return phrases.switch(wiring.spindle, False)
     if kind in ("coolant", "mist", "coolant_off"):
         return [] if wiring.coolant is None else phrases.switch(wiring.coolant, kind != "coolant_off")
     if kind == "tool" and wiring.tool_change:
-        return phrases.call(wiring.tool_change, event.value)
+        name = wiring.tool_change
+        return phrases.write("call", name=name, upper=name.upper(), lower=name.lower(), value=event.value)
     if kind == "dwell":
-        return phrases.wait(event.value)
+        return phrases.write("wait", value=event.value)
     signals = {name.upper(): signal for name, signal in wiring.signals.items()}
     if kind == "output" and event.text in signals:
         return phrases.switch(signals[event.text], event.value != 0.0)
@@ -130,7 +152,7 @@ def name_signal(signal: Signal, prefix: str) -> str:
 
 def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -> list[str]:
     """Return what has to be said of events that nothing is wired for, one sentence each."""
-    left = [event for event in events if event.kind != "comment" and phrases.native(event) is None]
+    left = [event for event in events if event.kind != "comment" and event.kind not in phrases.native]
     asked = [event for event in left if plan_event(event, wiring, phrases)[2]]
     notes = []
     if asked:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compplan.controllers.writers.program import Post, Program
+from compplan.controllers.writers.text import LANGUAGES
 from compplan.errors import InputError
 from compplan.io.notes import Stop
 from compplan.io.tables import read_text
@@ -25,16 +26,16 @@ from compplan.io.tables import read_text
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-#: Letters of a line that controllers take: KSS 471, TP programs 254, the others assumed.
-LONGEST_LINE = {"krl": 471, "fanuc_ls": 254, "sinumerik": 512}
+#: Letters of a line that a controller takes where languages.toml does not say (assumed).
+LONGEST_LINE = 1000
 
 
 @dataclass(frozen=True)
 class CellWords:
-    """What a language can call of a cell by itself: kind of the words for tool and frame, None where it has none."""
+    """What a language can call of a cell by itself: "number" or "name" for tool and frame, "" where it has none."""
 
-    tool: type | None
-    base: type | None
+    tool: str = ""
+    base: str = ""
     #: Numbers of tool and frame where a job names none: languages whose programs always count from numbered ones.
     numbers: Mapping[str, int | str] = field(default_factory=dict)
 
@@ -49,18 +50,18 @@ def check_cell(post: Post, cell: CellWords, language: str) -> Post:
         value = getattr(post, key)
         if value is None:
             continue
-        if kind is None:
+        if not kind:
             raise InputError(f"output.cell {key} is {value!r}, {language} programs hold their own")
-        if not isinstance(value, kind) or (isinstance(value, str) and not value.isidentifier()):
-            word = "a number" if kind is int else "a name of the cell's"
+        if not (isinstance(value, int) if kind == "number" else isinstance(value, str) and value.isidentifier()):
+            word = "a number" if kind == "number" else "a name of the cell's"
             raise InputError(f"output.cell {key} is {value!r}, {language} takes {word}")
     named = {key: value for key, value in cell.numbers.items() if getattr(post, key) is None}
     return Post(**{**vars(post), **named})
 
 
-def describe_cell(post: Post, cell: CellWords | None) -> list[Stop]:
+def describe_cell(post: Post, cell: CellWords) -> list[Stop]:
     """Return what has to be settled at the machine where programs count from the cell's own data."""
-    if cell is None or post.overwrite:
+    if post.overwrite:
         return []
     named = {"tool": post.tool, "frame": post.base}
     numbers = {"tool": cell.numbers.get("tool"), "frame": cell.numbers.get("base")}
@@ -94,7 +95,7 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
         raise InputError(f"is no template of {language}: {error}", file=own) from None
     if not made.isascii() or "\0" in made:
         raise InputError(f"makes letters of {language} that no program takes, expected plain ASCII", file=own)
-    longest = LONGEST_LINE.get(language, 1000)
+    longest = LANGUAGES.get(language, {}).get("longest_line", LONGEST_LINE)
     for number, line in enumerate(made.split("\n"), start=1):
         if len(line) > longest:
             message = f"line {number} of a {language} program has {len(line)} letters, at most {longest}"

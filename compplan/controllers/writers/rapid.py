@@ -8,37 +8,19 @@ import numpy as np
 
 from compplan.controllers.writers.frames import quaternions
 from compplan.controllers.writers.language import ProgramForm, ProgramPart, WrittenMove
-from compplan.controllers.writers.machine import Phrases, name_signal
-from compplan.controllers.writers.post import CellWords, check_cell, render_post
-from compplan.controllers.writers.program import Program, head_lines
+from compplan.controllers.writers.program import Program
 from compplan.errors import InputError
 from compplan.io.tables import Array
 
 name = "rapid"
-BRAND = "ABB"
-RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
-#: Words of the cell, and the mechanical unit that carries the part (assumed).
-CELL, POSITIONER = CellWords(str, str), "STN1"
-MOVES_PART = True
-#: Letters of a message on the teach pendant.
-LONGEST_MESSAGE = 80
+#: The mechanical unit that carries the part (assumed).
+POSITIONER = "STN1"
 #: What RAPID adds up to cfx: wrist centre behind axis 1, behind the lower arm, axis 5 below 0.
 CFX = {"shoulder": {"front": 0, "back": 4}, "elbow": {"up": 0, "down": 2}, "wrist": {"noflip": 0, "flip": 1}}
-#: A frame, a zone of one's own [mm], [deg] (z0's ratios of tip, turn and external axes), and a message.
+#: A frame, a zone of one's own [mm], [deg] (z0's ratios of tip, turn and external axes).
 FRAME = "[[{:.5f},{:.5f},{:.5f}],[{:.9f},{:.9f},{:.9f},{:.9f}]]"
 ZONE = "[FALSE,{0:.3f},{0:.3f},{0:.3f},{1:.4f},{0:.3f},{1:.4f}]"
-MESSAGE = f'TPWrite "{{:.{LONGEST_MESSAGE}}}";'
-
-PHRASES = Phrases(
-    say=lambda text: [f"! {text}"],
-    switch=lambda signal, on: [f"SetDO {name_signal(signal, 'do')},{int(on)};"],
-    wait=lambda seconds: [f"WaitTime {seconds:.3f};"],
-    expect=lambda signal: [f"WaitDI {name_signal(signal, 'di')},1;"],
-    pause=lambda task: [MESSAGE.format(task), "Stop;"],
-    call=lambda name, number: [f"{name} {number:.0f};"],
-    named=True,
-)
 
 
 def _state_poses(poses: Array) -> Array:
@@ -46,10 +28,7 @@ def _state_poses(poses: Array) -> Array:
     return np.column_stack([poses[:, :3, 3] * 1e3, quaternions(poses)])
 
 
-#: Names have 32 letters, of which "run_", "_L_" and the number of a part take some.
-FORM = ProgramForm(
-    "rapid", "RAPID", PHRASES, _state_poses, longest=25, most=5000, reserved=RESERVED, by_main=False, newline="\n"
-)
+FORM = ProgramForm.load("rapid", _state_poses)
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -93,17 +72,16 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
 
 def _format_calls(part: ProgramPart) -> dict[str, str]:
     program, name = part.program, part.name
-    cell, none = check_cell(program.post, CELL, "RAPID"), _format_frame(np.eye(4))
+    cell, none = program.post, _format_frame(np.eye(4))
     base = f'[FALSE,TRUE,"",{_format_frame(program.base_frame)},{none}]'
     if program.moves_part:
         base = f'[FALSE,FALSE,"{POSITIONER}",{none},{_format_frame(program.part)}]'
-    words = {
-        "name": name, "entry": program.post.main or f"run_{name}", "parts": [f"run_{part}" for part in part.parts],
-        "comments": head_lines(program), "cell": cell, "massless": program.mass is None, "tool": _format_tool(program),
-        "tool_name": cell.tool or f"t_{name}", "base_name": cell.base or f"w_{name}", "base": base,
-        "unit": POSITIONER if program.moves_part else None,
-    }  # fmt: skip
-    return {f"{name}.mod": render_post(program, "rapid", words)}
+    text = part.render(
+        "rapid", entry=program.post.main or f"run_{name}", parts=[f"run_{part}" for part in part.parts],
+        massless=program.mass is None, tool=_format_tool(program), tool_name=cell.tool or f"t_{name}",
+        base_name=cell.base or f"w_{name}", base=base, unit=POSITIONER if program.moves_part else None,
+    )  # fmt: skip
+    return {f"{name}.mod": text}
 
 
 def _state_target(program: Program, move: WrittenMove) -> str:

@@ -12,7 +12,6 @@ import numpy as np
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.krl import turn_bits
 from compplan.controllers.writers.language import (
-    MainForm,
     ProgramForm,
     ProgramPart,
     WrittenMove,
@@ -20,47 +19,12 @@ from compplan.controllers.writers.language import (
     need_six_axes,
     write_texts,
 )
-from compplan.controllers.writers.machine import Phrases
-from compplan.controllers.writers.post import CellWords, check_cell, render_post
-from compplan.controllers.writers.program import Program, head_lines
+from compplan.controllers.writers.program import Program
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.events import Event
 
 name = "sinumerik"
-#: The control drives arms of many brands.
-BRAND = ""
-#: T1 where a job names no tool; base: a settable frame such as G54.
-CELL = CellWords(int, str, {"tool": 1})
-RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
-
-
-def _describe_natively(event: Event) -> list[str] | None:
-    speed = f" S{event.value:g}" if event.value > 0.0 else ""
-    return {
-        "spindle_cw": [f"M3{speed}"], "spindle_ccw": [f"M4{speed}"], "spindle_off": ["M5"], "coolant": ["M8"],
-        "mist": ["M7"], "coolant_off": ["M9"], "dwell": [f"G4 F{event.value:.3f}"], "stop": ["M0"],
-        "optional_stop": ["M1"],
-    }.get(event.kind)  # fmt: skip
-
-
-#: The control has words of its own; a tool change, which would change the tool data in force, stops the program.
-PHRASES = Phrases(
-    say=lambda text: [f"; {text}"],
-    switch=lambda signal, on: [f"$A_OUT[{signal}]={int(on)}"],
-    wait=lambda seconds: [f"G4 F{seconds:.3f}"],
-    expect=lambda signal: [f"WHILE $A_IN[{signal}]==0", "ENDWHILE"],
-    pause=lambda task: ["M0"],
-    call=lambda name, number: [f"{name}({number:.0f})"],
-    native=_describe_natively,
-)
-
-
-#: A program's name has 24 letters.
-FORM = ProgramForm(
-    "sinumerik", "SINUMERIK", PHRASES, lambda poses: place_table(poses, "xyz"), longest=21, most=20000,
-    reserved=RESERVED, single=True, endings=("", ""), newline="\n",
-)  # fmt: skip
+FORM = ProgramForm.load("sinumerik", lambda poses: place_table(poses, "xyz"))
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -102,23 +66,21 @@ def _format_part(stands: dict[str, str], middles: Array, part: ProgramPart) -> d
         ])  # fmt: skip
     blocks = part.weave(lines)
     if len(part.parts) == 1:
-        return {f"{part.name}.MPF": _format_program(part.program, part.name, blocks)}
+        return {f"{part.name}.MPF": _format_program(part, blocks)}
     return {f"{part.name}.SPF": "\n".join([*blocks, "M17", ""])}
 
 
 def _format_calls(part: ProgramPart) -> dict[str, str]:
-    return {f"{part.name}.MPF": _format_program(part.program, part.name, [*part.parts])}
+    return {f"{part.name}.MPF": _format_program(part, [*part.parts])}
 
 
-def _format_program(program: Program, name: str, blocks: Sequence[str]) -> str:
-    words = {
-        "name": name, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "SINUMERIK"),
-        "mass": "not known" if program.mass is None else f"{program.mass:.3f} kg",
-        "rail": bool(program.prismatic.any()),
-        "tool": (np.round(program.tool[:3, 3] * 1e3, 5) + 0.0).tolist(), "blocks": blocks,
-        "base": place_numbers(program.base_frame, "ZYX"),
-    }  # fmt: skip
-    return render_post(program, "sinumerik", words)
+def _format_program(part: ProgramPart, blocks: Sequence[str]) -> str:
+    program = part.program
+    return part.render(
+        "sinumerik", mass="not known" if program.mass is None else f"{program.mass:.3f} kg",
+        rail=bool(program.prismatic.any()), tool=(np.round(program.tool[:3, 3] * 1e3, 5) + 0.0).tolist(),
+        blocks=blocks, base=place_numbers(program.base_frame, "ZYX"),
+    )  # fmt: skip
 
 
 def _format_move(part: ProgramPart, move: WrittenMove, middle: list[float]) -> str:
@@ -136,10 +98,3 @@ def _format_move(part: ProgramPart, move: WrittenMove, middle: list[float]) -> s
         code, through = "CIP", " I1=AC({:.5f}) J1=AC({:.5f}) K1=AC({:.5f})".format(*middle)
     cam = program.write_comment_line(move.row, ";")
     return f"{number}{code} {' '.join(words)}{through} F{move.feed * 60.0:.3f}{exact}{cam}"
-
-
-def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    return "\n".join([*(f"; {line}" for line in head_lines(program)), *calls, "M30", ""])
-
-
-MAIN = MainForm(".MPF", 23, _format_main, newline="\n")

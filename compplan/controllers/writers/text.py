@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import re
 import textwrap
+import tomllib
 import unicodedata
 from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import Any
+
+#: The table of each language.
+LANGUAGES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("languages.toml").read_text("utf-8"))
 
 #: Letters of a comment; controllers cut longer lines or refuse them.
 LONGEST_COMMENT = 100

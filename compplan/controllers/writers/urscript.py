@@ -8,36 +8,18 @@ import numpy as np
 
 from compplan.controllers.writers.frames import rotation_vectors
 from compplan.controllers.writers.language import ProgramForm, ProgramPart, need_six_axes
-from compplan.controllers.writers.machine import Phrases
-from compplan.controllers.writers.post import CellWords, check_cell, render_post
-from compplan.controllers.writers.program import Program, head_lines, joint_shares
+from compplan.controllers.writers.program import Program, joint_shares
 from compplan.controllers.writers.zones import ZONES
 from compplan.io.tables import Array
 
 name = "urscript"
-BRAND = "Universal Robots"
 #: What sets the load: controllers of the e-Series deprecate what CB3 alone knows.
 PAYLOAD = {"Universal Robots CB3": "set_payload"}
-CELL = CellWords(str, str)
-RESERVED = frozenset(
-    {"def", "end", "if", "elif", "else", "while", "for", "return", "global", "local", "thread", "run", "join", "halt",
-     "and", "or", "not", "xor", "true", "false", "none", "break", "continue", "sec", "part", "pass", "struct"}
-)  # fmt: skip
 #: Accelerations, which the language wants stated: its own defaults. [rad/s^2, m/s^2]
 JOINT_ACCELERATION, TOOL_ACCELERATION = 1.4, 1.2
 RAPID_SHARE, UNKNOWN_SHARE, SLOWEST = 0.2, 0.1, 1e-5
-#: A pose [m, rad], and a question.
+#: A pose. [m, rad]
 POSE = "p[{:.9f}, {:.9f}, {:.9f}, {:.9f}, {:.9f}, {:.9f}]"
-QUESTION = 'popup("{}", title="compplan", blocking=True)'
-
-PHRASES = Phrases(
-    say=lambda text: [f"# {text}"],
-    switch=lambda signal, on: [f"set_standard_digital_out({signal}, {on})"],
-    wait=lambda seconds: [f"sleep({seconds:.3f})"],
-    expect=lambda signal: [f"while (not get_standard_digital_in({signal})):", "  sync()", "end"],
-    pause=lambda task: [QUESTION.format(task)],
-    call=lambda name, number: [f"{name}({number:.0f})"],
-)
 
 
 def _state_poses(poses: Array) -> Array:
@@ -45,10 +27,7 @@ def _state_poses(poses: Array) -> Array:
     return np.asarray(np.round(np.column_stack([poses[:, :3, 3], rotation_vectors(poses)]), 9) + 0.0, np.float64)
 
 
-FORM = ProgramForm(
-    "urscript", "URScript", PHRASES, _state_poses, longest=40, most=2000, reserved=RESERVED, single=True,
-    numbered=False, newline="\n",
-)  # fmt: skip
+FORM = ProgramForm.load("urscript", _state_poses)
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -68,13 +47,11 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
         centre = ", ".join(f"{value:.6f}" for value in np.round(program.centre, 6) + 0.0)
         load = f"{program.mass:.3f}, [{centre}]"
     tool, base = _state_poses(np.stack([program.tool, program.base_frame])).tolist()
-    words = {
-        "name": part.name, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "URScript"),
-        "tool": POSE.format(*tool), "base": POSE.format(*base), "load": load,
-        "set_payload": PAYLOAD.get(program.controller, "set_target_payload"),
-        "moves": _format_moves(part),
-    }  # fmt: skip
-    return {f"{part.name}.script": render_post(program, "urscript", words)}
+    text = part.render(
+        "urscript", tool=POSE.format(*tool), base=POSE.format(*base), load=load,
+        set_payload=PAYLOAD.get(program.controller, "set_target_payload"), moves=_format_moves(part),
+    )  # fmt: skip
+    return {f"{part.name}.script": text}
 
 
 def _format_moves(part: ProgramPart) -> list[str]:

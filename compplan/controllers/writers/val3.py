@@ -9,15 +9,13 @@ import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import ProgramForm, ProgramPart, change
-from compplan.controllers.writers.machine import Phrases, name_signal
-from compplan.controllers.writers.post import CellWords, check_cell, render_own, render_post
+from compplan.controllers.writers.machine import name_signal
+from compplan.controllers.writers.post import render_own
 from compplan.controllers.writers.program import Program, head_lines
 from compplan.controllers.writers.zones import ZONES
 from compplan.errors import InputError
 
 name = "val3"
-BRAND = "Staubli"
-CELL = CellWords(None, None)
 #: Frames, points with their configuration, and joints in the data of a project.
 FRAME = 'x="{:.7f}" y="{:.7f}" z="{:.7f}" rx="{:.7f}" ry="{:.7f}" rz="{:.7f}" fatherId="{}"'
 POINT = 'x="{:.5f}" y="{:.5f}" z="{:.5f}" rx="{:.6f}" ry="{:.6f}" rz="{:.6f}" {} fatherId="fPart[0]"'
@@ -30,27 +28,7 @@ WORDS = {
 }
 
 
-def _ask(task: str) -> list[str]:
-    return ["userPage()", f'putln("{task}, then press a key")', "l_nKey=get()"]
-
-
-#: Signals are data of the project: they have to be linked to the cell's.
-PHRASES = Phrases(
-    say=lambda text: [f"// {text}"],
-    switch=lambda signal, on: [f"{name_signal(signal, 'doOut')}={'true' if on else 'false'}"],
-    wait=lambda seconds: [f"delay({seconds:.3f})"],
-    expect=lambda signal: [f"wait({name_signal(signal, 'diIn')}==true)"],
-    pause=_ask,
-    call=lambda name, number: [f"call {name}({number:.0f})"],
-    named=True,
-)
-
-
-#: Parts are programs of a project.
-FORM = ProgramForm(
-    "val3", "VAL3", PHRASES, lambda poses: place_table(poses, "XYZ"), longest=28, most=5000, numbered=False,
-    newline="\n",
-)  # fmt: skip
+FORM = ProgramForm.load("val3", lambda poses: place_table(poses, "XYZ"))
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -63,7 +41,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if program.joints.shape[1] != 6 or program.prismatic.any():
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"
         raise InputError(message)
-    check_cell(program.post, CELL, "VAL3")
     return FORM.write(program, folder, most, _format_part, _format_project, can=True)
 
 
@@ -79,9 +56,8 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
 
 def _format_project(part: ProgramPart) -> dict[str, str]:
     """Return what a project holds beside its parts: list of programs, data, and the programs that start and stop it."""
-    names = [f"part{number}" for number in range(1, len(part.parts) + 1)]
-    words = {"name": part.whole, "parts": names}
-    start = render_post(part.program, "val3", {**words, "comments": _remarks(part.program, part.linear)})
+    words = {"name": part.whole, "parts": [f"part{number}" for number in range(1, len(part.parts) + 1)]}
+    start = part.render("val3", **words, comments=_remarks(part.program, part.linear))
     texts = {
         f"{part.whole}.pjx": render_own("val3_project", words),
         f"{part.whole}.dtx": render_own("val3_data", {"arrays": _list_data(part)}),
@@ -130,8 +106,8 @@ def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
     wiring = program.wiring
     outputs = [wiring.spindle, wiring.coolant, *wiring.signals.values()]
     inputs = [wiring.spindle_ready]
-    names = [name_signal(signal, "doOut") for signal in outputs if signal is not None]
-    names += [name_signal(signal, "diIn") for signal in inputs if signal is not None]
+    names = [name_signal(signal, FORM.phrases.outputs) for signal in outputs if signal is not None]
+    names += [name_signal(signal, FORM.phrases.inputs) for signal in inputs if signal is not None]
     return [(name, "dio", ['link=""']) for name in dict.fromkeys(names) if program.events]
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from compplan.controllers.shapes import find_arc
 from compplan.controllers.writers.program import Program
+from compplan.controllers.writers.text import LANGUAGES
 from compplan.io.tables import Array
 
 #: Speed of a move whose feed is not stated, the fastest that is taken for true. [m/s]
@@ -40,16 +41,7 @@ class BlendZone:
     overlap: float = 0.0
 
 
-ZONES = {
-    "krl": BlendZone(1e-4, "$APO.CDIS of the program"),
-    "rapid": BlendZone(3e-4, "z0 of the RAPID reference manual"),
-    "urscript": BlendZone(1e-4, "r of the program", share=0.4),
-    "val3": BlendZone(1e-4, "leave and reach of the program"),
-    "kawasaki_as": BlendZone(1e-4, "ACCURACY of the program"),
-    "fanuc_ls": BlendZone(0.0, "assumed of CNT100: slowing down and speeding up overlap", overlap=1.0),
-    "inform": BlendZone(5e-4, "assumed of PL=1"),
-    "sinumerik": BlendZone(1e-4, "assumed of G642"),
-}
+ZONES = {name: BlendZone(**table["zone"]) for name, table in LANGUAGES.items()}
 #: Zone of a language that is not listed, such as a post of one's own.
 OTHER = BlendZone(1e-4, "assumed")
 

@@ -18,7 +18,9 @@ from compplan.diagnosis.data.conventions import CONVINCING, find_conventions, ty
 from compplan.diagnosis.data.noise import ASSUMED_SIGMA
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SAMPLE
 from compplan.effects import apply_effects, build_model, robot_effects, solve_model_poses
+from compplan.io.quantities import state_mm as _mm
 from compplan.measurement.campaign import Campaign
+from compplan.measurement.checks import describe_unit
 from compplan.measurement.frames import fit_registration
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.measurement.registration import campaign_gap, fitted_parts
@@ -29,11 +31,6 @@ from compplan.statics.elements import ELASTIC_AXES
 
 #: A gap above this is no effect of the vocabulary: centimetres are frames, tools, units or conventions (assumed). [m]
 NO_EFFECT = 20e-3
-#: Units that logs are written in by mistake, against the millimetres that the column says (theory).
-UNITS = {
-    1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres",
-    25.4: "millimetres taken for inches",
-}  # fmt: skip
 #: Signs of weight and load under each hypothesis (theory).
 SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0), "none": (0.0, 0.0)}
 
@@ -78,7 +75,9 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
     rows = build_rows_model(robot, campaign)
     if len(rows.campaign) < FEW_ROWS:
         return []
-    if question := ask_unit(rows) or ask_hand(rows) or ask_step(rows):
+    if said := describe_unit(rows.campaign.position, rows.position):
+        return [Question("unit", said)]
+    if question := ask_hand(rows) or ask_step(rows):
         return [question]
     known, parts = list(robot_effects(robot)), tuple(register)
     far = typical_gap(robot, rows.campaign, parts, known) > NO_EFFECT
@@ -92,7 +91,7 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
         if gap > NO_EFFECT:
             said = f"is it the log of this robot? The median gap is {_mm(gap)}, which no effect of a robot explains"
             beyond = Question("gap", f"{said}; check units, tool, frames and the signs and zeros of the joints")
-            questions.insert(0, ask_target(rows, register) or ask_frames(rows, register) or beyond)
+            questions.insert(0, ask_frames(rows, register) or beyond)
     return questions
 
 
@@ -133,27 +132,6 @@ def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Que
     )
 
 
-def ask_unit(rows: QuestionRows) -> Question | None:
-    """Compare distances between targets with those that the joints say."""
-    half = len(rows.position) // 2
-    expected, seen = (
-        np.linalg.norm(place[half : 2 * half] - place[:half], axis=1)
-        for place in (rows.position, rows.campaign.position)
-    )
-    if expected.max(initial=0.0) < NO_EFFECT:
-        return None
-    far = expected >= np.median(expected)
-    ratio = float(np.median(seen[far] / expected[far]))
-    for factor, unit in UNITS.items():
-        if abs(ratio / factor - 1.0) < CONVINCING:
-            return Question(
-                "unit",
-                f"measured distances are {ratio:.3g} times those of the joints; are the positions in {unit}, in"
-                " columns named mm?",
-            )
-    return None
-
-
 def ask_hand(rows: QuestionRows) -> Question | None:
     """Compare the best rigid placement with the best mirrored one (Kabsch, both determinants)."""
     proper, mirrored = (_placement_rms(rows.position, rows.campaign.position, mirror) for mirror in (False, True))
@@ -184,39 +162,30 @@ def ask_step(rows: QuestionRows) -> Question | None:
     return None
 
 
-def ask_target(rows: QuestionRows, register: Sequence[str]) -> Question | None:
-    """Ask for the target where the gap is one vector of the TCP frame."""
-    if "tool" in register or rows.campaign.target_offset is not None:
-        return None
-    gap = rows.campaign.position - rows.position
-    own = np.einsum("nji,nj->ni", rows.rotation, gap)
-    offset = np.median(own, axis=0)
-    left = float(np.median(np.linalg.norm(own - offset, axis=1)))
-    if left > CONVINCING * np.linalg.norm(offset):
-        return None
-    x, y, z = offset * 1e3
-    return Question(
-        "target",
-        f"the measured point lies {np.linalg.norm(offset) * 1e3:.0f} mm from the TCP in every pose; give"
-        f" --target-offset {x:.1f},{y:.1f},{z:.1f}, the tool with --tool, or fit it with --register tool",
-    )
-
-
 def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
-    """Ask for a registration where one makes the gap small."""
+    """Ask for the target or a registration where one makes the gap small."""
     gap = float(np.median(np.linalg.norm(rows.campaign.position - rows.position, axis=1)))
-    for parts in (("base",), ("base", "tool")):
-        if set(parts) <= set(register):
+    target_known = rows.campaign.target_offset is not None
+    for parts in (("tool",), ("base",), ("base", "tool")):
+        if set(parts) <= set(register) or (parts == ("tool",) and target_known):
             continue
         frames = fit_registration(rows.campaign, rows.position, rows.rotation, parts)
         expected = frames.locate_targets(rows.campaign, rows.position, rows.rotation)
         left = float(np.median(np.linalg.norm(rows.campaign.position - expected, axis=1)))
-        if left < CONVINCING * gap and left < NO_EFFECT:
+        if left >= CONVINCING * gap or left >= NO_EFFECT:
+            continue
+        if parts == ("tool",):
+            x, y, z = frames.tool[0, :3, 3] * 1e3
             return Question(
-                "frames",
-                f"the median gap is {_mm(gap)}, and {_mm(left)} with the instrument's frame fitted"
-                f" ({_mm(float(np.linalg.norm(frames.base[:3, 3])))} away); use --register {','.join(parts)}",
+                "target",
+                f"the measured point lies {np.hypot(np.hypot(x, y), z):.0f} mm from the TCP in every pose; give"
+                f" --target-offset {x:.1f},{y:.1f},{z:.1f}, the tool with --tool, or fit it with --register tool",
             )
+        return Question(
+            "frames",
+            f"the median gap is {_mm(gap)}, and {_mm(left)} with the instrument's frame fitted"
+            f" ({_mm(float(np.linalg.norm(frames.base[:3, 3])))} away); use --register {','.join(parts)}",
+        )
     return None
 
 
@@ -304,10 +273,6 @@ def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
     turn = u @ np.diag([1.0, 1.0, sign]) @ vt
     distance = np.linalg.norm(a @ turn - b, axis=1)
     return float(np.sqrt(np.median(distance**2)))
-
-
-def _mm(length: float) -> str:
-    return f"{float(f'{length * 1e3:.3g}'):g} mm"
 
 
 #: Errors of geometry that the sign test allows: metres, and radians (assumed).

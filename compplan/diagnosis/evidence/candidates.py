@@ -14,7 +14,7 @@ from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.effects.stiffness_nonlinearity import linear_in_disguise
-from compplan.effects.transmission_error import series_at, spline_at, waves_at
+from compplan.effects.transmission_error import series_at, waves_at
 from compplan.measurement.registration import CONTACTS
 from compplan.robot import Array
 
@@ -101,8 +101,8 @@ def _contact_signatures(at: Linearization) -> list[Signature]:
 
 
 def proposed_signatures(signatures: Sequence[Signature]) -> list[Signature]:
-    """Return those whose row, period or shape was looked for in what a model left over."""
-    return [s for s in signatures if s.tried > 1 or s.form == "spline"]
+    """Return those whose row or period was looked for in what a model left over."""
+    return [s for s in signatures if s.tried > 1]
 
 
 def propose_again(at: Linearization, proposals: list[Signature], wanted: set[Key]) -> list[Signature]:
@@ -116,18 +116,12 @@ def propose_again(at: Linearization, proposals: list[Signature], wanted: set[Key
             found += [s for s in model.shift_at(at, int(old.fixed["row"]), old.tried) if s.form == old.form]
         else:
             index = at.robot.joint_names.index(str(old.joint))
-            found.append(_again_curve(at, index, old))
+            cycles = old.fixed.get("cycles_per_turn", old.fixed.get("cycles_per_m", ()))
+            series = old.form.startswith("series")
+            found.append(
+                series_at(at, index, cycles[0], old.tried) if series else waves_at(at, index, cycles, old.tried)
+            )
     return found
-
-
-def _again_curve(at: Linearization, index: int, old: Signature) -> Signature:
-    """Offer a curve over a joint's angle at a new linearization."""
-    cycles = old.fixed.get("cycles_per_turn", old.fixed.get("cycles_per_m"))
-    if cycles is None:
-        return spline_at(at, index, old.fixed.get("knots_rad", old.fixed.get("knots_m", ())))
-    return series_at(at, index, cycles[0], old.tried) if old.form.startswith("series") else waves_at(
-        at, index, cycles, old.tried
-    )  # fmt: skip
 
 
 def in_background(signature: Signature) -> bool:

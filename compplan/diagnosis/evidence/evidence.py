@@ -111,17 +111,6 @@ class Posterior:
         return full
 
 
-def excess_squares(channels: Sequence[ChannelProducts], posterior: Posterior, columns: NDArray[np.int_]) -> Array:
-    """Return the squares that some columns leave beyond the noise in each channel. Shape (channels,)."""
-    kept = np.isin(posterior.columns, columns)
-    mean, found = posterior.mean[kept], []
-    for channel in channels:
-        part = channel.total.take(posterior.columns[kept])
-        left = part.square - 2 * mean @ part.against + mean @ part.gram @ mean
-        found.append(float(left) - part.count)
-    return np.array(found)
-
-
 def start_hyper(equations: NormalEquations, classes: int) -> Hyper:
     """Start with the estimated noise, little shared error and little background."""
     c = len(equations.channels)

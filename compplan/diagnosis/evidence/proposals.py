@@ -21,7 +21,6 @@ from compplan.effects.transmission_error import (
     OVERTONES,
     periods_seen,
     series_at,
-    spline_at,
     waves,
     waves_at,
 )
@@ -113,7 +112,7 @@ def _explained(gram: Array, against: Array) -> Array:
 def propose_waves(
     at: Linearization, channels: Sequence[Channel], left: Sequence[Array], joint_waves: dict[int, list[Array]]
 ) -> list[Signature]:
-    """Propose waves and a spline for every joint."""
+    """Propose waves for every joint."""
     found: list[Signature] = []
     for index, joint in enumerate(at.robot.actuated):
         pull, weight = _projected(at, channels, left, joint_waves.get(index), index)
@@ -136,7 +135,6 @@ def propose_waves(
             grid = spectrum.grid[periods_seen(spectrum.grid, spread, slides) >= 1.0]
             cycle = find_series(angle[some], pull[some], weight[some], grid, slides)
             found.append(series_at(at, index, cycle, tried=min(len(grid), PROPOSALS.tried_a_wave**3)))
-            found.append(spline_at(at, index))
     return found
 
 

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import NEGLIGIBLE
 from compplan.diagnosis.evidence.evidence import Posterior
-from compplan.diagnosis.results.posterior import name_alternatives, state_uncertainty
-from compplan.diagnosis.results.verdict import Verdict, motion_of
+from compplan.diagnosis.results.posterior import state_uncertainty
+from compplan.diagnosis.results.verdict import Verdict
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import SHIFTS, Claim
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, stands
-from compplan.diagnosis.validation.bounds import find_breach
 from compplan.diagnosis.validation.calibration import calibrate, calibrated_state, hold_out_calibration
 from compplan.diagnosis.validation.held_out import Folds, HeldOut
 from compplan.effects import fold_effects, is_of_instrument
@@ -54,66 +53,38 @@ def deliver_robot(
 
     `plain` is what the nominal robot predicts, `nominal` its state; `good` tells rows that are no outliers. Shape (n,).
     """
-    fit, every, problem = folds.fit, possible_claims(folds.fit, verdict), folds.fit.problem
-    equations, named = fit.search.equations, {f.signature for f in verdict.findings}
-    # rows before and after a shift contradict each other, named or not, and no small error stands for that
-    claims = [c for c in every if c.signature in named or equations.signatures[c.signature].name in SHIFTS]
-    seen, fold, rivals = good[plain.rows], folds.fold[plain.rows], name_alternatives(verdict)
+    fit, problem, claims = folds.fit, folds.fit.problem, deliverable_claims(folds.fit, verdict)
+    seen, fold = good[plain.rows], folds.fold[plain.rows]
     before = plain.of(seen)
     found = calibrate(folds, claims)
     held = hold_out_calibration(folds, found)
     stated = held.correct_for_selection(fold, seen)
     # nothing goes out whose stated error is not below the nominal one
     better = held.of(seen).rms < (1.0 - NEGLIGIBLE) * before.rms and stated.of(seen).rms < before.rms
-    values = found.posterior.values(equations.p)
+    values = found.posterior.values(fit.search.equations.p)
     state = calibrated_state(fit, values, found.named) if better else nominal
     if not better or not stands(problem, state):
-        known = state_uncertainty(fit, every, nominal, plain, good, rivals)
+        known = state_uncertainty(fit, found, nominal, plain, good)
         return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known, found.posterior)
-    state = settle_play(problem, register_again(fit, state, fit.state.use))
-    known = state_uncertainty(fit, every, state, held, good, rivals)
+    state = register_again(fit, state, fit.state.use)
+    known = state_uncertainty(fit, found, state, held, good)
     return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, found.posterior)
 
 
-def possible_claims(fit: Fit, verdict: Verdict) -> list[Claim]:
-    """List claims that may be true and can be delivered: named ones, and others that are no part of the instrument.
+def deliverable_claims(fit: Fit, verdict: Verdict) -> list[Claim]:
+    """List named effects, and shifts of the tool with or without a name that a robot can have.
 
-    What errors without a name explain as well is among them: poses never seen decide what it is worth. What no robot
-    can have is not, for a plan may lead far from all poses.
+    Rows before and after a shift contradict each other, and no small error stands for that.
     """
-    equations, gap = fit.search.equations, verdict.structure.gap
-    values = fit.model.posterior.values(equations.p)
     claims = {f.signature: f.size for f in verdict.findings if f.signature >= 0}
     beyond = {f.signature for f in verdict.doubtful if f.beyond}
-    beside = [Claim(f.signature, f.size) for f in (*verdict.minor, *verdict.doubtful)]
-    for claim in (*beside, *fit.model.claims):
-        signature, columns = equations.signatures[claim.signature], equations.columns(claim.signature)
-        effect = signature.effect(values[columns] * signature.scale)
-        if claim.signature in beyond or is_of_instrument(signature.name):
-            continue
-        if not find_breach(fit, effect, motion_of(fit.search, columns, values), gap):
+    others = [Claim(f.signature, f.size) for f in (*verdict.minor, *verdict.doubtful)]
+    for claim in (*others, *fit.model.claims):
+        name = fit.search.equations.signatures[claim.signature].name
+        if name in SHIFTS and not is_of_instrument(name) and claim.signature not in beyond:
             claims.setdefault(claim.signature, claim.size)
     return [Claim(number, size) for number, size in claims.items()]
 
 
 def _residual(problem: Problem, state: FitState) -> Array:
     return position_residual(problem.campaign, *attain_state(problem, state))
-
-
-def settle_play(problem: Problem, state: FitState) -> FitState:
-    """Find on which side of its play each joint stood when the campaign began: where the first rows say so."""
-    campaign = problem.campaign
-    first = campaign.first_visit & campaign.usable & (campaign.run_index == 0)
-    if not first.any():
-        return state
-    effects = list(state.effects)
-    for number, effect in enumerate(effects):
-        if effect.name != "backlash":
-            continue
-        tries = []
-        for start in (-0.5, 0.5):
-            effects[number] = replace(effect, parameters={**effect.parameters, "start_ratio": start})
-            gap = position_residual(campaign, *attain_state(problem, replace(state, effects=tuple(effects))))[first]
-            tries.append((float(np.median(np.linalg.norm(gap, axis=1))), start, effects[number]))
-        effects[number] = min(tries, key=lambda t: t[:2])[2]
-    return replace(state, effects=tuple(effects))

@@ -6,23 +6,23 @@ m_A, m_B and covariances K_A, K_B of what is not known exactly. With noise N the
     D = 1/2 (m_A - m_B)^T (N + (K_A + K_B) / 2)^-1 (m_A - m_B)
 
 [Box1967; Atkinson1975: T-optimality, here with the uncertainty of both models]. Rows are picked one after the other,
-each for what it adds to those before, until more of them would not tell more, then exchanged. Candidates continue the
-campaign: poses within joint limits, no lower and no nearer to the base axis than it went, without load and under its
-largest loads. Whether cables and surroundings allow a pose is not known here.
+each for what it adds to those before. Candidates continue the campaign: poses within joint limits, no lower and no
+nearer to the base axis than it went, without load and under its largest loads. Whether cables and surroundings allow a
+pose is not known here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import expit, logit, ndtri
 
-from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, NEGLIGIBLE, SAMPLE, SEED, SURE, rank_number
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LISTED, NEGLIGIBLE, SAMPLE, SEED, SURE, rank_number
 from compplan.diagnosis.evidence.candidates import key_of, offered_signatures, propose_again
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import NAMING, Verdict
@@ -33,33 +33,14 @@ from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses, transmission_error
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, take_clear, weight_rows
+from compplan.measurement.pose_selection import grow_choice, odds_gains, weight_rows
 from compplan.robot import Array, Robot
 
 NOTHING = "none"
 
 
-@dataclass(frozen=True)
-class NextSettings:
-    """Numbers of what is proposed."""
-
-    #: Candidates of new poses, and draws for each: some are not clear (assumed).
-    poses: int = 40
-    #: Seconds between stays (assumed). [s]
-    pace: float = 15.0
-    #: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
-    assumed_weight: float = 50.0
-    #: Radius about the base axis beyond which it is always clear (assumed). [m]
-    column: float = 0.3
-    #: Poses at least, since a single reading may be a gross error, and at most; so many proposals at most, too
-    #: (assumed).
-    fewest_poses: int = 3
-    most_poses: int = 8
-    #: A proposal has to add this much expected probability (assumed).
-    worth_it: float = 0.05
-
-
-NEXT = NextSettings()
+#: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
+ASSUMED_WEIGHT = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,25 +54,16 @@ class Pair:
     log_odds: float
 
 
-class DifferenceShown(NamedTuple):
-    """What k poses show of the difference of two models."""
-
-    mean: Array  #: Parameters of the first, less those of the second, each in its own place. Shape (P,).
-    covariance: Array  #: Mean covariance of the two. Shape (P, P).
-    rows: Array  #: Derivatives of what each pose shows, in units of its noise. Shape (k, c, P).
-
-
 @dataclass(frozen=True)
 class Proposal:
-    """Rows that separate two explanations; the second is None where the question is whether there is any.
+    """Rows of the candidates that separate a pair, the most telling first.
 
-    `rows` of the candidates, the most telling first; `probability` of the better explanation now, `gain` by how much
-    that of the true one is expected to rise, `information` the expected log likelihood ratio.
+    `gain` is by how much the probability of the true explanation is expected to rise, `information` the expected log
+    likelihood ratio.
     """
 
-    separates: tuple[Place, Place | None]
+    pair: Pair
     rows: tuple[int, ...]
-    probability: float
     gain: float
     information: float
 
@@ -118,11 +90,9 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     parts = zip(predict_columns(fit, at), variance, strict=True)
     design = np.concatenate([part / np.sqrt(v) for part, v in parts], axis=1)
     loaded = np.asarray(pool.wrench[FEW_ROWS:].any(axis=1))
-    tried = [(pair, best_proposal(pair, design[FEW_ROWS:], loaded)) for pair in pairs]
-    proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -rank_number(p.gain))
-    tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
-    tables += [_inseparable(pair) for pair, found in tried if found is None]
-    return tables[: NEXT.most_poses]
+    found = [best_proposal(pair, design[FEW_ROWS:], loaded) for pair in pairs]
+    found.sort(key=lambda proposal: -rank_number(proposal.gain))
+    return [summarise_proposal(fit, at, proposal) for proposal in found][:LISTED]
 
 
 def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
@@ -195,56 +165,40 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
     return designs
 
 
-def best_proposal(pair: Pair, design: Array, loaded: NDArray[np.bool_]) -> Proposal | None:
-    """Find the poses that separate a pair, without load where that tells as much, as few as do it.
+def best_proposal(pair: Pair, design: Array, loaded: NDArray[np.bool_]) -> Proposal:
+    """Find the poses that separate a pair, without load where that tells as much; no poses where none separate it.
 
     `design`: columns at the candidates, shape (n, c, p); `loaded`: which of them carry a load. Shape (n,).
     """
     found: list[Proposal] = []
     plain, under = np.flatnonzero(~loaded), np.flatnonzero(loaded)
-    for poses in (plain[:, None], np.column_stack([plain[: len(under)], under])):
-        picked, information = pick_poses(predict_difference(pair, design[poses]), pair.log_odds)
-        gain = expected_gain(pair.log_odds, information / MAP.temper, MAP.temper)
-        rows = tuple(poses[picked].ravel().tolist())
-        found.append(Proposal((pair.first, pair.second), rows, float(expit(abs(pair.log_odds))), gain, information))
-    best = found[0] if found[0].gain >= found[1].gain - NEGLIGIBLE else found[1]
-    return best if best.gain >= NEXT.worth_it else None
-
-
-def predict_difference(pair: Pair, design: Array) -> DifferenceShown:
-    """Return what poses of r rows show of the difference of two models; `design`: their columns. Shape (k, r, c, p)."""
     two = [model.posterior for model in (pair.model, pair.other)]
-    columns = np.concatenate([design[..., posterior.columns] for posterior in two], axis=-1)
-    return DifferenceShown(
-        np.r_[two[0].mean, -two[1].mean],
-        0.5 * block_diag(*(posterior.covariance for posterior in two)),
-        columns.reshape(len(columns), -1, columns.shape[-1]),
-    )
+    difference = np.r_[two[0].mean, -two[1].mean]
+    covariance = 0.5 * block_diag(*(posterior.covariance for posterior in two))
+    for poses in (plain[:, None], np.column_stack([plain[: len(under)], under])):
+        columns = np.concatenate([design[poses][..., posterior.columns] for posterior in two], axis=-1)
+        shown = columns.reshape(len(poses), -1, columns.shape[-1])
+        picked, information = pick_poses(difference, covariance, shown)
+        gain = expected_gain(pair.log_odds, information / MAP.temper, MAP.temper)
+        found.append(Proposal(pair, tuple(poses[picked].ravel().tolist()), gain, information))
+    best = found[0] if found[0].gain >= found[1].gain - NEGLIGIBLE else found[1]
+    return best if best.gain >= NEGLIGIBLE else Proposal(pair, (), 0.0, 0.0)
 
 
-def pick_poses(shown: DifferenceShown, log_odds: float) -> tuple[list[int], float]:
-    """Pick poses for what each adds to those before, as many as add to the expected gain, then exchange them.
+def pick_poses(mean: Array, covariance: Array, rows: Array) -> tuple[list[int], float]:
+    """Pick `FEW_ROWS` poses one after the other, each for what it adds to those before it.
 
-    Returns their numbers, and the expected log likelihood ratio of all of them together.
+    Args:
+        mean: Parameters of one model, less those of the other, each in its own place. Shape (P,).
+        covariance: Mean covariance of the two. Shape (P, P).
+        rows: Derivatives of what each pose shows, in units of its noise. Shape (k, c, P).
+
+    Returns:
+        Their numbers, and the expected log likelihood ratio of all of them together.
     """
-    worth = weight_rows(odds_gains, shown.covariance, shown.rows, 1.0, shown.mean)
-
-    def gain_of(information: float) -> float:
-        return expected_gain(log_odds, information / MAP.temper, MAP.temper)
-
-    picked: list[int] = []
-    information = 0.0
-    for best, added in grow_choice(worth, min(NEXT.most_poses, len(shown.rows))):
-        # a single pose may be too little to show although all that are allowed would
-        most = information + (NEXT.most_poses - len(picked)) * added
-        enough = len(picked) >= NEXT.fewest_poses or not picked
-        if enough and gain_of(most) < gain_of(information) + NEGLIGIBLE:
-            break
-        picked, information = [*picked, best], information + added
-    if gain_of(information) < NEGLIGIBLE:
-        return [], 0.0
-    chosen = settle_choice(worth, picked)
-    return [pose for pose, _ in chosen], sum(added for _, added in chosen)
+    worth = weight_rows(odds_gains, covariance, rows, 1.0, mean)
+    picked = list(grow_choice(worth, min(FEW_ROWS, len(rows))))
+    return [pose for pose, _ in picked], sum(added for _, added in picked)
 
 
 def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> float:
@@ -265,37 +219,23 @@ def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> f
 def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[str, Any]:
     """Return a proposal as diagnosis.json holds it: poses in deg (sliding joints in mm), loads in N and N m."""
     robot, campaign, rows = fit.problem.robot, at.campaign, [FEW_ROWS + row for row in proposal.rows]
-    unit = np.where(robot.prismatic, 1e3, 180.0 / np.pi)
-    loaded = any(campaign.wrench[row].any() for row in rows)
-    table: dict[str, Any] = {
-        "separates": _separates(*proposal.separates),
-        "how": "measure each pose without load and under the load" if loaded else "measure these poses, without load",
+    unit, pair = np.where(robot.prismatic, 1e3, 180.0 / np.pi), proposal.pair
+    how = "no pose within joint limits and given loads separates these; the simpler one predicts as well"
+    if rows:
+        loaded = any(campaign.wrench[row].any() for row in rows)
+        how = "measure each pose without load and under the load" if loaded else "measure these poses, without load"
+        if loaded and not fit.problem.campaign.load_varies:
+            how += f" (the log has none: {ASSUMED_WEIGHT:g} N are assumed)"
+    return {
+        "separates": [place_table(pair.first), place_table(pair.second or (NOTHING, None, None))],
+        "how": how,
         "columns": list(robot.joint_headers),
         "poses": [[round(float(v), 4) for v in campaign.q[row] * unit] for row in rows],
         "wrenches": [[round(float(v), 2) for v in campaign.wrench[row]] for row in rows],
-        "probability_now": round(proposal.probability, 3),
+        "probability_now": round(float(expit(abs(pair.log_odds))), 3),
         "expected_probability_gain": round(proposal.gain, 3),
         "expected_log_likelihood_ratio": round(proposal.information, 2),
     }
-    if loaded and not fit.problem.campaign.load_varies:
-        table["assumed"] = "the campaign had no loads; the weight on the tool is assumed"
-    return table
-
-
-def _inseparable(pair: Pair) -> dict[str, Any]:
-    """Say that no rows were found that would tell two explanations apart."""
-    return {
-        "separates": _separates(pair.first, pair.second),
-        "how": "no pose within joint limits and given loads separates these; the simpler one predicts as well",
-        "poses": [],
-        "wrenches": [],
-        "probability_now": round(float(expit(abs(pair.log_odds))), 3),
-        "expected_probability_gain": 0.0,
-    }
-
-
-def _separates(first: Place, second: Place | None) -> list[dict[str, str | None]]:
-    return [place_table(first), place_table((NOTHING, None, None) if second is None else second)]
 
 
 def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
@@ -303,13 +243,14 @@ def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
 
     Poses without load, then some of them under a load each.
     """
-    poses = draw_poses(robot, campaign, NEXT.poses, np.random.default_rng(seed))
+    poses = draw_poses(robot, campaign, np.random.default_rng(seed))
     loaded, loads = poses[:ENOUGH_ROWS], np.array(given_loads(campaign))
     before = np.resize(np.flatnonzero(campaign.usable), FEW_ROWS)
     q = np.concatenate([campaign.q[before], poses, loaded])
     under = loads[np.arange(len(loaded)) % len(loads)]
     later = np.arange(len(q)) >= FEW_ROWS
-    time = 0.0 if campaign.time is None else float(np.nanmax(campaign.time))
+    time = np.zeros(1) if campaign.time is None else np.nan_to_num(campaign.time)
+    pace = float(np.ptp(time)) / len(campaign)
     warm = None if campaign.warming is None else np.where(later, np.max(campaign.warming), 0.0)
     return Campaign(
         run=np.where(later, "static_next", "static_before"),
@@ -317,7 +258,7 @@ def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
         wrench=np.concatenate([campaign.wrench[before], np.zeros((len(poses), 6)), under]),
         position=np.zeros((len(q), 3)),
         rotation=None if campaign.rotation is None else np.broadcast_to(np.eye(3), (len(q), 3, 3)),
-        time=None if campaign.time is None else later * (time + NEXT.pace * np.arange(len(q))),
+        time=None if campaign.time is None else later * (float(np.max(time)) + pace * np.arange(len(q))),
         temperature=None if warm is None else campaign.reference_temperature + warm,
         link=None if campaign.link is None else q.copy(),
         target=None if campaign.target is None else np.full(len(q), int(campaign.target_index[-1])),
@@ -325,10 +266,10 @@ def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
     )
 
 
-def draw_poses(robot: Robot, campaign: Campaign, count: int, random: np.random.Generator) -> Array:
-    """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= count, nq)."""
-    q = random.uniform(*joint_range(robot, campaign), (NEXT.poses * count, robot.nq))
-    return take_clear([q], lambda part: keeps_clear(robot, campaign, part), count)
+def draw_poses(robot: Robot, campaign: Campaign, random: np.random.Generator) -> Array:
+    """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= 40, nq)."""
+    q = random.uniform(*joint_range(robot, campaign), (4 * SAMPLE, robot.nq))
+    return q[keeps_clear(robot, campaign, q)][: 2 * ENOUGH_ROWS]
 
 
 def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
@@ -347,8 +288,9 @@ def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]
     usable = np.flatnonzero(campaign.usable)
     some = usable[:: max(1, len(usable) // SAMPLE)]
     seen, tip = _tips(robot, campaign.q[some]), _tips(robot, q)
-    near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), NEXT.column)
-    return np.asarray((tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= near))
+    return np.asarray(
+        (tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= np.hypot(seen[:, 0], seen[:, 1]).min())
+    )
 
 
 def _tips(robot: Robot, q: Array) -> Array:
@@ -358,18 +300,10 @@ def _tips(robot: Robot, q: Array) -> Array:
 
 
 def given_loads(campaign: Campaign) -> list[Array]:
-    """Pick the largest loads of the campaign that point in different directions; a known weight where it had none."""
+    """Pick the largest loads of the campaign; a known weight where it had none."""
     wrench = campaign.wrench[campaign.usable & ~campaign.unloaded]
     if not campaign.load_varies or not len(wrench):
-        return [np.array([0.0, 0.0, -NEXT.assumed_weight, 0.0, 0.0, 0.0])]
-    order = np.argsort(-np.linalg.norm(wrench[:, :3], axis=1))
-    picked: list[Array] = []
-    for row in order:
-        force = wrench[row, :3]
-        # nearer to a right angle than to each other
-        size = np.linalg.norm(force) * np.sqrt(0.5)
-        if all(force @ other[:3] < size * np.linalg.norm(other[:3]) for other in picked):
-            picked.append(np.round(wrench[row], 1))
-        if len(picked) == FEW_ROWS:
-            break
-    return picked
+        return [np.array([0.0, 0.0, -ASSUMED_WEIGHT, 0.0, 0.0, 0.0])]
+    several = np.unique(np.round(wrench, 1), axis=0)
+    largest = np.argsort(-np.linalg.norm(several[:, :3], axis=1), kind="stable")[:FEW_ROWS]
+    return list(several[largest])

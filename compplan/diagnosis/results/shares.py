@@ -1,6 +1,6 @@
 """Shares: the motion that a diagnosis gives to each of its causes, as parts of the mean square gap.
 
-The causes are the findings of the verdict and the small errors everywhere, with the posterior that the names come from.
+The causes are the findings of the verdict and small errors by place and kind, with the posterior of the calibration.
 With the gap y (frames that are fitted anyway taken out), the motion m_g of each part and what all parts leave,
 r = y - sum m_g, the squares that come back where one part alone is taken out are
 
@@ -9,9 +9,6 @@ r = y - sum m_g, the squares that come back where one part alone is taken out ar
 and the parts divide what they explain together, |y|^2 - |r|^2, in proportion to them: parts that cancel each other keep
 their weight. Intervals draw the parameters from the posterior, the pose groups anew, and whether a finding is present
 from its probability: one that the campaign cannot tell from a rival elsewhere sits there half of the time.
-
-The small errors of a robot that was not calibrated are divided in the same way by joint and kind, with the posterior of
-the robot that goes out.
 """
 
 from __future__ import annotations
@@ -26,10 +23,8 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, LISTED, SAMPLE, SEED, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.evidence.evidence import Posterior
-from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.results.delivery import NOMINAL
-from compplan.diagnosis.results.verdict import CLAIMED, Finding
+from compplan.diagnosis.results.verdict import Finding
 from compplan.diagnosis.search.state import FitState, attain_state
 from compplan.effects import driver_of, locate_effect, robot_effects
 from compplan.measurement.campaign import Campaign
@@ -38,6 +33,11 @@ from compplan.robot import Array
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
 
+#: Kinds of errors by what they follow; those that follow the load are the robot's own weight where it does not vary.
+GEOMETRY, GEARS, WEIGHT, LOAD, OTHER = "geometry", "gears", "own weight", "load", "other"
+KINDS = {
+    "posture": GEOMETRY, "joint angle": GEARS, "direction of approach": GEARS, "gravity": WEIGHT, "load": LOAD,
+}  # fmt: skip
 CALIBRATION, UNEXPLAINED = "small errors everywhere", "not explained"
 
 
@@ -59,12 +59,12 @@ class Part:
     """One part of the motion; r rows."""
 
     place: str  #: Where it sits.
-    effect: str  #: Name of the effect.
+    kind: str  #: Kind of its error, one of `KINDS` or "other".
     follows: str  #: What its error follows.
     probability: float  #: Probability that it is there.
-    elsewhere: tuple[tuple[str, str], ...]  #: Place and driver of rivals that the campaign cannot tell from it.
     motion: Array  #: Its motion of the target, frames taken out. Shape (3 r,). [m]
     columns: NDArray[np.int_]  #: Its columns of the posterior's; empty where its size is held.
+    small: bool = False  #: Whether it is a small error, without a name.
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,36 +77,59 @@ class Shares:
     noise: float  #: Share that noise explains.
 
 
-def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
-    """Divide the gap of a diagnosis among its causes."""
+@dataclass(frozen=True)
+class SmallErrors:
+    """A gap divided among all errors of the robot that goes out, largest first: groups of place and kind."""
+
+    by_place: dict[str, Share]
+    by_kind: dict[str, Share]
+    groups: tuple[tuple[str, str, Share], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what stands under `where` in diagnosis.json."""
+        return {
+            "by_joint": {name: share.to_json() for name, share in self.by_place.items()},
+            "by_kind": {name: share.to_json() for name, share in self.by_kind.items()},
+            "groups": [{"place": place, "kind": kind, **share.to_json()} for place, kind, share in self.groups],
+        }
+
+
+def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> tuple[Shares, SmallErrors | None]:
+    """Divide the gap of a diagnosis among its causes, and among all errors of the robot that goes out.
+
+    The second is None where the nominal robot goes out.
+    """
     motion = PosteriorMotion(diagnosis, np.random.default_rng(seed))
     every = list_parts(diagnosis, motion)
     point, drawn = motion.divide(every)
     noise = min(motion.noise, max(1.0 - sum(point), 0.0))
-    fate = motion.draw_fate(every)
-    places = [[part.place, *(place for place, _ in part.elsewhere)] for part in every]
-    factors = [[part.follows, *(driver for _, driver in part.elsewhere)] for part in every]
-    drivers = list(dict.fromkeys(name for own in factors for name in own))
-    first = [*diagnosis.robot.joint_names, *(name for own in places for name in own if name != CALIBRATION)]
-    stated = [share if part.probability >= CLAIMED else 0.0 for part, share in zip(every, point, strict=True)]
-    return Shares(
-        add_up([*dict.fromkeys(first), CALIBRATION], places, stated, drawn, fate, noise),
-        add_up(drivers, factors, stated, drawn, fate, noise),
-        noise,
-    )  # fmt: skip
+
+    def total(names: Sequence[str], shares: Sequence[Array], first: Sequence[str] = ()) -> dict[str, Share]:
+        return add_up(list(dict.fromkeys((*first, *names))), names, point, shares, noise)
+
+    present = [share * (motion.rng.random(SAMPLE) < part.probability) for part, share in zip(every, drawn, strict=True)]
+    places = [CALIBRATION if part.small else part.place for part in every]
+    first = [*diagnosis.robot.joint_names, *(name for name in places if name != CALIBRATION), CALIBRATION]
+    shares = Shares(total(places, present, first), total([part.follows for part in every], present), noise)
+    if diagnosis.delivery.kind == NOMINAL:
+        return shares, None
+    found: dict[tuple[str, str], list[int]] = {}
+    for number, part in enumerate(every):
+        found.setdefault((part.place, part.kind), []).append(number)
+    groups = [
+        (*name, find_interval(sum(point[n] for n in own), np.sum([drawn[n] for n in own], axis=0)))
+        for name, own in found.items()
+    ]
+    groups.sort(key=lambda group: -rank_number(group[2].share))
+    by_place, by_kind = (total([getattr(part, key) for part in every], drawn) for key in ("place", "kind"))
+    return shares, SmallErrors(by_place, by_kind, tuple(groups[:LISTED]))
 
 
 class PosteriorMotion:
-    """The gap of a diagnosis and the motion of a posterior at the rows that were fitted; the doubt's where left out."""
+    """The gap of a diagnosis and the motion of the calibration's posterior at the rows that were fitted."""
 
-    def __init__(
-        self, diagnosis: Diagnosis, rng: np.random.Generator, equations: NormalEquations | None = None,
-        posterior: Posterior | None = None,
-    ) -> None:  # fmt: skip
-        equations, posterior = (
-            equations or diagnosis.revised.search.equations,
-            posterior or diagnosis.revised.model.posterior,
-        )
+    def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator) -> None:
+        equations, posterior = diagnosis.equations, diagnosis.delivery.posterior
         source = equations.source[0]
         chosen = np.arange(len(source.rows))[:: -(-len(source.rows) // SAMPLE)]
         self.rows, self.rng, self.diagnosis = source.rows[chosen], rng, diagnosis
@@ -157,13 +180,13 @@ class PosteriorMotion:
         return np.asarray(columns - sigma * (self.frames @ (self.frames.T @ (columns / sigma))))
 
     def part(
-        self, name: str, columns: NDArray[np.int_], place: str = CALIBRATION, probability: float = 1.0,
-        elsewhere: Sequence[tuple[str, str]] = (), *, follows: str = "",
-    ) -> Part:  # fmt: skip
+        self, name: str, columns: NDArray[np.int_], place: str, probability: float = 1.0, *, small: bool = False
+    ) -> Part:
         """Return the part that some columns of the normal equations make."""
         own = np.flatnonzero(np.isin(self.columns, columns))
+        kind = kind_of(name, self.diagnosis.fit.problem.campaign.load_varies)
         moved = self.design[:, own] @ self.mean[own]
-        return Part(place, name, follows or self.follow(name), probability, tuple(elsewhere), moved, own)
+        return Part(place, kind, self.follow(name), probability, moved, own, small)
 
     def divide(self, parts: Sequence[Part]) -> tuple[list[float], list[Array]]:
         """Return the share of each part, and drawn shares of shape (SAMPLE,)."""
@@ -185,44 +208,34 @@ class PosteriorMotion:
             return np.repeat(part.motion[:, None], SAMPLE, axis=1)
         return np.asarray(self.design[:, part.columns] @ self.draws[part.columns])
 
-    def draw_fate(self, parts: Sequence[Part]) -> list[NDArray[np.int_]]:
-        """Draw where each part sits: -1 nowhere, 0 at its place, k at its rival k. Shape (SAMPLE,) each."""
-        fates = []
-        for part in parts:
-            rivals = self.rng.integers(1, len(part.elsewhere) + 1, SAMPLE) if part.elsewhere else np.zeros(SAMPLE, int)
-            # a place that the campaign cannot tell from another is no better and no worse
-            fate = self.rng.integers(2, size=SAMPLE) * rivals
-            fates.append(np.where(self.rng.random(SAMPLE) < part.probability, fate, -1))
-        return fates
-
 
 def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
-    """List the parts of the posterior's motion."""
-    verdict, revised = diagnosis.verdict, diagnosis.revised
-    equations, nothing = revised.search.equations, np.zeros(0, int)
+    """List the parts of the posterior's motion: findings, then small errors by place and effect."""
+    equations, nothing = diagnosis.equations, np.zeros(0, int)
     parts: list[Part] = []
     for finding, moved in motion.conventions:
         place = locate_effect(finding.effect.name, finding.effect.joint)
         own = motion.part(finding.effect.name, nothing, place, finding.probability)
         parts.append(replace(own, motion=moved))
-    for finding in (*verdict.findings, *verdict.doubtful, *verdict.minor):
-        if finding.signature < 0:
-            continue
+    taken = set[int]()
+    for finding in (f for f in diagnosis.verdict.findings if f.signature >= 0):
         name, columns = finding.effect.name, equations.columns(finding.signature)
-        alike = [(locate_effect(*r.place[:2]), motion.follow(r.place[0])) for r in finding.rivals if r.alike]
-        place, rivals = locate_effect(name, finding.effect.joint), list(dict.fromkeys(alike))
-        if finding in verdict.minor:
-            parts.append(motion.part(name, columns))
-        else:
-            parts.append(motion.part(name, columns, place, finding.probability, rivals))
-    claimed, background = equations.join_columns(revised.model.signatures), diagnosis.fit.search.prior.background
-    for name in dict.fromkeys(s.name for s in equations.signatures):
-        columns = equations.columns_named(name)
-        columns = columns[columns < len(background)]
-        small = np.setdiff1d(columns[background[columns] >= 0], claimed)
-        if np.isin(small, motion.columns).any():
-            parts.append(motion.part(name, small))
-    return parts
+        parts.append(motion.part(name, columns, locate_effect(name, finding.effect.joint), finding.probability))
+        taken.update(columns.tolist())
+    small: dict[tuple[str, str], list[int]] = {}
+    for number, signature in enumerate(equations.signatures):
+        if signature.name == REGISTRATION:
+            continue
+        # bending under own weight has a parameter for each joint
+        joints = signature.fixed.get("joints", ())
+        places = [str(joint) for joint in joints] if len(joints) == len(signature.keys) else []
+        places = places or [locate_effect(signature.name, signature.joint)] * len(signature.keys)
+        for column, place in zip(equations.columns(number).tolist(), places, strict=True):
+            if column not in taken:
+                taken.add(column)
+                small.setdefault((signature.name, place), []).append(column)
+    found = [motion.part(name, np.array(own), place, small=True) for (name, place), own in small.items()]
+    return [*parts, *(part for part in found if len(part.columns))]
 
 
 def draw_blocks(campaign: Campaign, rng: np.random.Generator) -> NDArray[np.int_]:
@@ -246,20 +259,17 @@ def find_interval(share: float, drawn: Array) -> Share:
 
 
 def add_up(
-    names: Sequence[str], homes: Sequence[Sequence[str]], stated: Sequence[float], drawn: Sequence[Array],
-    fate: Sequence[NDArray[np.int_]], noise: float,
-) -> dict[str, Share]:  # fmt: skip
+    names: Sequence[str], homes: Sequence[str], stated: Sequence[float], drawn: Sequence[Array], noise: float
+) -> dict[str, Share]:
     """Add up the shares of parts by name; what no part explains comes last.
 
-    `homes` are the name of each part and of its rivals, `fate` tells which of these it has in each draw, -1 for none.
-    Shapes of `drawn` and `fate`: (SAMPLE,) each.
+    `homes` are the names of the parts, `stated` their shares, `drawn` their drawn shares. Shape (SAMPLE,) each.
     """
     draws = {name: np.zeros(SAMPLE) for name in names}
     shares = dict.fromkeys(names, 0.0)
-    for own, share, values, where in zip(homes, stated, drawn, fate, strict=True):
-        shares[own[0]] += share
-        for number, name in enumerate(own):
-            draws[name] += values * (where == number)
+    for name, share, values in zip(homes, stated, drawn, strict=True):
+        shares[name] += share
+        draws[name] = draws[name] + values
     rest = np.maximum(1.0 - noise - sum(draws.values(), np.zeros(SAMPLE)), 0.0)
     result = {name: find_interval(shares[name], draws[name]) for name in shares}
     return {**result, UNEXPLAINED: find_interval(max(1.0 - noise - sum(shares.values()), 0.0), rest)}
@@ -277,58 +287,6 @@ GEOMETRY, GEARS, WEIGHT, LOAD, OTHER = "geometry", "gears", "own weight", "load"
 KINDS = {
     "posture": GEOMETRY, "joint angle": GEARS, "direction of approach": GEARS, "gravity": WEIGHT, "load": LOAD,
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class SmallErrors:
-    """A gap divided among the errors of a calibration: by place, by kind, and by both, largest first."""
-
-    by_place: dict[str, Share]
-    by_kind: dict[str, Share]
-    groups: tuple[tuple[str, str, Share], ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return what stands under `where` in diagnosis.json."""
-        return {
-            "by_joint": {name: share.to_json() for name, share in self.by_place.items()},
-            "by_kind": {name: share.to_json() for name, share in self.by_kind.items()},
-            "groups": [{"place": place, "kind": kind, **share.to_json()} for place, kind, share in self.groups],
-        }
-
-
-def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
-    """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
-    posterior, equations = diagnosis.delivery.posterior, diagnosis.equations
-    if diagnosis.delivery.kind == NOMINAL:
-        return None
-    motion = PosteriorMotion(diagnosis, np.random.default_rng(seed), equations, posterior)
-    loaded = diagnosis.fit.problem.campaign.load_varies
-    taken, found = set[int](), dict[tuple[str, str], list[int]]()
-    for number, signature in enumerate(equations.signatures):
-        if signature.name == REGISTRATION:
-            continue
-        # bending under own weight has a parameter for each joint
-        joints = signature.fixed.get("joints", ())
-        places = [str(joint) for joint in joints] if len(joints) == len(signature.keys) else []
-        places = places or [locate_effect(signature.name, signature.joint)] * len(signature.keys)
-        for column, place in zip(equations.columns(number).tolist(), places, strict=True):
-            if column not in taken:
-                taken.add(column)
-                found.setdefault((place, kind_of(signature.name, loaded)), []).append(column)
-    parts = [motion.part(kind, np.array(own), place, follows=kind) for (place, kind), own in found.items()]
-    parts = [part for part in parts if len(part.columns)]
-    point, drawn = motion.divide(parts)
-    noise, here = min(motion.noise, max(1.0 - sum(point), 0.0)), [np.zeros(SAMPLE, int)] * len(parts)
-
-    def total(homes: list[str]) -> dict[str, Share]:
-        return add_up(list(dict.fromkeys(homes)), [(home,) for home in homes], point, drawn, here, noise)
-
-    groups = [
-        (part.place, part.effect, find_interval(share, values))
-        for part, share, values in zip(parts, point, drawn, strict=True)
-    ]
-    groups.sort(key=lambda group: -rank_number(group[2].share))
-    return SmallErrors(total([p.place for p in parts]), total([p.effect for p in parts]), tuple(groups[:LISTED]))
 
 
 def kind_of(name: str, loaded: bool) -> str:

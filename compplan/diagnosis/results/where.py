@@ -19,7 +19,6 @@ from compplan.diagnosis.results.shares import (
     Shares,
     SmallErrors,
     divide_gap,
-    divide_small_errors,
     draw_blocks,
     find_interval,
 )
@@ -81,11 +80,8 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
     before, after = diagnosis.residual_before, diagnosis.residual_after
     used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)
     used[diagnosis.outliers] = False
-    return Split(
-        divide_gap(diagnosis, seed),
-        spread_gap(diagnosis.robot, campaign, before, after, used, seed),
-        divide_small_errors(diagnosis, seed),
-    )
+    shares, small = divide_gap(diagnosis, seed)
+    return Split(shares, spread_gap(diagnosis.robot, campaign, before, after, used, seed), small)
 
 
 def spread_gap(

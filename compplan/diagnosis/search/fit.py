@@ -21,7 +21,7 @@ from compplan.diagnosis.evidence.candidates import (
     propose_again,
     proposed_signatures,
 )
-from compplan.diagnosis.evidence.evidence import EVIDENCE, start_hyper
+from compplan.diagnosis.evidence.evidence import start_hyper
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import (
     NormalEquations,
@@ -84,32 +84,17 @@ def fit_effects(
     if best is None:
         # the exact model cannot bear the least step: the campaign stays as it is
         best = replace(fit, model=fit.search.model([], fit.search.start))
-    elif not settled:
-        best = _fit_jointly(best, progress)
     last = register_again(best, best.state, best.state.use)
     residual = position_residual(problem.campaign, *attain_state(problem, last))
     outliers = find_outliers(problem.campaign, residual, last.scatter, known_approach(problem.campaign, last))
     return replace(best, state=last, outliers=outliers)
 
 
-def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
-    """Fit all that is kept once more together, noise and small errors too, as long as the exact model gains by it."""
-    for _ in range(SEARCH.rounds):
-        progress("all together")
-        old = proposed_signatures(fit.search.equations.signatures)
-        again, _ = _round(fit.problem, fit.state, fit.noises, old, progress, hold=True)
-        step = descend(again, advance_state(again))
-        if step is None or step[1] < fit.score + SEARCH.worthwhile:
-            break
-        fit = replace(again, state=step[0], score=step[1])
-    return fit
-
-
 def _round(
     problem: Problem, state: FitState, noises: dict[str, Noise] | None, proposals: list[Signature],
-    progress: Callable[[str], None], *, hold: bool = False,
+    progress: Callable[[str], None],
 ) -> tuple[Fit, list[Signature]]:  # fmt: skip
-    """Linearize at a state, search, look for rows and periods in what is left, and search again; or hold all claims."""
+    """Linearize at a state, search, look for rows and periods in what is left, and search again."""
     at = linearize_state(problem, state)
     if noises is None:
         noises = estimate_noises(problem.campaign, at.attained, problem.robot.repeatability, state.registration)
@@ -123,8 +108,8 @@ def _round(
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
     equations = build_normal_equations(channels, _offer_all(problem, state, at, proposals), state.values)
-    fit = _search_equations(problem, state, at, channels, equations, noises, progress, hold=hold)
-    while not hold:
+    fit = _search_equations(problem, state, at, channels, equations, noises, progress)
+    while True:
         fresh = _propose(fit)
         known = {key_of(s) for s in fit.search.equations.signatures}
         fresh = [s for s in fresh if key_of(s) not in known and s.name not in problem.excluded]
@@ -157,16 +142,12 @@ def _offer_all(
 
 def _search_equations(
     problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], equations: NormalEquations,
-    noises: dict[str, Noise], progress: Callable[[str], None], *, hold: bool = False,
+    noises: dict[str, Noise], progress: Callable[[str], None],
 ) -> Fit:  # fmt: skip
     search = _build_search(problem, equations, start_hyper(equations, len(CLASSES)), progress)
     numbers = {key_of(s): n for n, s in enumerate(equations.signatures)}
     first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
-    model = (
-        search.model(first, search.start, steps=EVIDENCE.first_steps)
-        if hold
-        else search_models(search, first, state.most)
-    )
+    model = search_models(search, first, state.most)
     return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,12 +17,11 @@ from compplan.diagnosis.evidence.evidence import (
     Posterior,
     Prior,
     drop_negative,
-    excess_squares,
     find_gains,
     find_posterior,
 )
 from compplan.diagnosis.evidence.likelihood import Hyper
-from compplan.diagnosis.evidence.normal_equations import NormalEquations, project_out
+from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.effects import gravity_sag
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
@@ -47,14 +46,8 @@ class SearchSettings:
     #: Standard deviation of the logarithm of an effect's size about its scale (assumed: two thirds of all effects lie
     #: within a factor of five). [decades]
     decades: float = 0.7
-    #: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take
-    #: (assumed: twelve claims of this part at least would take all of it).
-    much: float = 0.3
-    fair_part: float = 0.08
     #: Log prior odds against two curves at one joint, and against each shift after the first of its kind (assumed).
     once_more: float = 10.0
-    #: Correlation from which on two claims are looked at together (assumed).
-    entangled: float = 0.2
     #: Places that are tried with noise and background fitted anew: as a further claim, in exchange for one, and against
     #: one (assumed).
     tried: int = 4
@@ -159,8 +152,6 @@ class Search:
         score -= SEARCH.once_more * self._count_repeated(claims)
         if self._backwards(claims, posterior) or len(self.without(claims)) < len(claims):
             score = -np.inf
-        elif claims:
-            score -= self._coincidence(claims, posterior)
         model = Model(tuple(claims), posterior, float(score))
         if fit:
             self.cache[key] = model
@@ -181,29 +172,6 @@ class Search:
             if (signature.positive and (sizes < 0).any()) or (signature.least and (sizes < signature.least).any()):
                 return True
         return False
-
-    def _coincidence(self, claims: Sequence[Claim], posterior: Posterior) -> float:
-        """Price claims that move the target further than the whole gap and cancel each other, frames taken out of both.
-
-        A normal prior of three components with the size of the gap: 3/2 (c^2 - 1) for a motion of c gaps.
-        """
-        values = posterior.values(self.equations.p)
-        price = 0.0
-        for claim in claims:
-            columns = self.equations.columns(claim.signature)
-            own = values[columns]
-            energy = float(own @ self._framed[0][np.ix_(columns, columns)] @ own)
-            if energy > self._framed[1]:
-                price += 3 * 0.5 * (energy / self._framed[1] - 1.0)
-        return price
-
-    @cached_property
-    def _framed(self) -> tuple[Array, float]:
-        """Products of the positions' columns with each other, and the gap's squares, registered frames taken out."""
-        total = self.equations.channels[0].total
-        whole = np.block([[total.gram, total.against[:, None]], [total.against, np.array([[total.square]])]])
-        left = project_out(whole, np.flatnonzero(self.prior.free))
-        return left[:-1, :-1], max(float(left[-1, -1]), 1e-300)
 
     def gains(self, model: Model) -> list[Gain]:
         """Return what further claims would add, best first; prior odds included."""
@@ -239,14 +207,11 @@ def log_prior_size(size: float) -> float:
 def search_models(search: Search, first: Sequence[Claim] = (), most: int = SEARCH.most_effects) -> Model:
     """Find the best set of effects: rounds of a forward step, exchanges and removals, until none is worthwhile."""
     best = search.model(first, search.start, steps=EVIDENCE.first_steps)
-    concerned = tuple(best.claims)
+    concerned = set(best.claims)
     for _ in range(SEARCH.most_effects):
         grown = best if len(best.claims) >= most else add_claim(search, best)
-        if grown is not best and not explains_enough(search, best, grown):
-            grown = best
-        concerned = (*concerned, *entangled(search, grown, [c for c in grown.claims if c not in best.claims]))
-        settled = _exchange(search, _remove(search, grown), concerned)
-        concerned = ()
+        settled = _exchange(search, _remove(search, grown), concerned | (set(grown.claims) - set(best.claims)))
+        concerned = set()
         search.progress(f"{len(settled.claims)} effects")
         if settled.score < best.score + SEARCH.worthwhile:
             return best if best.score >= settled.score else settled
@@ -263,7 +228,7 @@ def search_from_forward_selection(search: Search, found: Model, most: int) -> Mo
     first = bare.model([], search.start, steps=EVIDENCE.first_steps)
     while len(first.claims) < most:
         grown = add_claim(bare, first)
-        if grown.score < first.score + SEARCH.worthwhile or not explains_enough(bare, first, grown):
+        if grown.score < first.score + SEARCH.worthwhile:
             break
         first = grown
     # noise and background are fitted from their start: models in the cache were fitted from another one
@@ -271,31 +236,6 @@ def search_from_forward_selection(search: Search, found: Model, most: int) -> Mo
     possible = np.isfinite(afresh.model(first.claims, search.start, steps=EVIDENCE.first_steps).score)
     other = search_models(afresh, first.claims if possible else (), most)
     return other if other.score > found.score + SEARCH.worthwhile else found
-
-
-def explains_enough(search: Search, old: Model, new: Model) -> bool:
-    """Tell whether a further claim takes a fair part of what is left beyond the noise.
-
-    Where much is left and no effect takes a fair part of it, the vocabulary does not hold its cause; to add one small
-    part after the other would only imitate it. What the background of small errors has swallowed counts as left, too.
-    """
-    channels, background = search.equations.channels, search.prior.background >= 0
-    much = SEARCH.much * np.array([channel.total.count for channel in channels])
-
-    def measure(model: Model) -> tuple[Array, Array]:
-        posterior = model.posterior
-        plain = np.setdiff1d(posterior.columns, np.flatnonzero(background))
-        known = np.union1d(plain, search.equations.join_columns(model.signatures))
-        return (
-            excess_squares(channels, posterior, posterior.columns),
-            excess_squares(channels, posterior, known),
-        )
-
-    before, after = measure(old), measure(new)
-    if (before[0] < much).all():
-        return True
-    # each channel by itself: an instrument that tells one quantity far more closely must not outvote the others
-    return any((b - a > SEARCH.fair_part * np.maximum(b, much)).any() for b, a in zip(before, after, strict=True))
 
 
 def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:
@@ -343,24 +283,7 @@ def _remove(search: Search, model: Model) -> Model:
     return model
 
 
-def entangled(search: Search, model: Model, fresh: Sequence[Claim]) -> list[Claim]:
-    """Return fresh claims, and those whose parameters the campaign cannot fix apart from theirs."""
-    posterior = model.posterior
-    deviation = np.sqrt(np.maximum(np.diag(posterior.covariance), 1e-300))
-    places = {
-        c: np.flatnonzero(np.isin(posterior.columns, search.equations.columns(c.signature))) for c in model.claims
-    }
-    result = list(fresh)
-    for claim in model.claims:
-        for other in fresh:
-            block = posterior.covariance[np.ix_(places[claim], places[other])]
-            together = np.abs(block) / np.outer(deviation[places[claim]], deviation[places[other]])
-            if claim not in result and together.max(initial=0.0) > SEARCH.entangled:
-                result.append(claim)
-    return result
-
-
-def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
+def _exchange(search: Search, model: Model, concerned: Collection[Claim]) -> Model:
     """Try to replace claims by what explains the campaign best without them, other forms of themselves included."""
     for claim in model.claims:
         if claim not in model.claims or claim not in concerned:

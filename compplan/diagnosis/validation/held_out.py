@@ -6,7 +6,7 @@ the held-out errors of all rows at once, and the part of an error that they take
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 from compplan.diagnosis.data.channels import block_index, group_poses, position_residual
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, rms_length
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.evidence.evidence import Prior, find_posterior
+from compplan.diagnosis.evidence.evidence import find_posterior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, select_rows
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
@@ -102,14 +102,6 @@ class Folds:
         """The folds."""
         return [int(number) for number in np.unique(self.fold[self.fit.search.equations.source[0].rows])]
 
-    def fit_others(self, claims: Sequence[Claim], number: int) -> Fit:
-        """Fit claims, without small errors, to all folds but one; noise is held."""
-        fit = with_claims(self.fit, claims, background=False)
-        equations, prior = fit.search.equations, fit.search.prior_of(claims)
-        part = replace(equations, channels=select_rows(equations, self.fold != number, prior.active))
-        found = find_posterior(part, prior.of(prior.active), fit.model.posterior.hyper, fit=False)
-        return replace(fit, model=replace(fit.model, posterior=replace(found, columns=prior.active)))
-
     def hold_out(self, build: Callable[[int], FitState]) -> HeldOut:
         """Predict every row by the exact model that a fit to the other folds leads to."""
         fit, rows = self.fit, self.fit.search.equations.source[0].rows
@@ -128,14 +120,17 @@ class Folds:
             residual[test] = gap[test]
         return HeldOut(rows, fit_frames(fit, residual[rows], len(np.unique(self.pose))))
 
-    def hold_out_linear(self, claims: Sequence[Claim]) -> HeldOut:
-        """Predict every row to first order by claims alone; enough to rank candidates."""
-        whole = self.fit.search.equations
+    def hold_out_linear(self, claim: Claim) -> HeldOut:
+        """Predict every row to first order by one claim, without small errors; enough to rank candidates."""
+        search, hyper = self.fit.search, self.fit.model.posterior.hyper
+        whole, prior = search.equations, search.prior_of([claim])
+        prior = replace(prior, background=np.full_like(prior.background, -1))
         rows, left = whole.source[0].rows, np.zeros_like(whole.observed[0])
         for number in self.numbers:
-            posterior = self.fit_others(claims, number).model.posterior
+            part = replace(whole, channels=select_rows(whole, self.fold != number, prior.active))
+            found = find_posterior(part, prior.of(prior.active), hyper, fit=False)
             test = self.fold[rows] == number
-            left[test] = whole.observed[0][test] - whole.designs[0][test][..., posterior.columns] @ posterior.mean
+            left[test] = whole.observed[0][test] - whole.designs[0][test][..., prior.active] @ found.mean
         return HeldOut(rows, left * whole.source[0].sigma)
 
 
@@ -170,16 +165,6 @@ def free_of_frames(fit: Fit, poses: int) -> float:
     frames = equations.designs[0][..., equations.columns_named(REGISTRATION)]
     taken = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
     return float(np.sqrt(values / max(values - taken, 0.5 * values)))
-
-
-def with_claims(fit: Fit, claims: Sequence[Claim], *, background: bool) -> Fit:
-    """Return a fit with other claims, beside small errors or not, noise and sizes of classes held."""
-    prior = fit.search.prior
-    if not background:
-        prior = Prior(np.full_like(prior.background, -1), prior.spread, prior.free, prior.slab)
-    search = replace(fit.search, prior=prior, cache={})
-    posterior = find_posterior(search.equations, search.prior_of(claims), fit.model.posterior.hyper, fit=False)
-    return replace(fit, search=search, model=replace(fit.model, claims=tuple(claims), posterior=posterior))
 
 
 def predict_gap(fit: Fit, state: FitState) -> Array | None:

@@ -274,26 +274,6 @@ def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> 
     return sorted(best.values(), key=lambda r: -rank_number(r.share))
 
 
-def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tuple[int, Array, float]:
-    """Fit the effect of another place to the motion by a claim of these values (k,), frames fitted to both.
-
-    Returns:
-        Number of the other signature, the best of its forms; values of its columns, in units of their scale; sum of
-        squares that it leaves of the claim's motion, in units of the noise variance.
-    """
-    equations = fit.search.equations
-    columns = equations.columns(signature)
-    free, energy = _measure_trace(fit, columns, values)
-    tries = []
-    for number, other in enumerate(equations.signatures):
-        if other.place == place and is_comparable(other):
-            theirs = equations.columns(number)
-            share = _share(free, columns, values, theirs, energy)
-            tries.append((share, -number, _solve_trace(free, columns, values, theirs)))
-    share, number, found = max(tries, key=lambda entry: (rank_number(entry[0]), entry[1]))
-    return -number, found, (1.0 - share) * energy
-
-
 def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[Array, float]:
     """Return the products of all columns, frames projected out, and the squares of a claim's motion."""
     gram, _, _, _ = combine_normal_equations(fit.search.equations, fit.model.posterior.hyper)
@@ -332,8 +312,8 @@ def _solve_trace(gram: Array, columns: NDArray[np.int_], values: Array, other: N
 
 
 def is_comparable(other: Signature) -> bool:
-    """Leave out forms that contain the claim trivially: a general curve contains the straight line."""
-    if other.name in (REGISTRATION, UNMODELLED) or other.tried > 1 or other.form == "spline":
+    """Leave out forms that were looked for, and all but one of each law, wave and balancer."""
+    if other.name in (REGISTRATION, UNMODELLED) or other.tried > 1:
         return False
     if other.name == "stiffness_nonlinearity":
         return other.form in ("quadratic", "cubic")

@@ -1,9 +1,8 @@
 """Costs of the program, one file each: a term of the objective and one sentence.
 
-A new cost is one file with a class derived from `Cost`, and one entry in `COSTS`.
+A new cost is one file with a class derived from `Cost`, one import here, and its place in the lists of
+`compplan.planning.dense.state_problem` (correction) or `compplan.planning.redundancy.state_problem` (posture).
 """
-
-from __future__ import annotations
 
 from compplan.planning.costs.band import Band
 from compplan.planning.costs.departure import Departure
@@ -12,5 +11,4 @@ from compplan.planning.costs.smoothness import Smoothness
 from compplan.planning.costs.time import Time
 from compplan.planning.costs.travel import JointTravel
 
-#: Every cost by its name.
-COSTS = {cost.name: cost for cost in (Band, Departure, MissedPose, Smoothness, Time, JointTravel)}
+__all__ = ["Band", "Departure", "JointTravel", "MissedPose", "Smoothness", "Time"]

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.problem import Limit, Station
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
+from compplan.simulation.torque import TorqueRules
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.inertia import divide_body
 from compplan.statics.kinematics import locate_symbolic

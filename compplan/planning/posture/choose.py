@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_weights
-from compplan.planning.posture.follow import find_torn, reach_tip_and_axis, turn_about_axis
+from compplan.planning.posture.follow import find_torn, turn_about_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -31,7 +31,7 @@ from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureSummary, PostureTrace, summarise_costs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, refine_ik, solve_nearest
+from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, reach_tip_and_axis, refine_ik, solve_nearest
 from compplan.toolpath.toolpath import pick_even
 
 #: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
@@ -148,7 +148,7 @@ def _choose_at(
     posture_choice = PostureSummary(
         **vars(trace), configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())],
         changes=_list_changes(chosen, stations), settings=settings,
-        costs=summarise_costs(problem, trace.q), keeps_margin=keeps,
+        costs=summarise_costs(problem, trace.q),
     )  # fmt: skip
     return posture_choice, np.flatnonzero(bad)
 

@@ -1,6 +1,6 @@
-"""Clearance: how far arm and tool keep clear of the part, of the fixture and of the arm itself.
+"""Clearance: distance of arm and tool from the part, the fixture and the arm itself.
 
-The wanted clearance counts against part and fixture; arm and tool only must not touch the arm.
+The wanted clearance applies to part and fixture; arm and tool only must not touch the arm.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from compplan.planning.posture.collision_scene import (
 from compplan.robot import Array
 from compplan.toolpath.toolpath import interpolate, pick_even
 
-#: Evenly spaced waypoints whose distance is computed; rounds in which others follow where a nearer one may lie, and
-#: how many in each.
+#: Evenly spaced waypoints whose distance is computed, rounds of refinement where a nearer one may lie, and waypoints
+#: in each.
 SAMPLES, ROUNDS, FURTHER = 120, 40, 10
-#: How exactly the least distance along a path is found. [m]
+#: Accuracy of the least distance along a path. [m]
 EXACT = 5e-4
-#: Margins beyond this are not told apart, and motion of the arm from one posture to the next that is not halved: what
-#: lies between may come nearer by half of it. [m]
+#: Margins beyond this are not computed; motion of the arm between two postures that is not halved any more: between
+#: them the margin may be less by half of it. [m]
 BEYOND, HIDDEN = 0.05, 4e-3
 
 
@@ -54,7 +54,7 @@ class ClearanceProfile:
 
 
 def measure_margin(scene: CollisionScene, q: Array, wanted: float) -> Array:
-    """Measure by how much postures (n, nq) keep clear: of part and fixture by more than `wanted`, of the arm at all.
+    """Measure the margin of postures (n, nq): distance from part and fixture less `wanted`, from the arm less `TOUCH`.
 
     Negative where a posture comes too near. Shape (n,). [m]
     """
@@ -64,7 +64,7 @@ def measure_margin(scene: CollisionScene, q: Array, wanted: float) -> Array:
 
 
 def linearise_margin(scene: CollisionScene, q: Array, wanted: float) -> Near:
-    """Return by how much the nearest pairs of postures (n, nq) keep clear, and how that answers to the joints."""
+    """Return the margins of the nearest pairs of postures (n, nq), with their derivatives by the joints."""
     kinds = ((scene.outside, wanted), (scene.own, TOUCH))
     found = [find_near(scene.robot, scene.solids, q, pairs, far=limit + BEYOND) for pairs, limit in kinds]
     margin = [near.distance - limit for near, (_, limit) in zip(found, kinds, strict=True)]
@@ -73,11 +73,11 @@ def linearise_margin(scene: CollisionScene, q: Array, wanted: float) -> Near:
 
 
 def sweep_margin(scene: CollisionScene, q: Array, wanted: float, first: Array) -> tuple[Array, Array]:
-    """Measure margins along a way (n, nq), joints moving straight, until nothing can hide between them.
+    """Measure margins along a way (n, nq) of straight joint motion, between its postures too.
 
-    On a motion by s of the arm no margin is below (m_i + m_j - s) / 2 of its ends: where that is negative, and s more
-    than HIDDEN, the posture half way is measured too. The first that comes too near ends the search. It begins at the
-    places `first` (j,) and the ends of the way.
+    Between two postures with margins m_i and m_j and a motion of the arm by s, no margin is below (m_i + m_j - s) / 2.
+    Where that is negative and s above HIDDEN, the posture half way is measured, until one has a negative margin. The
+    search begins at the places `first` (j,) and the ends of the way.
 
     Returns:
         Places along the way, postures counted from 0, and the margins there. Shapes (p,). [1, m]
@@ -99,10 +99,10 @@ def sweep_margin(scene: CollisionScene, q: Array, wanted: float, first: Array) -
 
 
 def measure_clearance(scene: CollisionScene, q: Array, wanted: float) -> ClearanceProfile:
-    """Measure the clearance along a path (n, nq), computing as few distances as the least one asks for.
+    """Measure the clearance at the waypoints of a path (n, nq), with few computed distances.
 
-    No point of arm or tool moves farther between two postures than `reach` times the joint motion; so a computed
-    distance bounds those around it from below, and waypoints are computed until no other can have the least distance.
+    No point moves farther between two postures than `reach` times the joint motion. A computed distance therefore
+    bounds those around it; waypoints are computed until no other can have the least distance.
     """
     contacts = _least_along(scene, q, scene.outside, FAR)
     own = _least_along(scene, q, scene.own, 0.1)

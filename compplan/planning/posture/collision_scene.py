@@ -1,7 +1,7 @@
-"""The collision scene of a job: arm, tool, part and fixture, which of them may not touch, and how near they are.
+"""The collision scene of a job: solids of arm, tool, part and fixture, the pairs that are checked, and their distances.
 
-Part, fixture and tool are meshes; the arm is its URDF's collision shapes. Distances come from coal; bounding spheres
-(and the bounding boxes of what stands still) sort out the pairs that cannot be nearest.
+Part, fixture and tool are meshes; the arm has the collision shapes of its URDF. Distances come from coal. Bounding
+spheres, and bounding boxes of fixed solids, exclude the pairs that cannot be nearest.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from compplan.robot.solids import cut_tip, make_geometry
 if TYPE_CHECKING:
     from compplan.job.job import Job
 
-#: Arm and tool touch the arm where they come nearer than this. [m]
+#: Distance below which arm and tool count as touching the arm. [m]
 TOUCH = 1e-3
-#: Radius of the capsule that stands for a tool without a mesh. [m]
+#: Radius of the capsule used for a tool without a mesh (assumed). [m]
 STAND_IN_RADIUS = 0.025
-#: A pair of the arm's own shapes that touches in this share of random postures is left out: they are drawn so.
+#: Share of random postures in which shapes of the arm touch, from which on the pair is left out: the shapes overlap.
 DRAWN_TOUCHING = 0.7
-#: Distances beyond this are not told apart. [m]
+#: Distances beyond this are not computed. [m]
 FAR = 0.5
-#: Pairs of a posture whose distances are differentiated at most, and distance from which on their points tell the
-#: normal, Coal below it. [m]
+#: Most pairs of a posture whose distances are differentiated, and distance from which on the normal follows from the
+#: nearest points; below it coal gives the normal. [m]
 MOST_PAIRS, APART = 6, 1e-6
 
 
 @dataclass(frozen=True)
 class Solid:
-    """Something that may touch."""
+    """A solid of the scene."""
 
-    name: str  #: What it is called in messages.
-    link: str  #: Link that it moves with, or "" for what stands still in the base frame.
-    body: int  #: Number of commanded joints before it; what stands still counts as 0.
+    name: str  #: Its name in messages.
+    link: str  #: Link that it moves with, or "" if it is fixed in the base frame.
+    body: int  #: Number of joints between base and link; 0 if it is fixed.
     geometry: Any  #: coal's geometry, in its own frame.
     placement: Array  #: Pose of that frame in the frame of the link (or base). Shape (4, 4). [m]
     centre: Array  #: Centre of its bounding sphere in the frame of the link (or base). Shape (3,). [m]
@@ -62,7 +62,7 @@ class Contact(NamedTuple):
 
 
 class Near(NamedTuple):
-    """The several nearest pairs of postures, r in all."""
+    """The nearest pairs of several postures, r in all."""
 
     posture: NDArray[np.int_]  #: Which posture. Shape (r,).
     distance: Array  #: Signed distance of the pair. Shape (r,). [m]
@@ -71,20 +71,20 @@ class Near(NamedTuple):
 
 @dataclass(frozen=True)
 class CollisionScene:
-    """What may touch what."""
+    """The solids, and the pairs of them that are checked."""
 
     robot: Robot  #: The robot with its tool.
     solids: tuple[Solid, ...]  #: Shapes of the arm, tool, part, fixture.
     outside: NDArray[np.int_]  #: Pairs of arm or tool with part or fixture. Shape (p, 2).
     own: NDArray[np.int_]  #: Pairs of arm or tool with the arm itself. Shape (o, 2).
-    notes: tuple[str, ...] = ()  #: What a user should know of it, one sentence each.
-    bodies: tuple[BodyShapes, ...] = ()  #: What is known of the collision shapes of each body of the arm.
-    #: What was given, to be drawn: name, link that carries it ("" where it stands still), and mesh [m].
+    notes: tuple[str, ...] = ()  #: Notes for the user, one sentence each.
+    bodies: tuple[BodyShapes, ...] = ()  #: The collision shapes of each body of the arm.
+    #: Given meshes, to be drawn: name, link ("" if fixed), and mesh [m].
     meshes: tuple[tuple[str, str, Any], ...] = ()
 
     @cached_property
     def reach(self) -> Array:
-        """Farthest that any point moves per motion of a joint: shape (nq,) [m/rad or 1]."""
+        """Upper bound of the motion of any point per motion of a joint. Shape (nq,). [m/rad or 1]"""
         lengths = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.robot.joints]
         beyond = np.cumsum(lengths[::-1])[::-1]
         tool = max((s.radius + float(np.linalg.norm(s.centre)) for s in self.solids if s.link), default=0.0)
@@ -118,19 +118,19 @@ def build_scene(
         solids.append(Solid(name, link, body.get(link, 0), geometry, local, centre, radius, box))
         roles.append(role)
 
+    def add_tool(name: str, link: str, mesh_or_shape: Any, mesh: Any, placement: Array | None = None) -> None:
+        add(name, link, mesh_or_shape, "tool", placement)
+        cut = cut_tip(mesh, _tip_in(robot, link), tip_zone)
+        if cut is not None:
+            add(f"{name} (above the tip)", link, cut, "shank")
+
     for shape in (shape for entry in bodies for shape in entry.shapes):
         if shape.link in behind:
-            add(shape.name, shape.link, shape.form, "tool", shape.placement)
-            cut = cut_tip(shape.mesh(), _tip_in(robot, shape.link), tip_zone)
-            if cut is not None:
-                add(f"{shape.name} (above the tip)", shape.link, cut, "shank")
+            add_tool(shape.name, shape.link, shape.form, shape.mesh(), shape.placement)
         else:
             add(shape.name, shape.link, shape.form, "arm", shape.placement)
     if tool is not None:
-        add("tool", robot.flange, tool, "tool")
-        cut = cut_tip(tool, _tip_in(robot, robot.flange), tip_zone)
-        if cut is not None:
-            add("tool (above the tip)", robot.flange, cut, "shank")
+        add_tool("tool", robot.flange, tool, tool)
     for name, mesh in (("part", part), ("fixture", fixture)):
         if mesh is not None:
             given.append((name, "", mesh.copy().apply_transform(pose)))
@@ -180,7 +180,7 @@ def read_scene(job: Job, robot: Robot) -> CollisionScene | None:
 
 
 def check_bodies(bodies: Sequence[BodyShapes], without: Sequence[str], robot: str, file: Path) -> None:
-    """Refuse an arm of which a collision check would not see a part that moves, unless the job names that link.
+    """Refuse an arm with a moving link that has no plausible collision shape, unless the job names the link.
 
     Raises:
         InputError: With the link, what is wrong with its shapes, and what to do.
@@ -216,9 +216,9 @@ def stand_in_tool(robot: Robot) -> Any:
 
 
 def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """List the pairs that may touch but should not: with part and fixture, and of the arm itself.
+    """List the pairs to check: arm and tool with part and fixture, and of the arm with itself.
 
-    Links with one link between them are left to the joint limits; the tool is not.
+    Links of the arm with one link between them are left to the joint limits.
     """
     outside, own = [], []
     for a in range(len(solids)):
@@ -237,7 +237,7 @@ def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[
 
 
 def _find_drawn_touching(robot: Robot, solids: Sequence[Solid], own: NDArray[np.int_]) -> list[int]:
-    """List pairs of the arm's own shapes that touch in most postures: the drawing overlaps there."""
+    """List pairs of the arm's own shapes that touch in most postures: these shapes overlap by design."""
     low, high = np.clip(robot.lower, -np.pi, np.pi), np.clip(robot.upper, -np.pi, np.pi)
     q = low + (high - low) * np.random.default_rng(0).random((40, robot.nq))
     touching = ([bool(contact.first) for contact in find_contacts(robot, solids, q, own[[k]], far=TOUCH)]
@@ -255,7 +255,7 @@ class _Pair(NamedTuple):
     """Two solids in one posture."""
 
     posture: int
-    pair: int  #: Which of the pairs that were looked at.
+    pair: int  #: Index into the pairs that are checked.
     distance: float  #: Negative where they overlap. [m]
     points: tuple[Array, Array]  #: The points of both that are nearest to each other. Shape (3,) each. [m]
     normal: Array  #: From the first to the second. Shape (3,).
@@ -296,9 +296,9 @@ def _find_nearest(
 def find_contacts(
     robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np.int_], *, far: float = FAR
 ) -> list[Contact]:
-    """Find the nearest pair of every posture q (n, nq); distances beyond `far` [m] are not told apart.
+    """Find the nearest pair of every posture q (n, nq); distances beyond `far` [m] are not computed.
 
-    pairs: those to look at, as indices of solids. Shape (p, 2).
+    pairs: indices of the solids to check. Shape (p, 2).
     """
     contacts = [Contact("", "", far)] * len(q)
     for found in _find_nearest(solids, locate_all_links(robot, q), pairs, len(q), far=far, most=1):
@@ -308,7 +308,7 @@ def find_contacts(
 
 
 def find_near(robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np.int_], *, far: float) -> Near:
-    """Find the several nearest pairs of every posture q (n, nq), and how their distances answer to the joints.
+    """Find the nearest pairs of every posture q (n, nq), with the derivative of their distances by the joints.
 
     d = n . (p_b - p_a),   dd/dq = n . (J_b - J_a),
 
@@ -329,7 +329,7 @@ def find_near(robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np
 def _move_points(
     robot: Robot, frames: dict[str, Array], posture: NDArray[np.int_], links: Sequence[str], point: Array, normal: Array
 ) -> Array:
-    """Differentiate the way of points of links along normals by the joint positions. Shape (r, nq). [m/rad or 1]."""
+    """Differentiate points of links along normals with respect to the joint positions. Shape (r, nq). [m/rad or 1]"""
     rate, names = np.zeros((len(point), robot.nq)), robot.joint_names
     beyond: list[str] = []
     for joint in reversed(robot.joints):
@@ -360,7 +360,7 @@ def describe_contact(contact: Contact) -> str:
 
 
 def _bounds(solids: Sequence[Solid], pairs: NDArray[np.int_], frames: dict[str, Array], n: int) -> Array:
-    """Bound the distance of every pair from below by spheres, and by boxes of what stands still. Shape (n, p)."""
+    """Return lower bounds of the distance of every pair by bounding spheres and fixed boxes. Shape (n, p). [m]"""
     centre = np.empty((len(solids), n, 3))
     for s, solid in enumerate(solids):
         pose = frames[solid.link] if solid.link else np.eye(4)[None]

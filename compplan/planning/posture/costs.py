@@ -1,7 +1,7 @@
-"""What a posture costs: how far the tool would miss, and how well the robot stands.
+"""Costs of a posture: remaining deviation, nearness to joint limits, dexterity.
 
-The cost that matters is the sensitivity: what is left of the deviation after compensation, because wrench, compliance
-and joint zeros are known only so well. To first order, with theta = C tau the elastic coordinates under the load,
+The sensitivity is the deviation that remains after compensation because wrench, compliance and joint zeros are
+uncertain. To first order, with theta = C tau the elastic coordinates under the load,
 
     remaining deviation = J (e_c * theta) + J C J^T (e_w * w) + J_q e_q,
 
@@ -12,7 +12,6 @@ where e_c, e_w and e_q are independent errors of each elastic coordinate (relati
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,21 +23,19 @@ from compplan.statics.quality import natural_length
 from compplan.uncertainty.posture_errors import PostureErrors
 
 CHUNK = 4096
-#: Samples of the errors for a 95 % value; fixed, so that postures compare alike.
-SAMPLES = 512
 #: Least level of squared sensitivity that presets are scaled with: 0.1 um, far below any robot. [mm^2]
 LEAST_LEVEL = 1e-8
 
 
 @dataclass(frozen=True)
 class ModelScatter:
-    """How well the inputs of a plan are known (assumed): one standard deviation each, errors independent and normal."""
+    """Assumed standard deviations of the inputs of a plan; errors are independent and normal."""
 
     wrench: float = 0.1  #: Relative error of each component of the wrench, part axes.
     compliance: float = 0.1  #: Relative error of each elastic coordinate.
 
 
-#: What is assumed where nothing is known.
+#: The assumed uncertainty.
 ASSUMED = ModelScatter()
 #: Inverse condition number below which a posture counts as singular and costs steeply (assumed).
 SINGULARITY_MARGIN = 0.03
@@ -46,7 +43,7 @@ SINGULARITY_MARGIN = 0.03
 
 @dataclass(frozen=True)
 class Weights:
-    """What each criterion is worth in mm^2 of squared sensitivity, the currency of the search."""
+    """Weights of the criteria, in mm^2 of squared sensitivity."""
 
     sensitivity: float = 1.0  #: Per mm^2 of remaining deviation, mean square along the cut.
     #: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
@@ -61,9 +58,9 @@ class Weights:
     rate: float = 0.0
 
 
-#: Presets: least remaining deviation, least band, least joint motion, shortest cycle; what else a preset counts decides
-#: between equals. `sensitivity` counts as it stands; the others are shares of the least squared sensitivity that any
-#: posture along the path has, so that a preset means the same for light and heavy cuts.
+#: Presets: least remaining deviation, least band, least joint motion, shortest cycle; their other weights decide
+#: between equals. All but `sensitivity` are multiplied by the least squared sensitivity of the postures along the path,
+#: so that a preset has the same meaning for light and heavy cuts.
 PRESETS: dict[str, Weights] = {
     "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0),
     "error_band": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
@@ -75,7 +72,7 @@ RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate")
 
 
 class NodeCosts(NamedTuple):
-    """What n postures are like."""
+    """Criteria of n postures."""
 
     sensitivity: Array  #: Expected (root mean square) remaining deviation of the tool tip. Shape (n,). [m]
     limits: Array  #: Nearness to joint limits, see `measure_limits`. Shape (n,).
@@ -161,9 +158,3 @@ def measure_dexterity(joint_columns: Array, length: float) -> Array:
     gram += (1e-14 * trace)[:, None, None] * np.eye(6)
     inverse = np.trace(np.linalg.inv(gram), axis1=1, axis2=2)
     return np.asarray(6.0 / np.sqrt(np.maximum(trace * inverse, 36.0)))
-
-
-@cache
-def draw_errors(errors: int, samples: int = SAMPLES) -> Array:
-    """Draw standard normal errors, the same ones every time. Shape (errors, samples)."""
-    return np.random.default_rng(0).standard_normal((errors, samples))

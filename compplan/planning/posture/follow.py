@@ -10,17 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.robot import Array
-from compplan.statics.chain import joint_jacobian, locate_frames
-from compplan.statics.ik import CLOSE, Arm, middle_of_limits, reach_pose
-from compplan.statics.sweep import CHUNK
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import Arm, middle_of_limits, reach_pose, reach_tip_and_axis
 from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 
 #: Waypoints that are followed one by one; those between are reached from a line through these.
 STATIONS = 500
-#: Newton steps, the greatest motion of a joint in one, and the step from which on a joint at a limit stays. [rad or m]
-STEPS, LARGEST, HELD_FROM = 25, 0.3, 5
-#: Share of the way to the middle of the limits that the free motion of joints takes at a waypoint.
-DRAWN = 0.02
 #: Starts that are tried for the first waypoint, and limits that stand for missing ones where they are drawn. [rad or m]
 SEEDS, WIDEST = 200, float(np.pi)
 
@@ -67,43 +62,6 @@ def _search_start(arm: Arm, position: Array, rotation: Array, *, spin_free: bool
     found, reached = reach_tip_and_axis(arm, seeds, *wanted, spin_free=spin_free)
     room = np.where(reached, np.minimum(found - robot.lower, robot.upper - found).min(axis=1), -np.inf)
     return None if room.max() < 0.0 else np.asarray(found[int(room.argmax())])
-
-
-def reach_tip_and_axis(
-    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool = True, every_joint: bool = False,
-    draw: bool = False,
-) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
-    """Put tip and tool axis right from nearby, q (n, nq) [rad or m], with least joint motion.
-
-    The rotation about the axis gives way where `spin_free`. The joints of the arm move, without regard to their limits,
-    or `every_joint` within its limits, with `draw` first a little to the middle of them as far as the rest leaves free.
-    Returns joint positions, and where tip and axis are right.
-    """
-    if len(q) > CHUNK:
-        parts = [slice(k, k + CHUNK) for k in range(0, len(q), CHUNK)]
-        options = {"spin_free": spin_free, "every_joint": every_joint, "draw": draw}
-        found = [reach_tip_and_axis(arm, q[part], position[part], rotation[part], **options) for part in parts]
-        return np.vstack([joints for joints, _ in found]), np.hstack([reached for _, reached in found])
-    q, robot = q.copy(), arm.robot
-    moved = np.arange(robot.nq) if every_joint else arm.arm
-    for count in range(STEPS):
-        frames = locate_frames(arm.chain, q)
-        cross, across = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2]), rotation[:, :, :2]
-        if not spin_free:
-            cross, across = 0.5 * np.cross(frames.tcp_rotation, rotation, axis=1).sum(axis=2), rotation
-        error = np.concatenate([position - frames.tcp_position, np.einsum("nij,ni->nj", across, cross)], axis=1)
-        if np.abs(error).max() < 1e-10 and (count or not draw):
-            break
-        columns = joint_jacobian(arm.chain, frames)[:, :, moved]
-        task = np.concatenate([columns[:, :3], np.swapaxes(across, 1, 2) @ columns[:, 3:]], axis=1)
-        if every_joint and count > HELD_FROM:
-            task = task * ~((q <= robot.lower) | (q >= robot.upper))[:, None]
-        gram = task @ np.swapaxes(task, 1, 2) + 1e-10 * np.eye(task.shape[1])
-        rest = (DRAWN if draw and not count else 0.0) * (middle_of_limits(robot) - q)[:, moved, None]
-        step = (rest + np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None] - task @ rest))[..., 0]
-        q[:, moved] += step * np.minimum(1.0, LARGEST / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
-        q = np.clip(q, robot.lower, robot.upper) if every_joint else q
-    return q, np.abs(error).max(axis=1) < CLOSE
 
 
 def solve_posture_near(

@@ -7,6 +7,7 @@ configurations, each for itself. The plan's own search (with continuity, limits 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -26,7 +27,6 @@ from compplan.planning.posture.settings import PostureProblem, PostureSettings, 
 from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm
-from compplan.toolpath.toolpath import Toolpath
 from compplan.uncertainty.posture_errors import PostureErrors
 
 #: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
@@ -62,10 +62,10 @@ class PlaceResult:
 
     @property
     def ratio(self) -> float:
-        """Remaining deviation (95 %) there as a share of that at the job's own place; NaN where that is not known."""
+        """Remaining deviation (rms) there as a share of that at the job's own place; NaN where that is not known."""
         if self.before is None:
             return float("nan")
-        return self.posture_choice.costs["sensitivity_p95_mm"] / max(self.before.costs["sensitivity_p95_mm"], 1e-12)
+        return self.posture_choice.costs[RANK] / max(self.before.costs[RANK], 1e-12)
 
 
 def place_part(
@@ -84,17 +84,15 @@ def place_part(
     ratings: list[Ratings] = []
     for turn in np.radians(job.place.turn_deg).tolist():
         announce(f"place: {len(cells)} places, part turned by {np.degrees(turn):g} deg")
-        turned = _move_job(job, here, turn)
-        bound = rate_places(turned, robot, settings, load_nominal(turned), cells - here)
+        bound = rate_places(_move_job(job, here, turn), robot, settings, cells - here)
         ratings.append(Ratings(turn, axes, bound.reshape([len(v) for v in axes])))
 
     def search(place: Array, turn: float) -> PostureSummary | None:
         moved = _move_job(job, place, turn)
         own = read_settings(moved, robot, errors)
-        try:
+        with suppress(InfeasibleError):  # nothing leads along the path
             return choose_posture_path(PostureProblem(robot, load_nominal(moved), moved.tool_x_base, own))
-        except InfeasibleError:  # nothing leads along the path
-            return None
+        return None
 
     announce("place: search postures at the best places")
     best: tuple[PostureSummary, Array, float] | None = None
@@ -127,26 +125,22 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
         "robot": job.robot,
         "part": {
             "position_mm": (1e3 * result.position).round(3).tolist(),
-            "rotation_deg": list(_turned_rotation(job, result.turn)),
+            "rotation_deg": _turn_part(job, result.turn),
             "turn_deg": float(np.degrees(result.turn)),
         },
-        "sensitivity_mm": {
-            "expected_rms": result.posture_choice.costs["sensitivity_rms_mm"],
-            "p95": result.posture_choice.costs["sensitivity_p95_mm"],
-        },
-        "sensitivity_here_mm": None
-        if before is None
-        else {"expected_rms": before.costs["sensitivity_rms_mm"], "p95": before.costs["sensitivity_p95_mm"]},
+        "sensitivity_mm": {"expected_rms": result.posture_choice.costs[RANK]},
+        "sensitivity_here_mm": None if before is None else {"expected_rms": before.costs[RANK]},
         "ratio": None if before is None else result.ratio,
         **result.posture_choice.describe_errors(),
     }
 
 
-def rate_places(job: Job, robot: Robot, settings: PostureSettings, nominal: Toolpath, shifts: Array) -> Array:
+def rate_places(job: Job, robot: Robot, settings: PostureSettings, shifts: Array) -> Array:
     """Bound what the best posture at each station would leave of the path of a job moved by each shift (c, 3) [m].
 
     Returns the root mean square over the cut, NaN where a station is out of reach. Shape (c,). [m]
     """
+    nominal = load_nominal(job)
     coarse = replace(settings, spin_step=SPIN_STEP, held_steps=HELD_STEPS, axes=job.T_base_part[:3, :3])
     problem = PostureProblem(robot, nominal, job.tool_x_base, coarse)
     stations = pick_stations(nominal, STATIONS)
@@ -179,18 +173,16 @@ def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
     return x, y, z
 
 
-def _turned_rotation(job: Job, turn: float) -> tuple[float, float, float]:
-    """Return the part's rotation vector with a turn about the vertical on top. [deg]"""
-    own = Rotation.from_matrix(job.T_base_part[:3, :3])
-    x, y, z = (Rotation.from_rotvec([0.0, 0.0, turn]) * own).as_rotvec(degrees=True)
-    return round(float(x), 9), round(float(y), 9), round(float(z), 9)
-
-
 def _move_job(job: Job, place: Array, turn: float) -> Job:
-    """Return the job with its part elsewhere."""
-    x, y, z = (1e3 * float(v) for v in place)
-    part = PartTable(position_mm=(x, y, z), rotation_deg=_turned_rotation(job, turn))
+    """Return the job with its part at a place (3,) [m], turned about the vertical by an angle. [rad]"""
+    part = PartTable(position_mm=(1e3 * place).tolist(), rotation_deg=_turn_part(job, turn))
     return job.model_copy(update={"part": part})
+
+
+def _turn_part(job: Job, turn: float) -> Any:
+    """Return the rotation vector of the part with a turn about the vertical on top. Three numbers. [deg]"""
+    rotation = Rotation.from_rotvec([0.0, 0.0, turn]) * Rotation.from_matrix(job.T_base_part[:3, :3])
+    return rotation.as_rotvec(degrees=True).round(9).tolist()
 
 
 #: Distances and heights of the path's middle that are tried, as shares of the length of the stretched links.
@@ -216,7 +208,7 @@ def find_first_place(job: Job, robot: Robot) -> tuple[Array, bool] | None:
         return np.round((away + ASSUMED * robot.longest_reach) / ROUND) * ROUND, False
     out, up = (robot.longest_reach * shares for shares in (OUT, UP))
     places = np.stack(np.meshgrid(out, [0.0], up, indexing="ij"), axis=-1).reshape(-1, 3)
-    bound = rate_places(job, robot, read_settings(job, robot), nominal, places + away - here)
+    bound = rate_places(job, robot, read_settings(job, robot), places + away - here)
     reached = np.isfinite(bound).reshape(len(OUT), len(UP))
     if not reached.any():
         return None

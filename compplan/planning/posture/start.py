@@ -1,7 +1,8 @@
-"""Where a plan starts: the posture that the ladder graph chooses, or what is kept where it finds none.
+"""Where a plan starts: the posture that the ladder graph chooses, or that of another model of the same machine.
 
 Where no posture leads along a whole path, the stretches are kept that the arm can follow. The first waypoint that fails
-is named with what stops it.
+is named with what stops it. A robot folder that a diagnosis or an update wrote is the same machine: its plan keeps the
+posture of the job's own robot, with joints solved anew around it.
 """
 
 from __future__ import annotations
@@ -10,29 +11,39 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.errors import InfeasibleError, InputError
+from compplan.errors import CompplanError, InfeasibleError, InputError
+from compplan.job.job import Job
 from compplan.planning.posture.choose import choose_partial, choose_plain, choose_posture_path
 from compplan.planning.posture.clearance import ClearanceProfile, measure_clearance
 from compplan.planning.posture.collision_scene import describe_contact
-from compplan.planning.posture.follow import follow_path, reach_tip_and_axis
+from compplan.planning.posture.follow import follow_path, solve_posture_near
 from compplan.planning.posture.lattice import stretch_arm
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
-from compplan.planning.posture.summary import PostureSummary, Start
-from compplan.robot import Array, Robot
+from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
+from compplan.robot import Array, Robot, load_robot
+from compplan.robot.folder import find_robot_folder
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CONFIGURATIONS, build_arm, middle_of_limits, name_configuration, solve_branches
+from compplan.statics.ik import (
+    CONFIGURATIONS,
+    build_arm,
+    middle_of_limits,
+    name_configuration,
+    reach_tip_and_axis,
+    solve_branches,
+)
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import Toolpath, pick_even
 
-#: What a robot of four joints cannot do.
+#: Note on robots of four joints.
 FOUR_JOINTS = (
-    "The robot has four joints: it cannot choose where its tool points. The tip is corrected; what the load leans the"
-    " tool stays (tilt_after_deg in plan.json), and points of the tool above the tip are aside by it."
+    "The robot has four joints: it cannot choose where its tool points. The tip is corrected; the tilt due to the"
+    " load stays (tilt_after_deg in plan.json) and displaces points of the tool above the tip."
 )
-
-
-#: Waypoints that are looked at where none is reached within the limits.
+#: Waypoints that are tried without joint limits where none is reached within them.
 LOOKED_AT = 20
+#: Greatest difference of joint places [m] and axes [rad] between two folders of one machine (assumed: a measured
+#: geometry differs by millimetres).
+SAME_PLACE, SAME_AXIS = 0.05, 0.1
 
 
 def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings) -> Start:
@@ -46,7 +57,7 @@ def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: Posture
     problem = PostureProblem(robot, nominal, np.asarray(tool_x, float), asked)
     if robot.nq < 6:
         return _follow_few_joints(problem)
-    stated = settings.start is not None and not robot.prismatic[: robot.nq - 6].all()  # where seven axes stand
+    stated = settings.start is not None and not robot.prismatic[: robot.nq - 6].all()  # an arm of seven joints
     if settings.search and stated and (followed := _follow_start(problem)):
         return followed
     try:
@@ -59,33 +70,35 @@ def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: Posture
     return followed or find_partial(problem, reason)
 
 
+def _follow(problem: PostureProblem, start: Array | None, notes: tuple[str, ...]) -> Start:
+    """Follow the path from joint positions `start` (nq,), searched if None: every waypoint by least motion."""
+    robot, nominal, settings = problem.robot, problem.nominal, problem.settings
+    q, missed = follow_path(problem.arm, nominal, tool_axes(nominal, problem.tool_x), start=start,
+                            spin_free=robot.nq == 5 or settings.free_spin, most_step=settings.most_step)  # fmt: skip
+    return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, name_along(robot, q), missed, settings,
+                 notes=notes)  # fmt: skip
+
+
 def _follow_few_joints(problem: PostureProblem) -> Start:
     """Follow the path with an arm of four or five joints, along one branch."""
-    robot, nominal, settings = problem.robot, problem.nominal, problem.settings
-    free, rotation = robot.nq == 5 or settings.free_spin, tool_axes(nominal, problem.tool_x)
-    q, missed = follow_path(problem.arm, nominal, rotation, spin_free=free, most_step=settings.most_step)
-    if missed.all():
+    robot = problem.robot
+    followed = _follow(problem, None, (FOUR_JOINTS,) if robot.nq < 5 else ())
+    if followed.missed.all():
         least = ", which keep the tool where it points" if robot.nq < 5 else ""
         raise InputError(
             f"robot {robot.name!r} of {robot.nq} joints{least}: reaches no waypoint of the path in one configuration; "
             "move the part, or check the frames"
         )
-    note = (FOUR_JOINTS,) if robot.nq < 5 else ()
-    return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, {}, missed, settings, notes=note)
+    return followed
 
 
 def _follow_start(problem: PostureProblem) -> Start | None:
-    """Go on from the job's start by the least motion of all joints; None where that does not lead along the path."""
-    robot, nominal, settings = problem.robot, problem.nominal, problem.settings
-    if settings.start is None or settings.scene is not None:
-        return None
-    q, missed = follow_path(problem.arm, nominal, tool_axes(nominal, problem.tool_x), spin_free=settings.free_spin,
-                            most_step=settings.most_step, start=settings.start)  # fmt: skip
-    if missed.any():
+    """Follow the path from the job's start; None where that does not lead along the whole path."""
+    if problem.settings.start is None or problem.settings.scene is not None:
         return None
     told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
-    return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, name_along(robot, q), missed, settings,
-                 notes=(told,))  # fmt: skip
+    followed = _follow(problem, problem.settings.start, (told,))
+    return None if followed.missed.any() else followed
 
 
 def check_start(robot: Robot, start: Array | None) -> None:
@@ -127,7 +140,7 @@ def build_start(posture_choice: PostureSummary, nominal: Toolpath, settings: Pos
 
 
 def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
-    """Measure the clearance of a command; also tell the waypoints that come too near, and what is in the way."""
+    """Measure the clearance of a command, and name what comes too near at which waypoints."""
     if start is None or start.settings.scene is None:
         return None, {}
     wanted = start.settings.clearance
@@ -143,7 +156,7 @@ def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | N
 
 
 def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> Start | None:
-    """Start with one configuration and the tool's x as the job has it, in place of what the graph chose.
+    """Return the start with one configuration and the x axis of the tool as programmed.
 
     None where the graph chose it already, or it cannot be kept.
     """
@@ -154,7 +167,7 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
 
 
 def find_partial(problem: PostureProblem, reason: str) -> Start:
-    """Start with the stretches of a path that an arm can follow, whatever is in the way; `reason` says why not all.
+    """Start with the stretches of a path that the arm can follow, collisions ignored; `reason` says why not all.
 
     Raises:
         InputError: If no waypoint is reached.
@@ -170,7 +183,7 @@ def find_partial(problem: PostureProblem, reason: str) -> Start:
 
 
 def _start_nearest(problem: PostureProblem) -> Start:
-    """Start as near as the arm comes to a path that it reaches beyond the limits of its joints alone.
+    """Start as near as possible to a path that the arm reaches beyond its joint limits only.
 
     Raises:
         InputError: If it does not reach it without them either, or not in the wanted configuration.
@@ -188,7 +201,7 @@ def _start_nearest(problem: PostureProblem) -> Start:
 
 
 def _say_missed(problem: PostureProblem, start: Start) -> Start:
-    """Add to a start what stops the first waypoint that is missed: limits of joints, or the reach of the arm."""
+    """Note which joint limits, or the reach of the arm, stop the first missed waypoint of a start."""
     robot, missed, nominal = problem.robot, start.missed, start.nominal
     first = np.flatnonzero(missed)[:1]
     best, _ = reach_tip_and_axis(problem.arm, start.q[first], nominal.position[first], start.rotation[first],
@@ -206,7 +219,7 @@ def _say_missed(problem: PostureProblem, start: Start) -> Start:
 
 
 def _explain_reach(problem: PostureProblem) -> str:
-    """Say why no waypoint is reached."""
+    """Return a sentence on why no waypoint is reached."""
     arm, words = problem.arm, problem.settings.configuration
     if words and choose_partial(replace(problem, settings=replace(problem.settings, configuration={}))) is not None:
         wanted = ", ".join(words.values())
@@ -218,3 +231,71 @@ def _explain_reach(problem: PostureProblem) -> str:
         f"its nearest waypoint is {distance:.2f} m from the first axis, the stretched arm {stretch_arm(arm):.2f} m long"
     )
     return f"the part is out of reach in position or orientation of the tool: {where}; move [part] or turn the tool"
+
+
+def read_lock(job: Job, robot: Robot) -> Robot | None:
+    """Return the robot whose posture a job keeps ([plan] keep), another model of the same machine; None for none."""
+    if job.plan.keep == "nothing":
+        return None
+    try:
+        folder = find_robot_folder(job.context.own_robot or job.robot, job.folder)
+    except CompplanError:
+        return None  # another robot stands in for one that is not there
+    if robot.folder is None or folder.resolve() == robot.folder.resolve():
+        return None
+    own = load_robot(folder)
+    own = own if job.tool is None else job.tool.mount(own)
+    return own if is_same_machine(own, robot) else None
+
+
+def is_same_machine(one: Robot, other: Robot) -> bool:
+    """Tell whether two folders describe one machine: the same joints, at nearly the same places."""
+    if one.joint_names != other.joint_names or len(one.joints) != len(other.joints):
+        return False
+    for a, b in zip(one.joints, other.joints, strict=True):
+        gap = np.linalg.inv(a.placement) @ b.placement
+        turn = np.arccos(np.clip(0.5 * (np.trace(gap[:3, :3]) - 1.0), -1.0, 1.0))
+        if np.linalg.norm(gap[:3, 3]) > SAME_PLACE or turn > SAME_AXIS:
+            return False
+    return True
+
+
+def find_kept_start(
+    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, lock: Robot | None
+) -> Start:
+    """Find where a plan starts as `find_start` does, but with the posture of `lock` where one is given.
+
+    Raises:
+        InputError: If no waypoint is reached.
+    """
+    if lock is None:
+        return find_start(robot, nominal, tool_x, settings)
+    source = f"robot {lock.name!r}"
+    try:
+        start = find_start(lock, nominal, tool_x, settings)
+    except InputError:
+        return find_start(robot, nominal, tool_x, settings)
+    kept = _solve_again(robot, start)
+    lost = np.flatnonzero(kept.missed & ~start.missed)
+    if len(lost):
+        anew = find_start(robot, nominal, tool_x, settings)
+        if anew.missed.sum() < kept.missed.sum():
+            told = f"The posture of {source} cannot be kept, it does not reach waypoint {lost[0]} with {robot.name!r}."
+            return replace(anew, notes=(told, *anew.notes))
+    return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {source}."))
+
+
+def _solve_again(robot: Robot, start: Start) -> Start:
+    """Solve the joints of a robot around a start; what it does not reach there is missed."""
+    nominal, free = start.nominal, start.settings.free_spin or robot.nq == 5
+    q, rotation, reached = solve_posture_near(
+        build_arm(robot), start.q, nominal.position, start.rotation, spin_free=free
+    )
+    missed = ~reached
+    words = name_along(robot, q) or start.configuration
+    posture_choice = start.posture_choice
+    if posture_choice is not None and not missed.any():
+        costs = summarise_costs(PostureProblem(robot, nominal, np.zeros(3), posture_choice.settings), q)
+        posture_choice = replace(posture_choice, q=q, costs=costs)
+    return replace(start, q=np.clip(q, robot.lower, robot.upper), rotation=rotation, missed=missed,
+                   configuration=words, posture_choice=posture_choice)  # fmt: skip

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.costs import ASSUMED, CHUNK, draw_errors, error_columns, measure_dexterity
+from compplan.planning.posture.costs import ASSUMED, CHUNK, error_columns, measure_dexterity
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
@@ -19,7 +19,7 @@ from compplan.toolpath.toolpath import Toolpath, pick_even
 
 @dataclass(frozen=True)
 class PostureTrace:
-    """How the robot stands at every waypoint, unloaded."""
+    """The posture at every waypoint, unloaded."""
 
     q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
     rotation: Array  #: Orientation of the TCP frame, z out of the tool, leads and leans included. Shape (n, 3, 3).
@@ -31,16 +31,15 @@ class PostureTrace:
 
 @dataclass(frozen=True)
 class PostureSummary(PostureTrace):
-    """How the robot stands along a path before anything is corrected, and what that costs."""
+    """The posture along an uncorrected path, and its costs."""
 
     configuration: dict[str, str]  #: Shoulder, elbow and wrist along most of the path.
     #: Where the configuration changes: first waypoint afterwards, words before, words after.
     changes: tuple[tuple[int, str, str], ...]
     settings: PostureSettings  #: What was asked for.
-    costs: dict[str, float]  #: What the posture costs, by criterion, with the unit in the key.
-    keeps_margin: bool = True  #: Whether some way along the path keeps the asked distance from joint limits.
+    costs: dict[str, float]  #: Costs by criterion, with the unit in the key.
     plain: bool = False  #: Whether it is the plain posture in place of the graph's way.
-    #: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
+    #: Costs of the postures that were compared, by preset, in the unit of `compared_by`.
     compared: Mapping[str, float] = field(default_factory=dict)
     compared_by: str = ""  #: The cost that they were compared by, such as "driven_s".
 
@@ -50,7 +49,7 @@ class PostureSummary(PostureTrace):
         return np.asarray(-self.rotation[:, :, 2])
 
     def describe_errors(self) -> dict[str, Any]:
-        """Describe for plan.json and place.json what the sensitivity counts."""
+        """Return what plan.json and place.json say of the uncertainty behind the sensitivity."""
         if self.settings.errors is not None:
             return {"error_band_from": self.settings.errors.source}
         return {"uncertainty_assumed": vars(ASSUMED)}
@@ -70,37 +69,24 @@ class PostureSummary(PostureTrace):
         }
 
 
-def measure_remaining(problem: PostureProblem, q: Array) -> tuple[float, float]:
-    """Measure the deviation that postures (n, nq) leave over the cut, under the stated uncertainty: rms and 95 %. [mm]
-
-    Errors hold for the whole path; the 95 % value is taken over samples of the errors and waypoints together.
-    """
-    share = cut_shares(problem.nominal)
+def measure_remaining(problem: PostureProblem, q: Array) -> float:
+    """Return the expected rms deviation over the cut that remains at postures (n, nq) after correction. [mm]"""
+    steps = np.where(problem.nominal.rapid[1:], 0.0, problem.nominal.steps)
+    share = np.r_[steps, 0.0] + np.r_[0.0, steps]
     rows = np.flatnonzero(share > 0)
     if not len(rows):
-        return 0.0, 0.0
+        return 0.0
     rows = pick_even(rows, 400)
     spread = error_columns(problem.chain, q[rows], problem.wrench[rows], problem.settings.known, problem.settings.axes)
     weight = share[rows] / share[rows].sum()
-    expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
-    lengths = np.linalg.norm(spread @ draw_errors(spread.shape[2]), axis=1)
-    weights = np.repeat(weight[:, None], lengths.shape[1], axis=1)
-    return 1e3 * expected, 1e3 * float(np.quantile(lengths, 0.95, weights=weights, method="inverted_cdf"))
-
-
-def cut_shares(nominal: Toolpath) -> Array:
-    """Return the share of the cut that each waypoint stands for. Shape (n,)."""
-    steps = np.where(nominal.rapid[1:], 0.0, nominal.steps)
-    share = 0.5 * (np.r_[steps, 0.0] + np.r_[0.0, steps])
-    return np.asarray(share / max(share.sum(), 1e-300))
+    return 1e3 * float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
 
 
 def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
-    """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
+    """Return all costs of joint positions q (n, nq) along a path."""
     chain, robot, nominal = problem.chain, problem.robot, problem.nominal
     length, parts = natural_length(chain, robot.arm_limits), np.array_split(q, len(q) // CHUNK + 1)
     dexterity = (measure_dexterity(joint_jacobian(chain, locate_frames(chain, part)), length) for part in parts)
-    expected, p95 = measure_remaining(problem, q)
     revolute = ~robot.prismatic
     room = np.minimum(q - robot.lower, robot.upper - q)[:, revolute & ~robot.carriers]
     steps = np.diff(q, axis=0)
@@ -108,8 +94,7 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     feed = np.where(nominal.rapid[1:] | (nominal.feed[1:] <= 0), np.inf, nominal.feed[1:])
     time = np.maximum(nominal.steps / feed, (np.abs(steps) / robot.velocity_limits).max(axis=1))
     return {
-        "sensitivity_rms_mm": expected,
-        "sensitivity_p95_mm": p95,
+        "sensitivity_rms_mm": measure_remaining(problem, q),
         "limit_distance_deg": float(np.degrees(room.min())) if room.size else float("inf"),
         "dexterity_min": min(float(part.min()) for part in dexterity),
         "joint_travel_deg": float(np.degrees(travel)),
@@ -118,7 +103,7 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
 
 
 class Easing(NamedTuple):
-    """How a run goes beside the fastest one, so that the arm rings less where its band is widest."""
+    """How a run is slowed, compared with the fastest one, so that the arm vibrates less where its band is widest."""
 
     window: float  #: Windows of smoothing as a share of those that plans have.
     places: Array  #: Places along the toolpath, waypoints counted from 0. Shape (k,).
@@ -127,7 +112,7 @@ class Easing(NamedTuple):
 
 @dataclass(frozen=True)
 class Start:
-    """Where a plan starts."""
+    """The path, posture and speed that a plan starts from."""
 
     nominal: Toolpath  #: The path, its tool axis leaning as chosen.
     q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
@@ -137,13 +122,12 @@ class Start:
     settings: PostureSettings  #: What was asked for.
     #: What the graph chose, or None where it found nothing (or was not asked).
     posture_choice: PostureSummary | None = None
-    notes: tuple[str, ...] = ()  #: What a user should know, one sentence each.
+    notes: tuple[str, ...] = ()  #: Notes for the user, one sentence each.
     mend: str = ""  #: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
-    #: What the program of posture and speed made of the graph's posture, as plan.json holds it; None where that is
-    #: kept.
+    #: Figures of the program of posture and speed for plan.json; None where the posture of the graph is kept.
     program: Mapping[str, Any] | None = None
-    pace: Easing | None = None  #: How the run goes beside the fastest one, None where it is that.
-    #: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
+    pace: Easing | None = None  #: How the run is slowed, None for the fastest one.
+    #: Offset from the programmed path within its tube, None for none. Shape (n, 3). [m]
     aside: Array | None = None
-    #: Tool axis as programmed where `nominal` leans, None where it does not. Shape (n, 3).
+    #: Programmed tool axis, None where `nominal` has it. Shape (n, 3).
     upright: Array | None = None

@@ -16,7 +16,7 @@ from compplan.planning.task import Command, PlanTask
 
 
 class Strategy(Protocol):
-    """What the file of a strategy offers; `words` say in a few words what it is, on pages."""
+    """Interface of the file of a strategy; `words` is its name on pages."""
 
     def command_path(self, task: PlanTask) -> Command:
         """Command the path of a task."""
@@ -28,7 +28,7 @@ STRATEGIES: Registry[Strategy] = names.STRATEGIES.held_by(__name__)
 
 
 def command_path(task: PlanTask, strategy: str) -> Command:
-    """Let a strategy command a path.
+    """Correct a path by a strategy.
 
     Raises:
         UnknownNameError: If there is no such strategy.
@@ -37,6 +37,3 @@ def command_path(task: PlanTask, strategy: str) -> Command:
     if strategy not in STRATEGIES:
         raise UnknownNameError("strategy", strategy, list(STRATEGIES))
     return STRATEGIES[strategy].command_path(task)
-
-
-__all__ = ["STRATEGIES", "command_path"]

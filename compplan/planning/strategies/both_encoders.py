@@ -29,12 +29,7 @@ def prepare(task: PlanTask) -> Answer:
     total = np.zeros(task.robot.nq)
     for spring in reduce_near_path(task).springs:
         total[task.robot.joint_names.index(spring.joint)] = spring.compliance
-    return Answer(
-        name="both_encoders",
-        q=task.q_start,
-        feedback="combined",
-        beta=combined_gain(gear_compliance(task.chain), total),
-    )
+    return Answer("both_encoders", task.q_start, "combined", combined_gain(gear_compliance(task.chain), total))
 
 
 def reduce_near_path(task: PlanTask) -> Robot:

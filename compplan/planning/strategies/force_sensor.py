@@ -20,10 +20,5 @@ def prepare(task: PlanTask) -> Answer:
     """
     q = iterated_mirror.command_path(task).q
     inverse = np.asarray(np.linalg.pinv(attain_pose(task.chain, q, task.wrench).jacobian), float)
-    gain = -(inverse @ loaded_compliance(task.chain, q, task.wrench))
-    return Answer(
-        name="force_sensor",
-        q=q,
-        gain=gain * task.compensated[:, None, None],
-        expected=task.wrench,
-    )
+    gain = -(inverse @ loaded_compliance(task.chain, q, task.wrench)) * task.compensated[:, None, None]
+    return Answer("force_sensor", q, gain=gain, expected=task.wrench)

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.effects.backlash import list_plays
-from compplan.planning.dense import KEPT, PathSolution, correct_pose, miss_pose, size_of, solve_path
-from compplan.planning.lost_motion import lead_play, without_play
+from compplan.effects.backlash import lead_play, list_plays, without_play
+from compplan.planning.dense import KEPT, correct_pose, miss_pose, size_of, solve_path
 from compplan.planning.task import OUT_OF_REACH, Command, PlanTask, check_limits, name_failures
 from compplan.robot import Array
 
@@ -25,7 +24,7 @@ def command_path(task: PlanTask, near: Command | None = None) -> Command:
     Waypoints that cannot be reached within the limits make the status "infeasible"; they are named, and the command
     misses the path there by as little as the limits allow.
     """
-    real, task = task, without_play(task)
+    real, task = task, leave_play(task)
     found = solve_path(task, None if near is None else near.links)
     facts = found.describe()
     if near is not None and near.nlp:
@@ -45,20 +44,24 @@ def correct_command(task: PlanTask, command: Command) -> Command:
     Waypoints that fail in it keep their joint positions.
     """
     failing = np.array(sorted(command.failures), int)
-    return _finish(task, correct_pose(without_play(task), np.array(command.links), failing), command)
+    return _finish(task, correct_pose(leave_play(task), np.array(command.links), failing), command)
+
+
+def leave_play(task: PlanTask) -> PlanTask:
+    """Return a task whose joints have no lost motion: that of the links."""
+    return replace(task, robot=without_play(task.robot))
 
 
 def _finish(task: PlanTask, q: Array, command: Command) -> Command:
     """Lead lost motion, and name the waypoints that miss the pose equations or leave a limit; q: of the links."""
-    missed = size_of(miss_pose(without_play(task), q))
+    missed = size_of(miss_pose(leave_play(task), q))
     failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
-    lead = lead_play(task, q) if list_plays(task.robot).any() else 0.0
+    # at a contact whose correction came in at rest the play is crossed before the cut
+    contacts = np.flatnonzero(task.lead[:-1] & ~task.lead[1:] & ~task.leaving[:-1]) + 1
+    lead = lead_play(task.robot, q, contacts.tolist()) if list_plays(task.robot).any() else 0.0
     q = q + lead
     if task.robot.effects:
         # lost motion at a reversal, which no command mends, is no matter of reach: the evaluation sees the tip
         failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}
     failures |= check_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
     return replace(command, q=q, lead=lead, status="infeasible" if failures else "solved", failures=failures)
-
-
-__all__ = ["PathSolution", "command_path", "correct_command", "words"]

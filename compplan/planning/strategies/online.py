@@ -1,4 +1,4 @@
-"""The strategies of a study: those of a plan, which command blindly, and those that read sensors while the part is cut.
+"""Strategies of a study: those of a plan, without sensors, and those that read sensors during the cut.
 
 A new online strategy is one new file with `prepare(task) -> Answer` and one line in
 `compplan.job.names`.
@@ -22,7 +22,7 @@ from compplan.statics.encoders import feedback_scale
 
 
 class OnlineStrategy(Protocol):
-    """What the file of a strategy that reads sensors offers; `words` say in a few words what it is, on pages."""
+    """Interface of the file of a strategy that reads sensors; `words` is its name on pages."""
 
     def prepare(self, task: PlanTask) -> Answer:
         """Prepare for a task, from its own model of the robot."""
@@ -39,7 +39,7 @@ def list_strategies(robot: Robot | None = None) -> tuple[str, ...]:
 
 
 def hold_robot(robot: Robot, spring_gain: Array) -> Robot:
-    """Return the robot whose springs yield what a feedback leaves of them (`Answer.spring_gain`)."""
+    """Return the robot with the compliance that a feedback leaves of its springs (`Answer.spring_gain`)."""
     gains = dict(zip(robot.joint_names, spring_gain, strict=True))
     gain = np.array([gains.get(spring.joint, 1.0) if spring.actuator else 1.0 for spring in robot.springs])
     scale = feedback_scale(gain, np.array([spring.link_share for spring in robot.springs]))
@@ -48,7 +48,7 @@ def hold_robot(robot: Robot, spring_gain: Array) -> Robot:
 
 
 def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> dict[str, Answer]:
-    """Let strategies (all if left out) prepare themselves for a task.
+    """Prepare strategies (all if left out) for a task.
 
     Raises:
         UnknownNameError: If there is no such strategy.
@@ -67,7 +67,7 @@ def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> 
 
 @dataclass(frozen=True)
 class Answer:
-    """A strategy at work; n waypoints, nq joints."""
+    """The command of a strategy and its reaction to sensors; n waypoints, nq joints."""
 
     name: str  #: Name of the strategy.
     q: Array  #: Command at the expected reading. Shape (n, nq). [rad or m]
@@ -81,7 +81,7 @@ class Answer:
 
     @property
     def spring_gain(self) -> Array:
-        """What the feedback leaves of each gear's deflection: 1, 0 or -beta. Shape (nq,)."""
+        """Share of each gear's deflection that the feedback leaves: 1, 0 or -beta. Shape (nq,)."""
         nq = self.q.shape[1]
         if self.feedback == "motor":
             return np.ones(nq)

@@ -13,8 +13,4 @@ words = "encoders behind the gears"
 
 def prepare(task: PlanTask) -> Answer:
     """Command the nominal path, held by the link-side encoders."""
-    return Answer(
-        name="secondary_encoder",
-        q=task.q_start,
-        feedback="link",
-    )
+    return Answer("secondary_encoder", task.q_start, "link")

@@ -17,7 +17,9 @@ of the point is. The forces of the lips across the axis cancel. Valid for moves 
 
 from __future__ import annotations
 
-from typing import Literal
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,23 +41,13 @@ WEB, CHISEL = 0.2, 0.5
 THINNED = 0.8
 #: Relative standard deviation of the level (assumed): points, coatings and wear differ by so much.
 SCATTER = 0.3
-#: Constant K of the materials, and whether it was assumed from a neighbour of the table.
-DRILLED = {
-    "al6061_t6": (1.01, "aluminium of 100 HB"),
-    "al6082_t6": (1.01, "aluminium of 100 HB"),
-    "al7075_t6": (1.01, "assumed: that of aluminium of 100 HB; this alloy is harder"),
-    "c45": (2.2, "assumed: between low carbon steel (160 HB, 2.22) and chromium molybdenum steel (229 HB, 2.10)"),
-    "low_carbon_steel": (2.22, "low carbon steel (JIS S20C) of 160 HB"),
-    "low_alloy_steel_300hb": (2.7, "assumed: between chromium molybdenum steel (269 HB, 2.41) and nickel chromium "
-                              "molybdenum steel (390 HB, 3.44)"),
-    "cast_iron_pearlitic": (1.88, "cast iron of 224 HB"),
-    "aluminium_cast": (1.01, "assumed: that of aluminium of 100 HB"),
-}  # fmt: skip
+#: Constant K of the materials, and its source: assumed where a neighbour of the table stands in.
+DRILLED: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def drill_coefficients(material: str) -> Coefficients:
     """Return what a material resists a drill's lips with: along the speed, across (none), against the feed."""
-    constant, words = DRILLED[material]
+    constant, words = DRILLED[material]["constant"], DRILLED[material]["source"]
     return Coefficients(
         (TANGENTIAL * constant, 0.0, AXIAL * constant), (EDGE * constant, 0.0, 0.0), EXPONENT, SCATTER, (0.02, 0.5),
         f"{SOURCE}, K = {constant:g}: {words}", words.startswith("assumed"),

@@ -5,13 +5,12 @@
 R_m tensile strength [N/mm^2], t thickness, d tool diameter, h scallop height [mm], a wall angle [deg]; F_z in N.
 Source: Aerens, Eyckens, Van Bael, Duflou, Int. J. Adv. Manuf. Technol. 46 (2010) 969, the form for materials that they
 did not test; it stands as it is commonly quoted and was not checked against the print. Their five materials' own forms
-could not be sourced. Quotes of it leave open whether h is the height of the scallop or the step-down; a search for
-later ones with its list of variables, and for published records of force, found none (November 2026). It is read as the
+could not be sourced. Quotes of it leave open whether h is the height of the scallop or the step-down. It is read as the
 scallop: the groove of a ball of diameter d whose crests, step-down / sin(a) apart along the wall, stand h above its
 bottom, is the groove of the radial part below. The other reading gives a larger force; the note states both, and the
-spread of the level holds both. No record was found to hold the ratio of radial to axial against either; the note states
-a second opinion from equilibrium beside it: a strip of sheet under even tension T, bent over the ball from the flat
-into the wall, pushes by T sin(a) along the axis and T (1 - cos(a)) aside, a ratio of tan(a / 2). Valid, as far as
+spread of the level holds both. The note also states the ratio of radial to axial force that follows from equilibrium: a
+strip of sheet under even tension T, bent over the ball from the flat into the wall, pushes by T sin(a) along the axis
+and T (1 - cos(a)) aside, a ratio of tan(a / 2). Valid, as far as
 known, for t 0.8 to 2 mm, d 10 to 25 mm, step-down 0.25 to 2 mm, a 20 to 65 deg, steel and aluminium sheet. Radial and
 tangential parts are assumed: the mean normal of the contact stands halfway between wall and scallop, tan((a + b) / 2)
 with cos(b) = 1 - 2 h / d, and friction drags against the travel. The force builds up over the first contours, linearly

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -20,6 +20,7 @@ class MillingProcess(PathForceTable, ContactTable):
     Above stock_top_mm (z of the part) there is no force, and less of it where the tool is in by less than depth_mm.
     """
 
+    follows_feed: ClassVar[bool] = True
     model: Literal["milling"]
     depth_mm: float = Field(gt=0.0)
     width_mm: float = Field(gt=0.0)
@@ -35,11 +36,6 @@ class MillingProcess(PathForceTable, ContactTable):
         if self.width_mm > self.diameter_mm:
             raise ValueError(f"width_mm is {self.width_mm:g}, at most diameter_mm = {self.diameter_mm:g} is allowed")
         return self
-
-    @property
-    def follows_feed(self) -> bool:
-        """Tell whether the force depends on the feed that is driven."""
-        return True
 
     def wrench_along(self, nominal: Toolpath) -> Array:
         """Return the wrench of `milling_wrench` at the feed across the tool axis."""
@@ -62,16 +58,7 @@ def milling_wrench(process: MillingProcess, feed: Array) -> Array:
     cos_cos = 0.5 * (high - low) + 0.25 * (np.sin(2.0 * high) - np.sin(2.0 * low))
     cosine = np.sin(high) - np.sin(low)
     kr = process.radial_ratio
-    shape = np.array(
-        [
-            -cos_sin - kr * cos_cos,
-            cos_cos - kr * cos_sin,
-            0.0,
-            0.0,
-            0.0,
-            radius * 1e-3 * cosine,
-        ]
-    )
+    shape = np.array([-cos_sin - kr * cos_cos, cos_cos - kr * cos_sin, 0.0, 0.0, 0.0, radius * 1e-3 * cosine])
     feed_mm_rev = feed * 1e3 * 60.0 / process.spindle_rpm  # teeth times feed a tooth
     return (process.kc_N_mm2 * process.depth_mm * feed_mm_rev / (2.0 * np.pi))[:, None] * shape
 

@@ -16,15 +16,18 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers import Program
 from compplan.controllers.writers.program import Post
+from compplan.io.quantities import state_mm
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.frames import ToolTable
 from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones
-from compplan.planning.result import Plan, summarise_plan
+from compplan.planning.result import Plan
+from compplan.planning.tolerance_verdict import ToleranceVerdict, state_percent
 from compplan.reporting.writers.recording import write_recording
 from compplan.robot import Array
+from compplan.statics.chain import locate_frames
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.events import ENDING, Event, find_halts
@@ -74,7 +77,7 @@ def write_beside(plan: Plan, part: Path) -> None:
 
     write_recording(plan, part, tabulate_joints(plan), choose_rows(plan))
     write_plan_page(plan, part / "report.html")
-    write_json(part / "plan.json", summarise_plan(plan), indent=2)
+    write_json(part / "plan.json", plan.to_dict(), indent=2)
 
 
 def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
@@ -96,20 +99,19 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     time = _list_times(plan)
     ahead, behind = (_find_rows(part.key_q, part.q) for part in (way, back))
     rows = np.r_[ahead, first + np.arange(n), last + behind]
-    feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
+    feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, command_feed(plan)), np.zeros(len(back.q))]
     q = np.vstack([way.q, plan.q, back.q])
     standstill = _mark_standstills(plan, len(ahead), len(behind))
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
-    sent = np.vstack([way.q, plan.sent, back.q])
     program = program or make_program(plan)
     none = np.zeros((len(rows), 3))
     corner_distance = none[:, 0] if program.corner is None else program.corner
     programmed = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        sent[rows], time[rows], 1e3 * feed[rows], standstill, free, programmed, corner_distance, corner,
+        q[rows], time[rows], 1e3 * feed[rows], standstill, free, programmed, corner_distance, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
     tool = job.tool or ToolTable()
@@ -277,7 +279,6 @@ def note_programs(plan: Plan) -> Plan:
     program = make_program(plan)
     posts = {language: make_post(plan.job, language) for language in plan.job.output.programs}
     notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
-    notes += [note] if plan.executed is not None and (note := plan.executed.say()) else []
     return plan.add_checks(state_notes(notes))
 
 
@@ -293,13 +294,13 @@ def make_program(plan: Plan) -> Program:
     exact[before] = before > 0  # the tool stands where the cut begins
     exact[before : before + len(plan.task)] |= plan.task.rests
     free = np.r_[np.zeros(before, bool), plan.task.lead, np.zeros(after, bool)]
-    feed = np.r_[np.zeros(before), plan.command_feed, np.zeros(after)]
+    feed = np.r_[np.zeros(before), command_feed(plan), np.zeros(after)]
     start = float(plan.approach.key_gap.sum())
     down = np.r_[0.0, np.cumsum(plan.approach.key_gap)][:before]
     up = start + plan.timing.time[-1] + np.cumsum(plan.retract.key_gap)
     time = np.r_[down, start + plan.timing.time, up]
     program = build_program(
-        plan.robot, np.vstack([above, plan.sent, below]), feed, rapid, time=time, comments=_head(plan), exact=exact,
+        plan.robot, np.vstack([above, plan.q, below]), feed, rapid, time=time, comments=_head(plan), exact=exact,
         name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
         part=None if plan.job is None else plan.job.T_base_part,
         events=place_events(plan.task.nominal.events, before, len(plan.task), after),
@@ -328,6 +329,20 @@ def make_program(plan: Plan) -> Program:
     )  # fmt: skip
 
 
+def command_feed(plan: Plan) -> Array:
+    """Return the feed of the move that ends at each waypoint; where the wanted tip stays, that of the commanded one.
+
+    Shape (n,). [m/s]
+    """
+    task = plan.task
+    feed, still = plan.timing.feed.copy(), np.r_[True, task.nominal.steps <= 0] & ~task.nominal.rapid
+    tip = np.vstack([locate_frames(task.chain, q).tcp_position for q in (plan.approach.key_q[-1:], plan.q)])
+    tip = np.vstack([tip[:1], tip])[-len(feed) - 1 :]
+    step = np.r_[plan.approach.key_gap[-1:] if len(plan.approach.key_gap) else 1.0, np.diff(plan.timing.time)]
+    moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
+    return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
+
+
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:
     """Return the events of a path of `count` rows at the rows of its program, which begins with the approach.
 
@@ -346,9 +361,15 @@ def _head(plan: Plan) -> list[str]:
         f"compplan: {plan.name}",
         f"robot {plan.robot.name}, robot model: {plan.robot.grade}, strategy {plan.strategy}",
     ]
-    if plan.executed is not None and plan.executed.leads:
-        lines.append("joints lead by the lag of the drives, as compplan trace identified it")
-    return [*lines, *head_of_status(plan), *plan.verdict.head]
+    return [*lines, *head_of_status(plan), *head_of_verdict(plan.verdict)]
+
+
+def head_of_verdict(verdict: ToleranceVerdict) -> list[str]:
+    """Return the lines of the verdict."""
+    words = {"keeps": "keeps", "may_not_keep": "MAY NOT KEEP", "not_known": "NOT KNOWN if it keeps"}
+    lines = [f"verdict: {words[verdict.word]} {state_mm(verdict.tolerance)}"]
+    lines += [] if verdict.band is None else [f"true tip within {state_mm(verdict.band)}, 95 %"]
+    return lines + ([f"beyond: {state_percent(verdict.beyond_share)} of the cut"] if verdict.beyond_share else [])
 
 
 def head_of_status(plan: Plan) -> list[str]:

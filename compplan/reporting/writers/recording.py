@@ -21,14 +21,14 @@ from compplan.reporting.charts import thin_path
 from compplan.reporting.scenes import (
     MESH_COLOURS,
     Shape,
-    follow_joints,
+    carry_links,
     locate_links,
     place_shapes,
-    read_parents,
     simplify_mesh,
 )
 from compplan.robot import Array, Robot
-from compplan.robot.solids import triangulate_box
+from compplan.robot.pose import follow_joints
+from compplan.robot.solids import triangulate
 
 if TYPE_CHECKING:
     from compplan.planning.plan import Plan
@@ -94,12 +94,9 @@ def write_deviation(plan: Plan, path: Path, table_rows: NDArray[np.bool_]) -> di
 def place_arm(robot: Robot) -> list[Shape]:
     """Return the shapes of the arm, each in the frame of the link of the chain that carries it."""
     q, shapes = np.zeros(robot.nq), []
-    poses, parents = locate_links(robot, q), read_parents(robot)
-    chain = {robot.base, *(joint.child for joint in robot.joints)}
+    poses, carriers = locate_links(robot, q), carry_links(robot, {robot.base, *(j.child for j in robot.joints)})
     for shape in place_shapes(robot, q):
-        carrier = shape.link
-        while carrier not in chain:
-            carrier = parents[carrier][0]
+        carrier = carriers[shape.link][0]
         pose = poses[carrier]
         vertices = (shape.vertices - pose[:3, 3]) @ pose[:3, :3]
         shapes.append(Shape(carrier, vertices, shape.faces, shape.colour, shape.link))
@@ -115,7 +112,9 @@ def _place_cell(plan: Plan) -> list[Shape]:
     if plan.job is None or stock is None:
         return shapes
     if stock.block_mm is not None:
-        corners, faces = triangulate_box(*(1e-3 * np.asarray(stock.block_mm, float)))
+        low, high = 1e-3 * np.asarray(stock.block_mm, float)
+        corners, faces = triangulate(("box", high - low))
+        corners = corners + 0.5 * (low + high)
     else:
         from compplan.io.meshes import load_mesh
 

@@ -1,4 +1,4 @@
-"""Write a robot folder and read it back; read and write a controller's own calibration.
+"""Write a robot folder and read it back; read a controller's own calibration into one.
 
 Nothing is delivered that a command cannot read and solve.
 """
@@ -14,14 +14,10 @@ import numpy as np
 from compplan.effects import apply_effects, build_model, command_campaign, robot_effects, solve_model_poses
 from compplan.errors import ConvergenceError, InputError
 from compplan.io.provenance import describe_origin
-from compplan.io.tables import read_text, write_json, write_text
-from compplan.io.transaction import check_file, replace_folder
+from compplan.io.tables import read_text, write_json
+from compplan.io.transaction import replace_folder
 from compplan.robot import Robot, read_robot_folder, write_robot_folder
-from compplan.robot.calibration import LACKS, read_calibration, write_conf
-from compplan.simulation.predict import POSES, compute_losses
-
-#: What to do with a written calibration.conf.
-ADVICE = "keep the robot's own file, put these four lines in place of its own"
+from compplan.robot.calibration import read_calibration
 
 
 def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) -> Robot:
@@ -50,18 +46,3 @@ def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]
         deliver_robot_folder(robot, part / "robot")
         write_json(part / "calibration.json", summary)
     return summary
-
-
-def write_controller_file(robot: Robot, nominal: Robot, file: Path) -> dict[str, Any]:
-    """Write calibration.conf of Universal Robots from a measured robot folder; return what it cannot hold."""
-    if robot.joint_names != nominal.joint_names:
-        raise InputError(f"robot {robot.name!r} has other joints than {nominal.name!r}, expected a folder made from it")
-    check_file(file)
-    text, held = write_conf(robot, nominal)
-    losses, left = compute_losses(robot, held, nominal, LACKS)
-    rows = [{"what": loss.what, "rms_mm": float(f"{loss.rms * 1e3:.4g}")} for loss in losses]
-    write_text(file, text)
-    return {
-        "schema": 1, "robot": robot.name, "format": "universal_robots", "poses": POSES, "lost": rows,
-        "left_rms_mm": float(f"{left * 1e3:.4g}"), "advice": ADVICE, "made_by": describe_origin(),
-    }  # fmt: skip

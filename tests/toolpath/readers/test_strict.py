@@ -220,7 +220,6 @@ def test_notes_stay_with_the_toolpath_and_strict_refuses_them(read, tmp_path: Pa
 
 def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
     from compplan.planning.plan import plan_job
-    from compplan.reporting.writers.plan import summarise_plan
 
     (tmp_path / "part.nc").write_text("G21 M77\nG0 X0 Y0 Z0\nG41\nG1 X20 F600\n")
     data = {
@@ -228,7 +227,7 @@ def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
         "part": {"position_mm": [1500.0, 0.0, 183.0]}, "process": {"model": "constant", "force_N": [0.0, 0.0, 100.0]},
         "sampling": {"max_step_mm": 10.0}, "cam": {"compensation": "centre_line"},
     }  # fmt: skip
-    notes = json.loads(json.dumps(summarise_plan(plan_job(check_job(data, tmp_path / "job.toml")))["notes"]))
+    notes = json.loads(json.dumps(plan_job(check_job(data, tmp_path / "job.toml")).to_dict()["notes"]))
     assert [note for note in notes if note.startswith("part.nc, line")] == [
         "part.nc, line 1: M77 is not read.",
         "part.nc, line 3: G41 compensates wear alone: the path is that of the tool's centre, as compensation = "

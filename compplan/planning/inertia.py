@@ -1,82 +1,26 @@
-"""What bends the arm along a path, cause by cause: process, weight, the motion's own inertia; and how it rings."""
+"""The inertia of the motion: what it bends, what of it a plan compensates, and how long motion is smoothed."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.follow import reach_tip_and_axis
-from compplan.planning.task import PlanTask, pick_worst
-from compplan.planning.timing import Timing
+from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
-from compplan.statics.chain import Chain, locate_frames
-from compplan.statics.elastic import locate_loaded, solve_equilibrium
-from compplan.statics.ik import build_arm
+from compplan.statics.chain import Chain
+from compplan.statics.elastic import locate_loaded
+from compplan.statics.ik import build_arm, reach_tip_and_axis
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
-from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm
 
-#: Waypoints that are looked at where there are more: the half with the greatest accelerations, and even ones.
-LOOKED_AT = 2000
-#: Postures at which frequencies are computed.
-POSTURES = 25
 #: Share of critical damping of an arm's modes where a job states none (assumed).
 DAMPING = 0.03
 #: Window over which the load of inertia is averaged before it is compensated, in periods of the lowest mode.
 FOLLOWED = 0.5
 #: Shortest and longest time over which motion is smoothed. [s]
 SHORTEST, LONGEST = 0.02, 0.3
-
-
-@dataclass(frozen=True)
-class Bending:
-    """Greatest displacement of the tip over the cut by each cause, and the lowest natural frequencies along it."""
-
-    process: float  #: By the wrench on the tool. [m]
-    weight: float  #: By the weights that the model carries. [m]
-    inertia: float  #: By the inertia of the timed motion, answered by the modes of the arm; NaN without masses. [m]
-    compensated: bool  #: Whether the plan compensates that.
-    #: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
-    frequencies: Array
-    masses: str  #: Where the folder has its masses from.
-    motion: Motion | None = None  #: What the motion adds to the band, or None.
-    #: Greatest displacement by inertia if the springs gave at once; NaN without masses. [m]
-    at_once: float = float("nan")
-
-    def describe(self) -> dict[str, object]:
-        """Describe it for plan.json; what is not known is left out."""
-        name = "inertia" if self.compensated else "inertia_not_compensated"
-        sizes = {"process": self.process, "weight": self.weight, name: self.inertia}
-        rings = [float(value) for value in self.frequencies if np.isfinite(value)]
-        return {
-            "bending_mm": {name: 1e3 * value for name, value in sizes.items() if np.isfinite(value)},
-            "natural_frequencies_hz": rings,
-            "masses": self.masses,
-        }
-
-
-def measure_bending(task: PlanTask, q: Array, timing: Timing) -> Bending:
-    """Measure what bends the arm along a command (n, nq)."""
-    rows = np.flatnonzero(task.compensated)
-    push = np.abs(timing.acceleration[rows] / np.maximum(task.acceleration_limits, 1e-9)).max(axis=1)
-    rows = pick_worst(rows, push, LOOKED_AT)
-    dynamics, still = build_dynamics(task.robot), np.zeros((len(rows), 6))
-    stiff = locate_frames(task.chain, q[rows]).tcp_position
-    free = solve_equilibrium(task.chain, q[rows], still, tolerance=1e-10).position
-    loaded = solve_equilibrium(task.chain, q[rows], task.wrench[rows], tolerance=1e-10).position
-    motion = measure_motion(task, timing.time, dynamics)
-    inertia, at_once, rings = float("nan"), float("nan"), np.full(2, np.nan)
-    if motion is not None:
-        inertia, at_once = _greatest(motion.answer[task.cut]), _greatest(motion.static)
-        few = pick_even(rows, POSTURES)
-        rings = natural_frequencies(dynamics, q[few]).min(axis=0)
-    masses = str(task.robot.sources.get("masses", "not stated in the folder"))
-    return Bending(_greatest(loaded - free), _greatest(free - stiff), inertia, task.inertia, rings, masses, motion,
-                   at_once)  # fmt: skip
 
 
 def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics) -> Motion | None:
@@ -141,7 +85,3 @@ def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
     if not np.isfinite(lowest).all():
         return default
     return float(np.clip(1.0 / lowest.min(), SHORTEST, LONGEST))
-
-
-def _greatest(shift: Array) -> float:
-    return float(np.linalg.norm(shift, axis=1).max(initial=0.0))

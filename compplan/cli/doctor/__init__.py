@@ -1,1 +1,0 @@
-"""The doctor: what is odd about an installation, a robot folder or a measurement log; it repairs nothing."""
