@@ -216,7 +216,7 @@ def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Arra
     missing = next((link for link in links if link not in found), None)
     if missing is not None:
         raise InputError(f"no link named {missing!r}, choose from {[joint.child for joint in robot.joints]}")
-    return {link: found[link] for link in links}
+    return {link: found[link] for link in (robot.base, *links)}
 
 
 def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
