@@ -67,8 +67,6 @@ MECHANISMS: dict[str, tuple[Switch, ...]] = {
     "margin against the best other set": (_without_term(0),),
     "spurious-fit probability": (_without_term(1),),
     "residual similarity": (_without_term(2),),
-    "margin without unmodelled causes": ((f"{MAP}.min", lambda margin, plain: margin),),
-    "margin among unmodelled causes": ((f"{MAP}.min", lambda margin, plain: plain),),
     "bounds": ((f"{JUDGE}.find_breach", lambda *found: ""),),
     "least motion over the noise floor": ((f"{JUDGE}.NAMING", replace(judged.NAMING, nameable=0.0)),),
     "unmodelled causes: removing and adding claims": ((f"{CAUSES}._search_again", _keep),),

@@ -45,23 +45,19 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
     """
     if isinstance(source, Job) and robot is None and not tables:
         return source
-    unknown = next((name for name in tables or {} if name not in TABLES), None)
-    if unknown is not None:
-        raise InputError(f"no table named {unknown!r} in a job, choose from {list(TABLES)}")
-    more = {name: read_table(name, table) for name, table in (tables or {}).items() if table is not None}
-    if "part" in more and not isinstance((tables or {})["part"], Mapping | str | Path):
+    given = tables or {}
+    if unknown := [name for name in given if name not in TABLES]:
+        raise InputError(f"no table named {unknown[0]!r} in a job, choose from {list(TABLES)}")
+    more = {name: read_table(name, table) for name, table in given.items() if table is not None}
+    if "part" in more and not isinstance(given["part"], Mapping | str | Path):
         more["part"] = {"rotation_deg": [0.0, 0.0, 0.0], **more["part"]}
-    toolpath, data, file = _read_source(source)
-    held = source if isinstance(source, Job) else None
-    toolpath = toolpath if held is None else held.context.given
-    mounted = robot if isinstance(robot, Robot) else None
+    data, file, toolpath, mounted, is_path = _read_source(source)
     if robot is not None:
+        mounted = robot if isinstance(robot, Robot) else None
         data["robot"] = robot.name if mounted is not None else str(find_robot_folder(str(robot)).resolve())
-    elif held is not None:
-        mounted = held.context.mounted
     if "robot" not in data:
         raise InputError("a path needs a robot: robot = the name of a shipped robot, a folder, or a Robot")
-    if "part" not in {**data, **more} and not _is_job(source):
+    if is_path and "part" not in more:
         raise InputError(
             "a path needs a part frame: part = (X, Y, Z) or (X, Y, Z, RX, RY, RZ) in mm and deg, seen from the robot "
             "base; (0, 0, 0) for a path whose coordinates count from the base"
@@ -73,34 +69,28 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
     return check_job(data, file, toolpath=toolpath, robot=mounted)
 
 
-def _is_job(source: Any) -> bool:
-    """Tell whether a source is a job, rather than a path that nobody wrote one for."""
-    if isinstance(source, Job) or (isinstance(source, Mapping) and "toolpath" in source):
-        return True
-    return is_file_name(source) and Path(source).suffix.lower() == ".toml"
-
-
-def _read_source(source: Any) -> tuple[Toolpath | None, dict[str, Any], Path]:
-    """Return the path in memory or None, the tables of the job, and the file that it stands in."""
+def _read_source(source: Any) -> tuple[dict[str, Any], Path, Toolpath | None, Robot | None, bool]:
+    """Return tables and file of the job, path and robot in memory, and whether it is a path without a job."""
     if isinstance(source, Job):
         tables = source.model_dump(exclude_unset=True, by_alias=True)
         numbered = {"tool": source.context.data["tool"]} if source.context.tools else {}
-        return source.context.given, {**tables, **numbered}, source.file
+        return {**tables, **numbered}, source.file, source.context.given, source.context.mounted, False
     if is_file_name(source) and Path(source).suffix.lower() == ".toml":
-        return None, read_toml(source), Path(source)
+        return read_toml(source), Path(source), None, None, False
     if isinstance(source, Mapping) and "toolpath" in source:
-        return None, dict(source), Path("job.toml").absolute()
+        return dict(source), Path("job.toml").absolute(), None, None, False
     if is_file_name(source):
         file = Path(source).absolute()
         force = PERHAPS_COLUMNS if file.suffix.lower() == ".csv" else NO_FORCE
-        return None, _path_job(file.stem, str(file), force), file.with_suffix(".toml")
+        return _path_job(file.stem, str(file), force), file.with_suffix(".toml"), None, None, True
     toolpath = read_toolpath(source)
     if toolpath.frame != "part":
         raise InputError(f"the toolpath stands in the {toolpath.frame} frame, expected the part frame")
     name = Path(toolpath.source).stem or IN_MEMORY
     name = IN_MEMORY if name.startswith("<") else name
     force = NO_FORCE if toolpath.wrench is None else {"model": "columns"}
-    return replace(toolpath, source=""), _path_job(name, IN_MEMORY, force), Path("job.toml").absolute()
+    tables = _path_job(name, IN_MEMORY, force)
+    return tables, Path("job.toml").absolute(), replace(toolpath, source=""), None, True
 
 
 def _path_job(name: str, toolpath: str, process: Mapping[str, Any]) -> dict[str, Any]:

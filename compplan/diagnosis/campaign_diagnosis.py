@@ -66,7 +66,7 @@ def diagnose_campaign(
     started = _register(problem, campaign)[0] if conventions else registration
     fit = fit_effects(problem, started, progress)
     progress("verdict")
-    revised = revise_probabilities(fit, progress)
+    revised = revise_probabilities(fit)
     verdict = _with_conventions(reach_verdict(fit, revised), problem, len(known))
     return _conclude(fit, revised, verdict, nominal, started, len(known), progress)
 

@@ -75,13 +75,13 @@ def identify_campaign(
     kept = select_springs(problem, structure, estimate)
     source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(rows)} rows"
     progress("held-out poses")
-    updated, unwritten = update_robot(robot, kept, source=source)
+    updated = update_robot(robot, kept, source=source)
     gap = measure_gap(replace(problem.rows, registration=frames), structure, kept)
     sigma = float(np.median(rows.deviation[:, 0]))
     known = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
     if "base" in chosen.register or campaign.adrift:
         known = free_base(robot, known)
-    notes += [*said, *more, *_describe_clustered(kept), *_describe_negative(estimate), *unwritten]
+    notes += [*said, *more, *_describe_clustered(kept)]
     return Identification(
         robot=replace(updated, uncertainty=known),
         nominal=robot,
@@ -102,20 +102,4 @@ def _describe_clustered(kept: Estimate) -> list[str]:
     return [
         "residuals of neighbouring poses agree, so something systematic is left that the model lacks: intervals are"
         " widened from groups of poses, but a bias may exceed them; compplan diagnose looks for the reason"
-    ]
-
-
-def _describe_negative(estimate: Estimate) -> list[str]:
-    """Warn of compliances that are below zero beyond doubt: something else than bending moves the tool there."""
-    high = estimate.intervals()[:, 1]
-    names = [
-        parameter.name
-        for parameter, top, free in zip(estimate.parameters, high, estimate.free, strict=True)
-        if free and top < 0 and parameter.kind in ("joint", "spring")
-    ]
-    if not names:
-        return []
-    return [
-        f"the compliance of {', '.join(names)} comes out below zero beyond its interval, which no spring can do:"
-        " something that the model lacks acts like it; compplan diagnose looks for it"
     ]

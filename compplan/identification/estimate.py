@@ -261,10 +261,7 @@ def _why_never(log: Campaign, state: RowState, parameter: Parameter) -> str:
         if not np.abs(load[:, 3:]).max(initial=0.0) > 0:
             return "every force passes through its axis or along it; add a lever or a moment about its axis"
         return "the load never acts about its axis"
-    if log.rotation is None and parameter.kind in ("joint", "spring"):
-        return "its motion hardly moves the measured point; measure orientation, or a point off its axis"
-    unit = "N" if parameter.unit == "m/N" else "N m"
-    return f"the load about it, at most {torque:.3g} {unit}, is too small for this noise"
+    return "these loads hardly move the measured point by it; load it more, or measure orientation"
 
 
 def _why_together(log: Campaign, state: RowState, parameters: Sequence[Parameter]) -> str:
@@ -273,17 +270,11 @@ def _why_together(log: Campaign, state: RowState, parameters: Sequence[Parameter
         return "both turn about (or slide along) the same axis under the same load, so only their sum acts"
     if kinds <= rigid:
         return "they are the same rigid motion of the measured point"
-    if "effect" in kinds:
-        return "they move the measured point in proportion in these rows; add poses, loads and ways to approach"
-    if kinds & rigid:
+    if kinds & rigid and "effect" not in kinds:
         return "with these loads bending resembles an error of frame or geometry; load each pose in several ways"
     if _loads_are_vertical(log.wrench):
         return "all loads are vertical, and then they act in proportion; add loads to the side and moments"
-    if state.structure.chain.gravity.any() and not np.abs(log.wrench).max(initial=0.0) > 0:
-        return "own weight is the only load, and under it they act in proportion; add external loads"
-    if log.rotation is None:
-        return "they move the measured point in proportion; measure orientation or several points of the tool"
-    return "they move the tool in proportion at these poses and loads; add poses and load directions"
+    return "they move the measured point in proportion; add poses and load directions, or measure orientation"
 
 
 def _same_axis(state: RowState, parameters: Sequence[Parameter]) -> bool:

@@ -16,24 +16,19 @@ from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
 from compplan.uncertainty.assumed import assume_geometry, assume_held
 
 
-def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robot, tuple[str, ...]]:
-    """Return a robot that holds the identified values, and a sentence for each that could not be written as it is.
-
-    A compliance below zero cannot be built: it is written as zero.
-    """
+def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> Robot:
+    """Return a robot that holds the identified values; no compliance is below zero."""
     structure, values = estimate.structure, estimate.model_values
-    soft, notes, springs = structure.soften(values), [], []
-    for spring, old, name in zip(soft.springs, structure.robot.springs, structure.spring_labels, strict=True):
-        value = spring.compliance
-        if value < 0:
-            notes.append(f"{name} came out negative ({value:.3g}), which no spring can be; it is written as rigid")
-        if value > 0 or any(old is own for own in robot.springs):
-            springs.append(replace(spring, compliance=max(value, 0.0)))
+    soft = structure.soften(values)
+    springs = tuple(
+        spring for spring, old in zip(soft.springs, structure.robot.springs, strict=True)
+        if spring.compliance > 0.0 or any(old is own for own in robot.springs)
+    )  # fmt: skip
     sources = {**robot.sources, "compliance": source}
     if any(parameter.kind == "geometry" for parameter in structure.parameters):
         sources["geometry"] = f"{robot.sources.get('geometry', 'URDF')}; corrected: {source}"
-    grown = replace(robot, springs=tuple(springs), sources=sources, grade="identified")
-    return fold_effects(grown, structure.effects(values)), tuple(notes)
+    grown = replace(robot, springs=springs, sources=sources, grade="identified")
+    return fold_effects(grown, structure.effects(values))
 
 
 def identified_uncertainty(

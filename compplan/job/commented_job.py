@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,129 +32,69 @@ SHORT: dict[str, tuple[str, ...] | None] = {
     "output": ("programs",),
 }  # fmt: skip
 
-#: Keys of a force model that stay commented out.
-OPTIONAL = ("# required", "# stock_top_mm")
 #: Lateral distance below which a move is along the tool axis. [m]
 BESIDE = 1e-6
 #: Diameter [mm], material and spindle speed [1/min] of a drill by default (assumed).
 DRILL: dict[str, str | float] = {"diameter_mm": 6.0, "material": "al7075_t6", "spindle_rpm": 3000.0}
 #: Placeholder of a feed that the job may state. [m/s]
 ANY_FEED = 0.01
-#: The text, with marks for the names of registries.
-TEXT = Path(__file__).with_name("commented_job.toml")
+#: The text, and its words where init has no answer.
+TEXT = Path(__file__).with_name("commented_job.jinja")
+STRAIGHT = {"off": "# ", "straight": "", "frame": "flange", "position": [0.0, 0.0, 150.0], "rotation": [0.0, 0.0, 0.0],
+            "centre": [0.0, 0.0, 60.0]}  # fmt: skip
+DEFAULTS: dict[str, Any] = {
+    "robot": "staubli_tx200", "language": "val3", "toolpath": "", "place": "[1500.0, 0.0, 183.0]", "tool": STRAIGHT,
+    "tools": (), "model": "isf", "assumed": False, "cut": {}, "spindle_rpm": None, "axial_N": 1200.0,
+    "lateral_N": 400.0, "eased": "",
+}  # fmt: skip
 
 
-def write_job_text() -> str:
-    """Return the commented job with the names of the registries."""
-    text = TEXT.read_text(encoding="utf-8")
-    choices = {
-        "<strategies>": " | ".join(STRATEGIES),
-        "<models>": _wrap_names(FORCE_MODELS),
-        "<programs>": " | ".join(WRITERS),
-        "<materials>": " | ".join(MATERIALS),
-        "<readers>": ", ".join(READERS),
-        "<suffixes>": " ".join(list_suffixes()),
-    }
-    for mark, names in choices.items():
-        text = text.replace(mark, names)
-    return text
+def write_job_text(**answers: Any) -> str:
+    """Return the commented job with the names of the registries, and answers in place of `DEFAULTS`."""
+    from jinja2 import Environment, StrictUndefined
+
+    names = {
+        "strategies": " | ".join(STRATEGIES), "programs": " | ".join(WRITERS), "materials": " | ".join(MATERIALS),
+        "models": f"\n{'':36}#   ".join(wrap(" | ".join(FORCE_MODELS), 80)), "readers": ", ".join(READERS),
+        "suffixes": " ".join(list_suffixes()),
+    }  # fmt: skip
+    made = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    template = made.from_string(TEXT.read_text(encoding="utf-8"))
+    return template.render({**DEFAULTS, **names, **answers, "keyed": _write_key})
 
 
-def _wrap_names(names: Iterable[str]) -> str:
-    """Wrap names into the lines of a comment."""
-    return f"\n{'':36}#   ".join(wrap(" | ".join(names), 80))
+def _write_key(key: str, value: Any) -> str:
+    """Return the line of a key, up to where its comment begins."""
+    return f"{f'{key} = {json.dumps(value, ensure_ascii=False)}':<35}"
 
 
-def mount_tool(text: str, robot: Robot, *, used: bool) -> str:
-    """Set a straight tool on the flange in the text of a job.
+def describe_mount(robot: Robot, *, used: bool) -> dict[str, Any]:
+    """Return the words of a straight tool on the flange of a robot.
 
     Args:
-        text: The commented job.
         robot: The robot of the folder.
         used: Whether the table is active where the folder's TCP is on the flange; otherwise it stays a comment.
-
     """
     tool, out = mounted_tool(robot), outward_axis(robot)
     pendant = locate_pendant(robot)
-    head, table, rest = re.split(r"(# \[tool\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
     if pendant is not None and pendant.stated:
         frame, axis, turn, out = "pendant", "z of the maker's flange frame", np.zeros(3), pendant.pose[:3, :3].T @ out
     else:
         frame, axis = "flange", f"{name_axis(out)} of the flange frame"
         turn = Rotation.from_matrix(tool[:3, :3]).as_rotvec(degrees=True)
-    for key, value in {"position_mm": 150.0 * out, "rotation_deg": turn, "centre_of_mass_mm": 60.0 * out}.items():
-        numbers = [round(float(number), 3) + 0.0 for number in value]
-        table = re.sub(rf"# {key} = \[.*?\]", f"# {key} = {numbers}", table)
-    table = table.replace('# frame = "flange" ', f'# frame = "{frame}" ')
-    straight = f"# {axis} leaves this robot; length and mass are assumed: put yours\n"
-    first, _, keys = table.partition("\n")
-    if used and not tool[:3, 3].any():
-        first, keys = first.removeprefix("# "), "".join(line.removeprefix("# ") for line in keys.splitlines(True))
-    return f"{head}{first}\n{straight}{keys}{rest}"
+    vectors = {"position": 150.0 * out, "rotation": turn, "centre": 60.0 * out}
+    return {
+        "off": "" if used and not tool[:3, 3].any() else "# ", "frame": frame,
+        "straight": f"{axis} leaves this robot; length and mass are assumed: put yours",
+        **{key: [round(number, 3) + 0.0 for number in value.tolist()] for key, value in vectors.items()},
+    }  # fmt: skip
 
 
-def number_tools(text: str, tools: Sequence[CalledTool]) -> str:
-    """Describe the tools of the CAM file in the text of a job.
-
-    Several tools give one [[tool]] each, all like its [tool]; the cut of a single one goes into [process].
-    """
-    if len(tools) == 1:
-        return _describe_cut(text, tools[0])
-    found = re.search(r"(?m)^(?:# )?\[tool\].*?\n(?=\n)", text, flags=re.DOTALL)
-    if found is None or not tools:
-        return text
-    body = re.sub(r"(?m)^# (?=\w+ = )", "", found.group().partition("\n")[2])
-    blocks = [
-        f"[[tool]]                            # {tool.label} of the CAM file\n{tool.key}\n{tool.process}{body}"
-        for tool in tools
-    ]
-    return text[: found.start()] + "\n".join(blocks) + text[found.end() :]
-
-
-def choose_process(text: str, model: str) -> str:
-    """Replace sheet forming by another force model in the text of a job."""
-    head, process, rest = _split_process(text)
-    lines = [line if line.startswith(("#", "[")) else f"# {line}" for line in process.splitlines()]
-    first = next(k for k, line in enumerate(lines) if line.startswith(f'# model = "{model}"'))
-    last = next(k for k, line in enumerate(lines) if k > first and line.startswith("# model = "))
-    own = [line.removeprefix("# ") for line in lines[first:last] if not line.startswith(OPTIONAL)]
-    left = [line for k, line in enumerate(lines) if not first <= k < last or line.startswith(OPTIONAL)]
-    note = "# the numbers of the cut are assumed: put yours" if model == "milling" else ""
-    return head + "\n".join([left[0], *filter(None, [note]), *own, *left[1:]]) + "\n" + rest
-
-
-def _describe_cut(text: str, tool: CalledTool) -> str:
-    """Write the drill or the spindle speed of the only tool of a CAM file into [process]."""
-    head, process, rest = _split_process(text)
-    if tool.drills:
-        lines = process.splitlines(keepends=True)
-        kept = [line for line in lines[1:] if line.startswith("# ") and "assumed: put yours" not in line]
-        own = [f"{key} = {json.dumps(value)}\n" for key, value in tool.cut.items()]
-        process = "".join([lines[0], "# the numbers of the cut are assumed: put yours\n", *own, *kept])
-    elif tool.spindle_rpm is not None:
-        line = f"{f'spindle_rpm = {tool.spindle_rpm}':<36}# S of the CAM file"
-        process = re.sub(r"(?m)^spindle_rpm = .*$", line, process, count=1)
-    return head + process + rest
-
-
-def _split_process(text: str) -> tuple[str, str, str]:
-    """Return a job's text before its table [process], the table and the text after it."""
-    head, process, rest = re.split(r"(?<=\n)(\[process\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
-    return head, process, rest
-
-
-def set_place(text: str, position_mm: list[float], comment: str) -> str:
-    """Set the position of the part in the text of a job."""
-    return re.sub(r"(?<=\[part\]).*?\nposition_mm = \[.*?\].*?(?=\n)",
-                  lambda found: re.sub(r"position_mm = .*", f"position_mm = {position_mm}  # {comment}", found.group()),
-                  text, count=1, flags=re.DOTALL)  # fmt: skip
-
-
-def set_force(text: str, axial: float, lateral: float, comment: str) -> str:
-    """Set the forces of sheet forming in the text of a job. [N]"""
-    for key, value in (("axial_N", axial), ("lateral_N", lateral)):
-        text = re.sub(rf"(?m)^{key} = [^#\n]*# ", f"{f'{key} = {value}':<36}# {comment}; ", text, count=1)
-    return text
+def describe_tools(tools: Sequence[CalledTool]) -> dict[str, Any]:
+    """Return the words of the tools of a CAM file: several are [[tool]] each, the cut of one stands in [process]."""
+    if len(tools) != 1:
+        return {"tools": tools}
+    return {"model": "", "cut": tools[0].cut} if tools[0].drills else tools[0].cut
 
 
 def shorten_job(text: str) -> str:
@@ -192,23 +132,6 @@ class CalledTool:
         """Keys of its force model beyond those of a milling cutter."""
         speed: dict[str, str | float] = {} if self.spindle_rpm is None else {"spindle_rpm": self.spindle_rpm}
         return {"model": "drill", **DRILL, "stock_top_mm": self.top_mm, **speed} if self.drills else speed
-
-    @property
-    def label(self) -> str:
-        """Its name in the file."""
-        return repr(self.name) if self.name else f"T{self.number}"
-
-    @property
-    def key(self) -> str:
-        """The line of [[tool]] that identifies it."""
-        return f"name = {json.dumps(self.name)}" if self.name else f"number = {self.number}"
-
-    @property
-    def process(self) -> str:
-        """The line of [[tool]] for its cut, or ""."""
-        table = ", ".join(f"{key} = {json.dumps(value)}" for key, value in self.cut.items())
-        source = "assumed: put yours" if self.drills else "S of the CAM file"
-        return f"process = {{ {table} }}  # {source}\n" if table else ""
 
 
 def read_called_tools(path: Path) -> list[CalledTool]:

@@ -180,7 +180,6 @@ class ToolTable(PoseTable):
 
         Raises:
             InputError: If it is the pendant's, and that is unknown.
-
         """
         if self.frame == "flange":
             return np.eye(4)
@@ -212,7 +211,6 @@ class PositionerTable(StrictTable):
 
         Raises:
             InputError: If a name is no rotating joint that carries the part, or a position is out of its range.
-
         """
         names = [joint.name for joint, carries in zip(robot.actuated, robot.carriers, strict=True)
                  if carries and joint.kind != "prismatic"]  # fmt: skip

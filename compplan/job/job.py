@@ -42,8 +42,6 @@ REMOVED = Path(__file__).with_name("removed.toml")
 BARE_WORD = re.compile(r"[\w./-]+")
 #: Default corner rounding as a share of the tolerance.
 ROUNDED = 0.25
-#: Greatest length of a name.
-LONGEST_NAME = 200
 
 
 class Configuration(StrictTable):
@@ -182,7 +180,7 @@ class Job(StrictTable):
     """A job; `load_job` reads it, `load_nominal` its toolpath."""
 
     schema_: SchemaOne = Field(alias="schema")
-    name: str = Field(default="", max_length=LONGEST_NAME)
+    name: str = Field(default="", max_length=200)
     profile: str | None = None
     robot: str = Field(max_length=LONGEST_PATH)
     toolpath: Annotated[str, Field(max_length=LONGEST_PATH)] | CircleTable | SpiralTable | ConeTable
@@ -274,7 +272,6 @@ def check_job(
 
     Raises:
         InputError: With file and key.
-
     """
     plain = data = apply_profile(data, file)
     _refuse_removed(data, file)
@@ -334,7 +331,6 @@ def load_job(path: str | Path, robot: str | None = None, changes: Sequence[str] 
 
     Raises:
         InputError: With file and line or key, if it is invalid.
-
     """
     suffix = Path(path).suffix.lower()
     if suffix != ".toml" and suffix in list_suffixes():
@@ -378,9 +374,6 @@ def _change_key(data: dict[str, Any], change: str) -> str:
     return key
 
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-
-
 def describe_schema() -> dict[str, Any]:
     """Return the JSON schema of a job file."""
     schema = Job.model_json_schema(by_alias=True)
@@ -389,7 +382,7 @@ def describe_schema() -> dict[str, Any]:
     tables["PlanTable"]["properties"]["configuration"] = {
         "anyOf": [{"const": "auto"}, {"$ref": wanted["$ref"]}], "default": "auto"
     }  # fmt: skip
-    return {"$schema": DIALECT, **schema, "title": "compplan job"}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "compplan job"}
 
 
 def write_schema() -> str:

@@ -39,7 +39,6 @@ def load_toolpath(job: Job) -> Toolpath:
 
     Raises:
         InputError: If the toolpath file is invalid.
-
     """
     if job.context.given is not None:
         return check_toolpath(job.context.given)
@@ -60,7 +59,6 @@ def job_toolpath_file(job: Job) -> Path:
 
     Raises:
         InputError: If it is missing.
-
     """
     if not isinstance(job.toolpath, str):
         raise InputError("is computed, expected the name of a CAM file", file=job.file, where="toolpath")
@@ -75,7 +73,6 @@ def refuse_unsettled(job: Job) -> None:
 
     Raises:
         InputError: If it does.
-
     """
     if job.context.tools or job.tool_table is not None:
         message = "describes tools by number: split_job gives one job a tool, settle_job the one of [cam] operation"
@@ -96,7 +93,6 @@ def load_nominal(job: Job) -> Toolpath:
 
     Raises:
         InputError: If toolpath or process are not what they have to be.
-
     """
     return load_path(job)[0]
 
@@ -108,7 +104,6 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
 
     Raises:
         InputError: If toolpath or process are not what they have to be.
-
     """
     toolpath = load_toolpath(job)
     if job.feed.constant_mm_s is not None:
@@ -222,7 +217,6 @@ def predict_forces(job: Job, log: Path | None = None) -> ForcePrediction:
 
     Raises:
         InputError: If toolpath, process or log are invalid.
-
     """
     from compplan.process.fit import fit_forces, read_force_log
 

@@ -20,7 +20,6 @@ def split_job(job: Job) -> tuple[Job, ...]:
 
     Raises:
         InputError: If a tool that cuts is not described.
-
     """
     if not job.context.tools and job.tool_table is None:
         return (job,)
@@ -73,7 +72,6 @@ def settle_job(job: Job) -> Job:
 
     Raises:
         InputError: If none of several is selected, or the tool is not described.
-
     """
     jobs = split_job(job)
     if len(jobs) > 1:
@@ -88,7 +86,6 @@ def _describe(job: Job, operation: Operation) -> Described:
 
     Raises:
         InputError: If there is none.
-
     """
     if job.tool_table is not None:
         file = job.folder / job.tool_table.file

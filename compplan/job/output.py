@@ -38,7 +38,6 @@ class OutputTable(StrictTable):
 
         Args:
             tolerance: The strictest tolerance of the path. [m]
-
         """
         stated = self.fit_tolerance_mm
         return max(FITTED * tolerance, FINEST) if stated is None else 1e-3 * stated

@@ -18,8 +18,6 @@ from compplan.io.tomlfile import read_toml
 OWN = ("name", "toolpath", "profile")
 #: Tables that are replaced as a whole.
 WHOLE = frozenset({"part", "tool", "tools", "process"})
-#: Tables that exclude each other.
-EITHER = ({"tool", "tools"},)
 
 
 def apply_profile(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
@@ -31,7 +29,6 @@ def apply_profile(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
 
     Raises:
         InputError: If the profile is invalid.
-
     """
     named = data.get("profile")
     if named is None:
@@ -39,9 +36,8 @@ def apply_profile(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
     if not isinstance(named, str):
         raise InputError(f"is {named!r}, expected the name of a TOML file", file=file, where="profile")
     merged = read_profile(Path(file).parent / named)
-    for tables in EITHER:
-        if tables & data.keys():
-            merged = {key: value for key, value in merged.items() if key not in tables}
+    if {"tool", "tools"} & data.keys():  # they exclude each other
+        merged = {key: value for key, value in merged.items() if key not in ("tool", "tools")}
     return _merge(merged, data)
 
 
@@ -50,15 +46,12 @@ def read_profile(file: Path) -> dict[str, Any]:
 
     Raises:
         InputError: If it is no TOML file, or contains keys of a job alone.
-
     """
     data = read_toml(file)
     for key in OWN:
         if key in data:
             raise InputError("belongs to a job, not to a profile", file=file, where=key)
-    found = _place_files(data, file.parent.absolute())
-    assert isinstance(found, dict)
-    return found
+    return dict(_place_files(data, file.parent.absolute()))
 
 
 def write_profile_text(robot: str, language: str) -> str:
@@ -67,7 +60,6 @@ def write_profile_text(robot: str, language: str) -> str:
     Args:
         robot: Robot of the cell: folder or shipped robot.
         language: Language of its controller.
-
     """
     text = files(__package__).joinpath("commented_profile.toml").read_text(encoding="utf-8")
     return text.replace("ROBOT", robot).replace("LANGUAGE", language)

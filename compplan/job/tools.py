@@ -66,7 +66,6 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
 
     Raises:
         InputError: If there is none, one is invalid, or two have the same number.
-
     """
     if not entries:
         raise InputError("is empty, expected a table for every tool", file=file, where="tool")
@@ -99,7 +98,9 @@ def find_listed(
     entry = take_tool(library, operation.number, operation.name, file)
     if entry is None:
         return None
-    return Described(_mount(entry, spindle or ToolTable()), {}, "tools.file", _describe_cutter(entry))
+    keys = {"kind", *(key for own in CUTTERS.values() for key in own)}
+    cutter = entry.model_dump(include=keys, exclude_none=True)
+    return Described(_mount(entry, spindle or ToolTable()), {}, "tools.file", cutter)
 
 
 def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
@@ -116,12 +117,6 @@ def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
     return plain
 
 
-def _describe_cutter(entry: LibraryTool) -> dict[str, Any]:
-    """Return the cutter of a tool table in keys of [process], with its `kind`."""
-    keys = {"kind", *(key for own in CUTTERS.values() for key in own)}
-    return entry.model_dump(include=keys, exclude_none=True)
-
-
 def fill_process(common: Mapping[str, Any], described: Described, speed: float | None) -> dict[str, Any] | None:
     """Return the [process] of one tool: the common keys, the tool's keys over them, the spindle speed of the file.
 
@@ -129,7 +124,6 @@ def fill_process(common: Mapping[str, Any], described: Described, speed: float |
         common: [process] of the job.
         described: The tool.
         speed: Spindle speed of the operation in the file, or None. [1/min]
-
     """
     own, cutter = dict(described.process), described.cutter
     if not common and not own:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
@@ -20,7 +19,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.pose import follow_joints
 from compplan.robot.shapes import load_form
-from compplan.robot.solids import triangulate
+from compplan.robot.solids import triangulate, triangulate_rod
 from compplan.robot.urdf import Colour, read_urdf
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
@@ -91,21 +90,19 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     for shape in read_urdf(robot.urdf, Path(robot.name) / "robot.urdf").shapes:
         missing = shape.form[0] == "mesh" and find_mesh(shape.form[1], robot.folder) is None
         if shape.kind == "visual" and shape.link in poses and not missing:
-            corners, faces = triangulate(load_form(shape.form, robot.folder), poses[shape.link] @ shape.placement)
-            shapes.append(Shape(shape.link, corners, faces, shape.colour or UNPAINTED))
+            vertices, faces = triangulate(load_form(shape.form, robot.folder))
+            pose = poses[shape.link] @ shape.placement
+            vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
+            shapes.append(Shape(shape.link, vertices, faces, shape.colour or UNPAINTED))
     behind = {joint.child for joint in robot.joints[_first_behind(robot) :]}
     start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
     long = float(np.linalg.norm(end - start))
     if behind & {shape.link for shape in shapes} or long < SHORTEST_ROD:
         return shapes
     neck = end + (start - end) * min(0.5, CUTTER[0] / long)  # thin at its end, so that the cut is seen
-    along, corners, faces = np.eye(4), np.zeros((0, 3)), np.zeros((0, 3), int)
-    along[:3, :3] = Rotation.align_vectors([end - start], [[0.0, 0.0, long]])[0].as_matrix()
-    for radius, first, last in ((0.02, start, neck), (CUTTER[1], neck, end)):
-        along[:3, 3] = 0.5 * (first + last)
-        rod = triangulate(("cylinder", radius, float(np.linalg.norm(last - first))), along)
-        corners, faces = np.vstack([corners, rod[0]]), np.vstack([faces, rod[1] + len(corners)])
-    return [*shapes, Shape(robot.tcp, corners, faces, ROD)]
+    holder, sides = triangulate_rod(start, neck, 0.02, sections=20)
+    cutter, more = triangulate_rod(neck, end, CUTTER[1], sections=20)
+    return [*shapes, Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)]
 
 
 def _first_behind(robot: Robot) -> int:

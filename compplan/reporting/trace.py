@@ -62,12 +62,12 @@ def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> 
     found = replace(found, motion=replace(found.motion, source=source) if found.helps else folder)
     gaps = [divide_gap(window, found.motion, arm) for window in windows]
     notes = [f"{trace.log.file.name}: {note}" for trace in traces for note in trace.log.notes]
-    if not found.ladder:
+    if not found.held_out:
         notes.append(f"{len(traces[0].log)} rows are too few for validation; nothing is identified")
     elif found.held_out == "time":
         notes.append("the figures are of stretches of time that were left out; another path or speed was not held "
                      "against the model: give logs of two programs")  # fmt: skip
-    if found.ladder and not found.helps:
+    if found.held_out and not found.helps:
         notes.append("no model is nearer to the rows left out than the programmed path and the folder's values, in "
                      "median and 95th percentile; the folder keeps its values")  # fmt: skip
     return Traced(robot, traces, found, {name: np.concatenate([g[name] for g in gaps]) for name in gaps[0]}, (*notes,))
@@ -87,8 +87,8 @@ def summarise_trace(traced: Traced) -> dict[str, Any]:
         "left_without_model_mm": _summarise(summarise_distance(found.without)),
         "left_with_folder_mm": _summarise(summarise_distance(found.left_before)),
         "parts": share_causes(traced.gaps), "parts_rms_mm": rms, "written": found.helps,
-        "model": found.rung if found.helps else "folder", "held_out": found.held_out,
-        "models_mm": {name: _summarise(ends) for name, ends in found.ladder.items()},
+        "model": "identified" if found.helps else "folder", "held_out": found.held_out,
+        "models_mm": {"identified": _summarise(summarise_distance(found.left))} if found.held_out else {},
         "motion": tabulate_motion(found.motion, traced.robot.prismatic), "rows_judged": len(found.without),
         "logs": [_describe_log(trace) for trace in traced.traces], "notes": list(traced.notes),
         "made_by": describe_origin(),

@@ -149,15 +149,6 @@ class Robot(Shown):
             *(("source", f"{name}: {text}") for name, text in list(self.sources.items())[:6]),
         ]
 
-    def columns(self) -> dict[str, Any]:
-        """Return a row a commanded joint: name, limits, velocity, in its own unit."""
-        size = np.where(self.prismatic, 1e3, 180.0 / np.pi)
-        return {
-            "joint": list(self.joint_names), "unit": ["mm" if slides else "deg" for slides in self.prismatic],
-            "lower": self.lower * size, "upper": self.upper * size, "velocity_per_s": self.velocity_limits * size,
-            "effort_SI": self.effort_limits,
-        }  # fmt: skip
-
     @property
     def loading_bodies(self) -> tuple[Body, ...]:
         """Masses that load the springs: all with gravity in the model, else the difference of the tools."""
@@ -278,7 +269,10 @@ class Robot(Shown):
         mounted = (Body(self.flange, mass, np.asarray(centre, float)),) if mass else ()
         weights = (*mounted, *self._bodies_on_flange()) if self.gravity is None and mass is not None else ()
         bodies += mounted
-        names = {joint.name for joint in kept}
+        names, known = {joint.name for joint in kept}, self.uncertainty
+        if known is not None:  # the place of another tool is unknown
+            keep = (u.effect != "tool_frame" and (u.joint is None or u.joint in names) for u in known.unknowns)
+            known = known.select(keep)
         return replace(
             self,
             joints=(*kept, tool),
@@ -288,15 +282,8 @@ class Robot(Shown):
             tcp=tool.child,
             urdf=_urdf_with_tool(self, tool),
             weights=weights,
-            uncertainty=None if self.uncertainty is None else self._uncertainty_with_tool(names),
+            uncertainty=known,
         )
-
-    def _uncertainty_with_tool(self, joints: set[str]) -> Uncertainty | None:
-        """Keep the uncertainty of the arm; the place of another tool is unknown."""
-        known = self.uncertainty
-        if known is None:
-            return None
-        return known.select(u.effect != "tool_frame" and (u.joint is None or u.joint in joints) for u in known.unknowns)
 
     def _bodies_on_flange(self) -> tuple[Body, ...]:
         """List the bodies on the flange, in its frame, with negative mass."""

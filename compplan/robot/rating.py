@@ -16,11 +16,8 @@ TWIST = np.array([2.0, 1.5, 1.9, 19.0, 31.0, 14.0]) * 1e-3
 TWIST_LIGHT = np.array([2.0, 1.5, 1.9, 7.7, 3.6, 4.6]) * 1e-3
 #: Payload below which the light wrist is used, and the class of the measured arms. [kg, m]
 LIGHT, CLASS_PAYLOAD, CLASS_REACH = 50.0, 80.0, (2.0, 3.6)
-#: Arms weigh at most this many payloads, or as much as the heaviest shipped arm of that payload or less.
-MOST_PAYLOADS = 8.0
-#: Payload and mass, rounded up, of the shipped arms that are heavier than all arms of less payload. [kg]
-HEAVIEST = ((3.0, 18.0), (5.0, 22.0), (7.0, 115.0), (8.0, 250.0), (50.0, 560.0), (80.0, 620.0), (88.0, 650.0),
-            (150.0, 2550.0))  # fmt: skip
+#: Mass of the heaviest shipped arm, rounded up. [kg]
+HEAVIEST = 2550.0
 #: Greatest relative difference of the URDF's masses from a stated own weight (assumed).
 DIFFERENCE = 0.3
 #: Pattern of the line of SOURCE.md.
@@ -81,8 +78,7 @@ def sum_arm_mass(joints: Sequence[Joint], bodies: Sequence[Body]) -> float:
 def check_mass(mass: float, rating: Rating | None) -> str:
     """Return why the mass of an arm is implausible, or "".
 
-    A stated own weight decides. Otherwise an arm weighs at most 8 payloads, or as much as the heaviest shipped arm of
-    that payload or less; without a payload, as much as the heaviest shipped arm.
+    A stated own weight decides; without it, an arm weighs at most as much as the heaviest shipped arm.
 
     Args:
         mass: Mass of the arm, see `sum_arm_mass`. [kg]
@@ -92,10 +88,4 @@ def check_mass(mass: float, rating: Rating | None) -> str:
         if abs(mass - rating.mass) <= DIFFERENCE * rating.mass:
             return ""
         return f"{mass:.0f} kg in all, {rating.mass:g} kg is stated as own weight"
-    payload = np.inf if rating is None else rating.payload
-    heaviest = max((most for least, most in HEAVIEST if least <= payload), default=0.0)
-    limit = heaviest if rating is None else max(heaviest, MOST_PAYLOADS * payload)
-    if mass <= limit:
-        return ""
-    of = "any shipped arm weighs" if rating is None else f"arms of {payload:g} kg payload weigh"
-    return f"{mass:.0f} kg in all, more than {of} ({limit:.0f} kg)"
+    return "" if mass <= HEAVIEST else f"{mass:.0f} kg in all, more than any shipped arm weighs ({HEAVIEST:.0f} kg)"

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from compplan.robot import Array
 
 #: Subdivisions of a mesh to cut out the tip zone.
 CUT_ROUNDS = 6
-#: Sides of a triangulated cylinder or sphere.
+#: Sides of a triangulated cylinder.
 SECTIONS = 24
 
 
@@ -30,45 +31,60 @@ class UrdfShape:
 
     def mesh(self) -> Any:
         """The shape as a mesh (trimesh) in the frame of the link."""
-        import trimesh
-
-        return trimesh.Trimesh(*triangulate(self.form, self.placement), process=False)
+        return as_mesh(self.form).apply_transform(self.placement)
 
     @property
     def vertices(self) -> Array:
         """The vertices of that mesh. Shape (k, 3). [m]"""
-        return triangulate(self.form, self.placement)[0]
+        return triangulate(self.form)[0] @ self.placement[:3, :3].T + self.placement[:3, 3]
 
 
-def triangulate(form: Any, placement: Array | None = None) -> tuple[Array, NDArray[np.int_]]:
-    """Return vertices, shape (k, 3) [m], and outward triangles of a shape; primitives need no trimesh for it.
+def as_mesh(form: Any) -> Any:
+    """Return a shape as a mesh (trimesh)."""
+    import trimesh
 
-    Args:
-        form: A mesh (trimesh), or a primitive as in `UrdfShape`.
-        placement: Pose of the shape, the unit matrix if left out. Shape (4, 4). [m]
-    """
-    if isinstance(form, tuple):
-        vertices, faces = _triangulate_primitive(*form)
-    else:
-        vertices, faces = np.asarray(form.vertices, float), np.asarray(form.faces, int)
-    return vertices if placement is None else vertices @ placement[:3, :3].T + placement[:3, 3], faces
+    return trimesh.Trimesh(*triangulate(form), process=False) if isinstance(form, tuple) else form.copy()
 
 
-def _triangulate_primitive(kind: str, size: Any, length: float = 0.0) -> tuple[Array, NDArray[np.int_]]:
-    half, turn = np.array([0.0, 0.0, 0.5 * length]), 2.0 * np.pi * np.arange(SECTIONS) / SECTIONS
-    tilt = np.array([0.5 * np.pi]) if kind == "cylinder" else turn[: SECTIONS // 4 + 1]
-    turn, tilt = (grid.ravel() for grid in np.meshgrid(turn, tilt))
-    cap = np.column_stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+def triangulate(form: Any) -> tuple[Array, NDArray[np.int_]]:
+    """Return vertices, shape (k, 3) [m], and outward triangles of a shape; those of primitives need no trimesh."""
+    if not isinstance(form, tuple):
+        return np.asarray(form.vertices, float), np.asarray(form.faces, int)
+    kind, *sizes = form
     if kind == "box":
-        points = (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5) * np.asarray(size, float)
-    else:
-        points = np.unique(np.vstack([size * cap + half, -size * cap - half]).round(12), axis=0)
-    hull = ConvexHull(points)
+        return triangulate_box(-0.5 * np.asarray(sizes[0], float), 0.5 * np.asarray(sizes[0], float))
+    half = np.array([0.0, 0.0, 0.0 if kind == "sphere" else 0.5 * sizes[1]])
+    if kind == "cylinder":
+        return triangulate_rod(-half, half, sizes[0], SECTIONS)
+    turn, tilt = np.meshgrid(*(2.0 * np.pi * np.arange(count) / SECTIONS for count in (SECTIONS, SECTIONS // 4 + 1)))
+    dome = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)], axis=2).reshape(-1, 3)
+    both = np.vstack([sizes[0] * dome + half, -sizes[0] * dome - half])
+    return _triangulate_hull(np.unique(both.round(12), axis=0))
+
+
+def triangulate_box(low: Array, high: Array) -> tuple[Array, NDArray[np.int_]]:
+    """Return corners, shape (8, 3) [m], and triangles, shape (12, 3), of a box between two corners. [m]"""
+    at_high = np.indices((2, 2, 2)).reshape(3, 8).T
+    return _triangulate_hull(np.where(at_high, np.asarray(high, float), np.asarray(low, float)))
+
+
+def triangulate_rod(start: Array, end: Array, radius: float, sections: int) -> tuple[Array, NDArray[np.int_]]:
+    """Return vertices, shape (2 m, 3) [m], and triangles of a cylinder of m sides between two points. [m]"""
+    way = np.asarray(end, float) - start
+    angle = 2.0 * np.pi * np.arange(sections) / sections
+    ring = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(sections)])
+    ring = Rotation.align_vectors([way / np.linalg.norm(way)], [[0.0, 0.0, 1.0]])[0].apply(ring)
+    return _triangulate_hull(np.vstack([ring + start, ring + end]))
+
+
+def _triangulate_hull(corners: Array) -> tuple[Array, NDArray[np.int_]]:
+    """Return vertices and outward triangles of a convex hull."""
+    hull = ConvexHull(corners)
     faces = np.array(hull.simplices, int)
-    a, b, c = (points[faces[:, k]] for k in range(3))
+    a, b, c = (corners[faces[:, k]] for k in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
-    return points, faces
+    return corners, faces
 
 
 def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array, float, Array]:
@@ -84,7 +100,9 @@ def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array
     """
     import coal
 
-    vertices, faces = triangulate(form, placement)
+    vertices, faces = triangulate(form)
+    if placement is not None:
+        vertices = vertices @ placement[:3, :3].T + placement[:3, 3]
     box = np.array([vertices.min(axis=0), vertices.max(axis=0)])
     centre = box.mean(axis=0)
     radius = 1.01 * float(np.linalg.norm(vertices - centre, axis=1).max())

@@ -26,6 +26,7 @@ others. A key "name#i" is item i of the list "name"; `fixed` holds settings of t
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -245,16 +246,15 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
     lines, first = [tomli_w.dumps(head)], 0
     shape = uncertainty.factor.shape
     plain = shape[0] == shape[1] and not np.any(uncertainty.factor - np.diag(np.diag(uncertainty.factor)))
-    for unknown in uncertainty.unknowns:
-        place = {"effect": unknown.effect, "joint": unknown.joint, "axis": unknown.axis}
-        lines.append("[[unknown]]")
-        lines += [f"{key} = {_quote(value)}" for key, value in place.items() if value is not None]
-        lines.append(f"keys = [{', '.join(map(_quote, unknown.keys))}]")
-        lines.append(f"deviation = {_format_row(unknown.deviation)}")
+    for unknown in uncertainty.unknowns:  # JSON's text and lists are those of TOML
+        table: dict[str, Any] = {"effect": unknown.effect, "joint": unknown.joint, "axis": unknown.axis}
+        table |= {"keys": list(unknown.keys), "deviation": [short(value) for value in unknown.deviation]}
         if not plain:
-            own = uncertainty.factor[first : first + len(unknown.keys)]
-            kept = np.where(np.abs(own) > NOTHING, own, 0.0)
-            lines.append(f"factor = [{', '.join(_format_row(row[: _length(row)]) for row in kept)}]")
+            table["factor"] = [_shorten(row) for row in uncertainty.factor[first : first + len(unknown.keys)]]
+        lines.append("[[unknown]]")
+        lines += [
+            f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in table.items() if value is not None
+        ]
         if unknown.fixed:
             lines += ["[unknown.fixed]", tomli_w.dumps(dict(unknown.fixed)).rstrip()]
         lines.append("")
@@ -289,17 +289,10 @@ def _fill_factor(rows: list[tuple[float, ...] | None]) -> Array:
     return factor
 
 
-def _length(row: Array) -> int:
-    """Count the numbers of a row up to the last significant one."""
-    return int(np.flatnonzero(np.abs(row) > NOTHING).max(initial=0)) + 1
-
-
-def _format_row(values: Array) -> str:
-    return f"[{', '.join(repr(short(value)) for value in values)}]"
-
-
-def _quote(text: str) -> str:
-    return tomli_w.dumps({"k": text}).partition(" = ")[2].strip()
+def _shorten(row: Array) -> list[float]:
+    """Return the numbers of a row up to the last significant one."""
+    kept = np.where(np.abs(row) > NOTHING, row, 0.0)
+    return [short(value) for value in kept[: int(np.flatnonzero(kept).max(initial=0)) + 1]]
 
 
 def short(value: float) -> float:

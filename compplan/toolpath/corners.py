@@ -12,6 +12,7 @@ With n = 4 and u even in time the tool slows down and starts as a run that is sm
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -60,7 +61,8 @@ def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> To
         kept[near[np.abs(along[near] - along[i]) < a * (1.0 - 1e-9)]] = False
         places.append(np.interp(along[i] + a * (behind - before), lengths, np.arange(len(along))))
         for side, end in ((-1, along[i - 1]), (1, along[i + 1])):
-            far = np.array(_crowd(a, SHARE * abs(float(end - along[i]))))
+            count = max(math.ceil(math.log2(max(SHARE * abs(float(end - along[i])) / (1.6 * a), 1e-9))), 0)
+            far = 1.6 * a * 2.0 ** np.arange(count)  # from just beyond the rounding outwards, each twice the one before
             places.append(np.interp(along[i] + side * far, lengths, np.arange(len(along))))
     every = np.unique(np.concatenate([np.flatnonzero(kept), *places]))
     divided = divide_toolpath(toolpath, every)
@@ -73,9 +75,11 @@ def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> To
             values[own] = sum(parts) - old[i]
         moved[own[1:-1]] = np.linalg.norm((position - divided.position)[own[1:-1]], axis=1)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    notes = (*divided.notes, _describe(len(corners), float(moved.max())))
+    found = "1 corner of the cut is" if len(corners) == 1 else f"{len(corners)} corners of the cut are"
+    note = (f"{found} rounded, by {1e3 * float(moved.max()):.3g} mm at most, so that the tool does not stop there; "
+            "feed.corner_tolerance_mm = 0 keeps them sharp.")  # fmt: skip
     arc = None if divided.arc is None else np.where((moved > 0.0) | (np.r_[0.0, moved[:-1]] > 0.0), 0, divided.arc)
-    return replace(divided, position=position, axis=axis, rounded=moved, notes=notes, arc=arc)
+    return replace(divided, position=position, axis=axis, rounded=moved, notes=(*divided.notes, note), arc=arc)
 
 
 def _reach_corners(toolpath: Toolpath, corners: NDArray[np.int_], along: Array, turn: Array, wanted: Array) -> Array:
@@ -92,14 +96,6 @@ def _reach_corners(toolpath: Toolpath, corners: NDArray[np.int_], along: Array, 
     bends = along[(turn > BEND) & ~np.isin(np.arange(n), corners)]
     curved = np.searchsorted(bends, marks + wanted) > np.searchsorted(bends, marks - wanted, side="right")
     return np.asarray(np.minimum(np.where(curved, BESIDE_ARC, 1.0) * wanted, SHARE * room))
-
-
-def _describe(count: int, most: float) -> str:
-    corners = "1 corner of the cut is" if count == 1 else f"{count} corners of the cut are"
-    return (
-        f"{corners} rounded, by {1e3 * most:.3g} mm at most, so that the tool does not stop there; "
-        "feed.corner_tolerance_mm = 0 keeps them sharp."
-    )
 
 
 def find_corners(toolpath: Toolpath) -> tuple[NDArray[np.int_], Array]:
@@ -178,12 +174,3 @@ def find_shares(position: Array) -> tuple[Array, float]:
     rate = np.sqrt(np.maximum((1 - u) ** 6 + u**6 + 2 * cosine * ((1 - u) * u) ** 3, 1e-12))
     whole = np.r_[0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(u))]
     return np.interp(along / along[-1], whole / whole[-1], u), float(0.25 / whole[-1])
-
-
-def _crowd(nearest: float, farthest: float) -> list[float]:
-    """Return distances from just beyond a rounding outwards, each twice the one before."""
-    distances, distance = [], 1.6 * nearest
-    while distance < farthest:
-        distances.append(distance)
-        distance *= 2.0
-    return distances

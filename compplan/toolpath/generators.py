@@ -18,8 +18,6 @@ from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
 from compplan.toolpath.toolpath import MOST_WAYPOINTS, Toolpath
 
-#: Feeds that are taken for true. [m/s]
-SLOWEST, FASTEST = 1e-9, 1e3
 #: Turns that are taken for true.
 MOST_TURNS = 1e4
 #: Position at parameter u of a curve. (n,) -> (n, 3) [m]
@@ -48,19 +46,13 @@ class GeneratorTable(StrictTable):
         """Generate the toolpath; an InputError where the parameters contradict each other."""
         raise NotImplementedError
 
-    def _resolve_pace(self, length: float) -> tuple[float, int]:
-        """Return the feed [m/s] and the number of waypoints for a curve of this length [m]."""
-        feed = self.feed_mm_s * 1e-3
-        if not SLOWEST <= feed <= FASTEST:
-            message = f"feed is {feed * 1e3:g} mm/s, expected {SLOWEST * 1e3:g} to {FASTEST * 1e3:g} mm/s"
-            raise InputError(message)
-        if self.waypoints is not None:
-            count = float(self.waypoints)
-        else:
-            count = 1.0 + length / (length if self.step_mm is None else self.step_mm * 1e-3)
+    def _count_waypoints(self, length: float) -> int:
+        """Return the number of waypoints for a curve of this length [m]."""
+        step = length if self.step_mm is None else self.step_mm * 1e-3
+        count = 1.0 + length / step if self.waypoints is None else float(self.waypoints)
         if not count <= MOST_WAYPOINTS:
             raise InputError(f"this makes {count:.3g} waypoints, at most {MOST_WAYPOINTS} can be planned")
-        return feed, max(2, round(count))
+        return max(2, round(count))
 
     def _walk(self, curve: Curve, grid: Array, corners: Array = NO_CORNERS) -> Toolpath:
         """Put waypoints on a curve at equal distances along it, between its corners (k,) where it has any.
@@ -70,7 +62,7 @@ class GeneratorTable(StrictTable):
         lengths = _measure(curve, grid)
         if not lengths[-1] > 0.0:
             raise InputError("the generator makes a path of no length")
-        feed, count = self._resolve_pace(float(lengths[-1]))
+        count = self._count_waypoints(float(lengths[-1]))
         bounds = np.r_[0.0, np.interp(corners, grid, lengths), lengths[-1]]
         position = curve(np.interp(_place_stations(bounds, count), lengths, grid))
         direction = np.array([0.0, 0.0, 1.0])
@@ -80,7 +72,7 @@ class GeneratorTable(StrictTable):
             position = np.vstack([position[0] + lift, position, position[-1] + lift])
             rapid = np.concatenate([[True, True], rapid[1:], [True]])
         axes = np.tile(direction, (len(position), 1))
-        return Toolpath(position, axes, np.where(rapid, 0.0, feed), rapid, source="generator")
+        return Toolpath(position, axes, np.where(rapid, 0.0, self.feed_mm_s * 1e-3), rapid, source="generator")
 
 
 def _measure(curve: Curve, grid: Array) -> Array:

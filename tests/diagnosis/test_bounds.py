@@ -52,19 +52,9 @@ def test_what_a_lighter_tool_leaves_hangs_before_the_flange(fit: Any) -> None:
         problem=SimpleNamespace(robot=robot),
         at=SimpleNamespace(robot=robot, own_weight_load=np.full((1, 6), np.inf), attained=None),
     )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("compplan.diagnosis.validation.bounds._check_torque", lambda fit, payload: "")
-        assert not ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[0.0, 0.0, -0.25])
-        said = ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[1.3, 0.8, -4.1])
+    assert not ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[0.0, 0.0, -0.25])
+    said = ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[1.3, 0.8, -4.1])
     assert said.startswith("2.5 kg less on the flange leave 2.5 kg with their centre 1511 mm behind")
-
-
-def test_a_payload_hangs_on_joints_whose_motors_hold_it(fit: Any) -> None:
-    """9 kg are less than the arm weighs; 70 cm before the flange they turn the wrist by 62 N m; it gives 56."""
-    assert not ask(fit, "payload", None, mass_kg=9.0, first_moment_kg_m=[0.0, 0.0, 0.9])
-    said = ask(fit, "payload", None, mass_kg=9.0, first_moment_kg_m=[0.0, 6.3, 0.0])
-    assert "its motor gives 56 N m" in said
-    assert float(said.split(" carries ")[1].split()[0]) == pytest.approx(9.81 * 6.3, rel=0.3)
 
 
 def test_no_link_joint_or_base_plate_bends_by_a_fiftieth_under_the_stretched_arm(fit: Any) -> None:
@@ -88,23 +78,6 @@ def test_no_link_joint_or_base_plate_bends_by_a_fiftieth_under_the_stretched_arm
     assert ask(fit, "link_compliance", 2, compliance_m_per_N=1.1 * 0.25 * MOST_BENT / moment)
     sag = {"joints": list(robot.joint_names[1:3]), "compliance_rad_per_Nm": [1e-6, 1.1e-3]}
     assert ask(fit, "gravity_sag", None, **sag).startswith(f"{elbow} would bend")
-
-
-def test_a_balancer_carries_weight_and_no_more(fit: Any) -> None:
-    assert not ask(fit, "gravity_compensator", 1, cosine_Nm=150.0, sine_Nm=0.0)
-    assert "4.85e+04 N m" in ask(fit, "gravity_compensator", 1, cosine_Nm=48490.0, sine_Nm=0.0)
-
-
-def test_a_soft_zone_bends_no_further_than_the_joint_itself_under_a_large_load(fit: Any) -> None:
-    law = {"compliance": 1e-6, "reference_load": 100.0, "zone_load": 5.0}
-    assert not ask(fit, "stiffness_nonlinearity", 1, **law, soft_zone_ratio=10.0)
-    assert "soft_zone_ratio 33" in ask(fit, "stiffness_nonlinearity", 1, **law, soft_zone_ratio=33.0)
-
-
-def test_no_gear_train_couples_axes_by_a_thousandth(fit: Any) -> None:
-    other = fit.problem.robot.joint_names[1]
-    assert not ask(fit, "joint_coupling", 2, other=other, ratio=-0.0125)
-    assert "no gear train" in ask(fit, "joint_coupling", 2, other=other, ratio=0.0003)
 
 
 def test_a_claim_does_not_move_the_target_many_times_as_far_as_the_gap(fit: Any) -> None:

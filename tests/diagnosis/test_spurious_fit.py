@@ -89,7 +89,7 @@ def test_explained_squares_are_those_of_least_squares() -> None:
 
 def test_a_higher_spurious_fit_probability_lowers_that_of_the_claim() -> None:
     def state(spurious: float) -> float:
-        return calibrate_probability(Evidence(30.0, 30.0, spurious, 1.0))
+        return calibrate_probability(Evidence(30.0, spurious, 1.0))
 
     assert state(0.15) < state(0.05) < state(0.02)
     assert state(0.9) == state(0.15)

@@ -114,10 +114,10 @@ def test_places_noise_and_what_is_not_explained_add_up_and_are_plain_json(where:
     assert sum(s.share for s in split.by_joint.values()) + split.shares.noise == pytest.approx(1.0, abs=1e-6)
     assert sum(s.share for s in split.shares.by_factor.values()) + split.shares.noise == pytest.approx(1.0, abs=1e-6)
     spread = split.spread
-    assert 0.5 < sum(entry["share"] for entry in spread.by_region) <= 1.0
-    assert sum(entry["share"] for entry in spread.by_run.values()) == pytest.approx(1.0, abs=1e-3)
-    assert sum(spread.by_axis[axis].share for axis in "xyz") == pytest.approx(1.0, abs=1e-9)
-    assert spread.rms == pytest.approx(diagnosis.gap.before, rel=1e-9)
+    assert 0.5 < sum(entry["share"] for entry in spread["by_region"]) <= 1.001
+    assert sum(entry["share"] for entry in spread["by_run"].values()) == pytest.approx(1.0, abs=1e-3)
+    assert sum(spread["by_axis"][axis]["share"] for axis in "xyz") == pytest.approx(1.0, abs=1e-3)
+    assert spread["rms_mm"] == pytest.approx(1e3 * diagnosis.gap.before, rel=1e-9)
     written = json.loads(json.dumps(split.to_json(), allow_nan=False))
     assert set(written["by_joint"]) >= {*diagnosis.robot.joint_names, CALIBRATION, UNEXPLAINED}
     assert all(0 <= share["low"] <= share["share"] <= share["high"] <= 1 for share in written["by_joint"].values())

@@ -53,8 +53,7 @@ def test_the_robot_that_is_written_goes_where_the_fit_said(name: str, tmp_path: 
     values = structure.nominal + size * np.random.default_rng(4).uniform(0.2, 1.0, len(size))
     state = attain_fit(structure, values, every_row(log), KNOWN_FRAMES)
     fit = SimpleNamespace(structure=structure, model_values=values)
-    written, notes = update_robot(robot, fit, source="test")  # type: ignore[arg-type]
-    assert notes == ()
+    written = update_robot(robot, fit, source="test")  # type: ignore[arg-type]
     attained = solve_model_poses(build_model(written, log))
     assert np.linalg.norm(state.position - attained.position, axis=1).max() < 1e-9
 

@@ -6,8 +6,10 @@ import base64
 
 import numpy as np
 import pytest
+import trimesh
 
 from compplan.reporting.charts import Bars, Figure, add_area, draw_bars
+from compplan.robot.solids import triangulate_box, triangulate_rod
 
 
 @pytest.mark.parametrize("kind", ["float32", "float64", "int8", "int16", "int32"])
@@ -60,3 +62,16 @@ def test_bars_reach_to_the_ends_of_their_intervals() -> None:
     spread = figure.data[0]["error_x"]
     assert spread["array"].tolist() == [0.5, 2.0] and spread["arrayminus"].tolist() == [0.5, 0.0]
     assert figure.data[0]["y"] == ["a", "b"] and figure.layout["yaxis"]["autorange"] == "reversed"
+
+
+def test_drawn_boxes_and_rods_are_closed_and_face_outwards() -> None:
+    low, high = np.array([-1.0, 2.0, 0.5]), np.array([3.0, 2.5, 4.0])
+    box = trimesh.Trimesh(*triangulate_box(low, high), process=False)
+    assert box.is_watertight and box.volume == pytest.approx(np.prod(high - low))
+    assert np.allclose(box.bounds, [low, high])
+    for end in ([0.4, -0.2, 1.0], [0.1, 0.2, -3.0]):
+        start = np.array([0.1, 0.2, 0.3])
+        rod = trimesh.Trimesh(*triangulate_rod(start, np.array(end), 0.05, sections=20), process=False)
+        other = trimesh.creation.cylinder(0.05, segment=[start, end], sections=20)
+        assert rod.is_watertight and rod.volume == pytest.approx(other.volume)
+        assert np.allclose(rod.center_mass, other.center_mass)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import shutil
 import time
 import tomllib
@@ -138,49 +137,46 @@ def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
 
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
     from compplan.job.commented_job import (
-        choose_process,
-        mount_tool,
-        number_tools,
+        describe_mount,
+        describe_tools,
         read_called_tools,
         shorten_job,
         write_job_text,
-    )  # fmt: skip
+    )
 
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":
         raise InputError(f"a job is a file that ends in .toml, not {str(file)!r}")
-    text, place, assumed = write_job_text(), "", ""
+    words, place, assumed = dict[str, Any](), "", ""
+    cam = toolpath is not None and not toolpath.lower().endswith(".csv")
     robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
     if robot is not None:
-        text = text.replace('robot = "staubli_tx200" ', f"{_line('robot', str(robot_name))} ", 1)
-        text = text.replace('programs = ["val3"]', f'programs = ["{_native_language(robot)}"]', 1)
-        text = mount_tool(text, robot, used=toolpath is not None and not toolpath.lower().endswith(".csv"))
+        words |= {"robot": robot_name, "language": _native_language(robot), "tool": describe_mount(robot, used=cam)}
     if toolpath is not None:
         _check_toolpath(file.parent / toolpath)
-        line = _line("toolpath", toolpath) + "\n\n"
-        text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
-        text = choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
-        if not toolpath.lower().endswith(".csv"):
+        words |= {"toolpath": _line("toolpath", toolpath), "model": "milling" if cam else "columns", "assumed": cam}
+        if cam:
             try:
-                text = number_tools(text, read_called_tools(file.parent / toolpath))
+                words |= describe_tools(read_called_tools(file.parent / toolpath))
                 assumed = "assumed values, replace them by yours: tool length and mass, the numbers of the cut"
             except CompplanError as error:
                 assumed = f"tools and spindle speeds are not taken from {toolpath}: {error}"
+    text = write_job_text(**words)
     if robot is not None:
         with show_progress() as announce:
             announce("place of the part")
-            text, place = _place_part(text, file)
-        text = _ease_force(text, robot) if toolpath is None else text
+            found, place = _place_part(text, file)
+        words |= found | (_ease_force(text, robot) if toolpath is None else {})
+        text = write_job_text(**words)
     write_text(file, shorten_job(text) if short else text)
     return [*filter(None, (place, assumed)), f"wrote {file}; next: compplan plan {file} --out out"]
 
 
-def _place_part(text: str, file: Path) -> tuple[str, str]:
-    """Put the part of a job's text where its arm reaches the path; return the text and what there is to say.
+def _place_part(text: str, file: Path) -> tuple[dict[str, Any], str]:
+    """Find where the arm of a job's text reaches the path; return the words of the place and what there is to say.
 
     A toolpath that cannot be read as the text has it leaves the part where it is: it may need what the job says of it.
     """
-    from compplan.job.commented_job import set_place
     from compplan.job.job import check_job
     from compplan.job.operations import split_job
     from compplan.planning.plan import job_robot
@@ -190,24 +186,22 @@ def _place_part(text: str, file: Path) -> tuple[str, str]:
         job = split_job(check_job(tomllib.loads(text), file))[0]
         found = find_first_place(job, job_robot(job))
     except CompplanError as error:
-        return text, f"the part has the default place, its path was not tried ({error})"
+        return {}, f"the part has the default place, its path was not tried ({error})"
     if found is None:
-        return text, "no place was found from which this robot reaches the whole path; choose a larger one, or turn it"
+        return {}, "no place was found from which this robot reaches the whole path; choose a larger one, or turn it"
     position = [round(1e3 * float(value), 1) + 0.0 for value in found[0]]
     why = "amid the places from which the arm reaches the path" if found[1] else "before the arm, not tried"
-    return set_place(text, position, f"assumed: {why}; put yours"), f"the part stands at {position} mm (assumed: {why})"
+    return {"place": f"{position}  # assumed: {why}; put yours"}, f"the part stands at {position} mm (assumed: {why})"
 
 
-def _ease_force(text: str, robot: Robot) -> str:
-    """Lower the force of a job's text to half of what the strongest joint holds with the arm stretched out."""
-    from compplan.job.commented_job import set_force
-
+def _ease_force(text: str, robot: Robot) -> dict[str, Any]:
+    """Return the words of a force that is half of what the strongest joint holds with the arm stretched out."""
     process, most = tomllib.loads(text)["process"], float(robot.effort_limits[~robot.prismatic].max(initial=0.0))
     share = 0.5 * most / robot.longest_reach / process["axial_N"]
     if not 0.0 < share < 1.0:
-        return text
-    axial, lateral = (_round_down(share * process[key]) for key in ("axial_N", "lateral_N"))
-    return set_force(text, axial, lateral, "assumed: half of what this arm holds stretched out; put yours")
+        return {}
+    eased = {key: _round_down(share * process[key]) for key in ("axial_N", "lateral_N")}
+    return {**eased, "eased": "assumed: half of what this arm holds stretched out; put yours; "}
 
 
 def _round_down(value: float) -> float:

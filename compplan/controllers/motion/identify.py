@@ -1,9 +1,9 @@
-"""Identify a controller from logs: blends, speed law, lag and lost motion, kept as far as they help rows left out."""
+"""Identify a controller from logs: blends, speed law, lag and lost motion, kept where they help rows left out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
@@ -20,14 +20,6 @@ from compplan.controllers.writers.motion_table import LONGEST_LAG, ServoMotion
 from compplan.robot import Array
 from compplan.statics.ik import Arm
 
-#: Models from the plainest to the richest: what each lets free.
-RUNGS: dict[str, tuple[str, ...]] = {
-    "blend": ("speed",),
-    "one lag": ("speed", "common"),
-    "lag": ("speed", "lag"),
-    "lag and acceleration": ("speed", "lag", "acceleration"),
-    "lag, acceleration and lost motion": ("speed", "lag", "acceleration", "lost"),
-}
 #: Greatest blend share, how far around the whole fit's it is searched with rows left out, how finely, and how many are
 #: tried; with more windows than `SEARCHED` every second one searches.
 MOST_SHARE, AROUND, FINEST, MOST_TRIED, SEARCHED = 2.0, 0.2, 0.02, 9, 4
@@ -38,8 +30,6 @@ SPREAD = {"lag": 0.02, "acceleration": 5e-4, "lost": 5e-4}
 #: Acceleration of the tip [m/s^2] and smoothing [s] that are usual, and spreads of the logarithm of the one and of the
 #: other.
 USUAL, SPEED_SPREAD = (3.0, 0.04), (1.0, 0.2)
-#: A richer model has to leave less than this share of a plainer one, on rows left out.
-WORTH = 0.98
 #: A model is no worse than the programmed path up to this distance. [m]
 EQUAL = 1e-6
 #: Noise of a row [m], how many times it an outlier is, trials of a fit, and step of its slopes in usual spreads.
@@ -53,18 +43,15 @@ class Identified:
     """What logs say of a controller."""
 
     motion: ServoMotion  #: The model fitted to all rows.
-    rung: str  #: Its name in `RUNGS`, or "none" where no model helps rows left out.
     helps: bool  #: Whether it is to be written.
     left: Array  #: Distance of rows left out across the executed path. Shape (n,). [m]
     left_before: Array  #: The same by the folder's own values. Shape (n,). [m]
     without: Array  #: Distance across the programmed path. Shape (n,). [m]
-    #: By rung the (median, p95) of rows left out. [m]
-    ladder: dict[str, tuple[float, float]] = field(default_factory=dict)
-    held_out: str = "log"  #: "log" or "time": what was left out in turn.
+    held_out: str  #: "log" or "time": what was left out in turn; "" where there are too few rows.
 
 
 def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) -> Identified:
-    """Fit every rung with groups of rows left out, keep the plainest that is nearly the best, and fit it to all."""
+    """Fit a model to all rows, and with groups of rows left out, which say whether it helps."""
     logs = sorted({window.log for window in windows})
     by_log = len(logs) > 1
     count = min(GROUPS, len(logs) if by_log else len(windows))
@@ -72,26 +59,18 @@ def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) ->
     without = np.concatenate([window.beside for window in windows])
     before = np.concatenate([measure_left(window, folder, arm) for window in windows])
     if count < 2:
-        return Identified(folder, "none", False, without, before, without, {}, "time")
-    everything = climb_ladder(windows, folder, arm)
-    whole = everything["lag"]  # where the search for each group begins
-    pieces: dict[str, dict[int, Array]] = {name: {} for name in RUNGS}
+        return Identified(folder, False, without, before, without, "")
+    motion = fit_controller(windows, folder, arm)
+    shares = (max(motion.blend_share - AROUND, 0.0), motion.blend_share + AROUND)
+    left: list[Array] = [np.zeros(0)] * len(windows)
     for group in range(count):
-        seen = [w for w, g in zip(windows, groups, strict=True) if g != group]
-        fitted = climb_ladder(seen, whole, arm, (max(whole.blend_share - AROUND, 0.0), whole.blend_share + AROUND))
-        for name, motion in fitted.items():
-            for k, window in enumerate(windows):
-                if groups[k] == group:
-                    pieces[name][k] = measure_left(window, motion, arm)
-    left = {name: np.concatenate([pieces[name][k] for k in range(len(windows))]) for name in RUNGS}
-    ladder = {name: summarise_distance(values) for name, values in left.items()}
-    best = min(score(values) for values in ladder.values())
-    rung = next(name for name, values in ladder.items() if score(values) * WORTH <= best)
-    motion = everything[rung]
-    none, old = summarise_distance(without), summarise_distance(before)
-    helps = all(new < was and new < plain + EQUAL for new, was, plain in zip(ladder[rung], old, none, strict=True))
-    held = "log" if by_log else "time"
-    return Identified(motion, rung, helps, left[rung], before, without, ladder, held)
+        fitted = fit_controller([w for w, g in zip(windows, groups, strict=True) if g != group], motion, arm, shares)
+        for k in np.flatnonzero(np.equal(groups, group)).tolist():
+            left[k] = measure_left(windows[k], fitted, arm)
+    every = np.concatenate(left)
+    found, plain, old = (summarise_distance(values) for values in (every, without, before))
+    helps = all(new < was and new < programmed + EQUAL for new, was, programmed in zip(found, old, plain, strict=True))
+    return Identified(motion, helps, every, before, without, "log" if by_log else "time")
 
 
 def summarise_distance(values: Array) -> tuple[float, float]:
@@ -104,34 +83,23 @@ def score(values: tuple[float, float]) -> float:
     return float(np.sqrt(max(values[0], 1e-9) * max(values[1], 1e-9)))
 
 
-def climb_ladder(
+def fit_controller(
     windows: Sequence[Window], begin: ServoMotion, arm: Arm, shares: tuple[float, float] = (0.0, MOST_SHARE)
-) -> dict[str, ServoMotion]:
-    """Fit every rung, each from the one before; the blend share lies between two."""
+) -> ServoMotion:
+    """Fit a model to windows, its blend share between two."""
     zero = np.zeros(len(begin.lag))
     motion = replace(begin, lag=np.full(len(zero), max(0.01, float(begin.lag.mean()))), acceleration_lag=zero,
                      lost_motion=zero)  # fmt: skip
     some = windows[::2] if len(windows) > SEARCHED else windows
-    motion = search_blend(some, motion, ("speed", "lag"), arm, shares)
-    found: dict[str, ServoMotion] = {}
-    for name, free in RUNGS.items():
-        if name == "blend":
-            plain = replace(motion, lag=zero, acceleration_lag=zero, lost_motion=zero)
-            found[name] = fit_motion(windows, plain, free, arm)
-        else:
-            motion = fit_motion(windows, motion, free, arm)
-            found[name] = motion
-    return found
+    return fit_motion(windows, search_blend(some, motion, arm, shares), 2 + 3 * len(zero), arm)
 
 
-def search_blend(
-    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, shares: tuple[float, float]
-) -> ServoMotion:
-    """Fit the rest at blend shares between two, ever nearer to the best."""
+def search_blend(windows: Sequence[Window], motion: ServoMotion, arm: Arm, shares: tuple[float, float]) -> ServoMotion:
+    """Fit speed and lags at blend shares between two, ever nearer to the best."""
     fitted = {}
 
     def left(share: float) -> float:
-        fitted[share] = fit_motion(windows, replace(motion, blend_share=share), free, arm, steps=12)
+        fitted[share] = fit_motion(windows, replace(motion, blend_share=share), 2 + len(motion.lag), arm, steps=12)
         gaps = [find_residual(window, run_window(window, fitted[share], arm)) for window in windows]
         return float(np.mean(np.sqrt((np.concatenate(gaps) ** 2).sum(axis=1) + 1e-12)))
 
@@ -139,16 +107,15 @@ def search_blend(
     return fitted[found.x]
 
 
-def fit_motion(
-    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, steps: int = STEPS
-) -> ServoMotion:
+def fit_motion(windows: Sequence[Window], motion: ServoMotion, free: int, arm: Arm, steps: int = STEPS) -> ServoMotion:
     """Fit a model by robust least squares against what is usual; blends stay.
 
-    `free` names what may change: speed, common or lag, acceleration, lost.
+    `free` is how many of the numbers may change: the logarithm of the acceleration, the smoothing, and lag,
+    acceleration lag and lost motion by joint.
     """
     nq = len(motion.lag)
     spread = np.r_[SPEED_SPREAD, np.repeat([*SPREAD.values()], nq)]
-    directions = spread[:, None] * _list_directions(free, nq)
+    directions = np.diag(spread)[:, :free]
 
     def left(change: Array) -> Array:
         trial = _apply(motion, directions @ change)
@@ -159,17 +126,6 @@ def fit_motion(
     found = least_squares(left, np.zeros(len(step)), loss="cauchy", f_scale=OUTLIER, diff_step=step,
                           max_nfev=steps)  # fmt: skip
     return _apply(motion, directions @ found.x)
-
-
-def _list_directions(free: tuple[str, ...], nq: int) -> Array:
-    """Return what each free number adds to the numbers of a model; shape (2 + 3 nq, k).
-
-    Those are the logarithm of the acceleration, the smoothing, and lag, acceleration lag and lost motion by joint.
-    """
-    each = np.eye(2 + 3 * nq)
-    ways = {"speed": each[:, :2], "common": each[:, 2 : 2 + nq].sum(axis=1, keepdims=True)}
-    ways |= {kind: each[:, 2 + k * nq : 2 + (k + 1) * nq] for k, kind in enumerate(SPREAD)}
-    return np.concatenate([ways[name] for name in free], axis=1)
 
 
 def _apply(motion: ServoMotion, change: Array) -> ServoMotion:

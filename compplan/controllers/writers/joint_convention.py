@@ -25,7 +25,7 @@ from compplan.io.tomlfile import (
     refuse_other_types,
 )
 from compplan.robot import Robot
-from compplan.robot.pose import build_pose, move_joint
+from compplan.robot.pose import build_pose, follow_joints
 from compplan.robot.urdf import Urdf, read_urdf
 
 #: A name of a joint, and a zero [deg or mm], that are taken for true.
@@ -204,19 +204,10 @@ def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Arra
     Raises:
         InputError: If the chain has no such link.
     """
-    pose = np.tile(np.eye(4), (len(q), 1, 1))
-    found, values = {robot.base: pose}, dict(zip(robot.joint_names, q.T, strict=True))
-    for joint in robot.joints:
-        pose = pose @ joint.placement
-        if joint.mimic is not None:
-            pose = pose @ move_joint(joint, joint.mimic.multiplier * values[joint.mimic.joint] + joint.mimic.offset)
-        elif joint.name in values:
-            pose = pose @ move_joint(joint, values[joint.name])
-        found[joint.child] = pose
-    missing = next((link for link in links if link not in found), None)
-    if missing is not None:
-        raise InputError(f"no link named {missing!r}, choose from {[joint.child for joint in robot.joints]}")
-    return {link: found[link] for link in (robot.base, *links)}
+    poses = follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q.T, strict=True)))
+    if missing := [link for link in links if link not in poses]:
+        raise InputError(f"no link named {missing[0]!r}, choose from {[joint.child for joint in robot.joints]}")
+    return {link: np.broadcast_to(poses[link], (len(q), 4, 4)) for link in (robot.base, *links)}
 
 
 def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:

@@ -80,11 +80,6 @@ class Noise:
         """Factor by which the variance may exceed its estimate before chance no longer explains it."""
         return chance_factor(self.witnesses)
 
-    @property
-    def known(self) -> bool:
-        """Tell whether anything but an assumption tells the noise."""
-        return self.source != "assumed"
-
     def spread_of(self, rows: NDArray[np.int_]) -> Array:
         """Return the standard deviation of some rows over `sigma`. Shape (rows,)."""
         return self.spread[rows] if len(self.spread) else np.ones(len(rows))

@@ -281,19 +281,15 @@ def find_gains(equations: NormalEquations, posterior: Posterior, candidates: lis
     cross = gram.take(posterior.columns, axis=1)
     left = against - cross @ posterior.mean
     known = cross @ posterior.covariance
-    alone = np.maximum(np.diag(gram) - np.einsum("ij,ij->i", known, cross), 0.0)
     by_size: dict[int, list[int]] = {}
     for n in candidates:
         by_size.setdefault(len(equations.columns(n)), []).append(n)
     gains: list[Gain] = []
     for size, numbers in by_size.items():
         own = np.stack([equations.columns(n) for n in numbers])
-        if size == 1:
-            positive = np.array([equations.signatures[n].positive for n in numbers], bool)
-            sure, best = _single_gains(alone[own[:, 0]], left[own[:, 0]], positive)
-        else:
-            blocks = gram[own[:, :, None], own[:, None, :]] - known[own] @ np.swapaxes(cross[own], 1, 2)
-            sure, best = _joint_gains(blocks, left[own])
+        positive = np.array([size == 1 and equations.signatures[n].positive for n in numbers], bool)
+        blocks = gram[own[:, :, None], own[:, None, :]] - known[own] @ np.swapaxes(cross[own], 1, 2)
+        sure, best = _rate_blocks(blocks, left[own], positive)
         gains += [Gain(n, g, b) for n, g, b in zip(numbers, sure.tolist(), best.tolist(), strict=True)]
     return gains
 
@@ -304,24 +300,18 @@ def combine_normal_equations(equations: NormalEquations, hyper: Hyper) -> tuple[
     return combine_channels(equations.channels, hyper)
 
 
-def _single_gains(block: Array, left: Array, positive: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return gain and best size of signatures of one column each."""
-    size2 = np.array(SIZES)[:, None] ** 2
-    grown = 1 + size2 * block
-    log_gain = 0.5 * (size2 * left**2 / grown - np.log(grown))
-    log_gain = log_gain + np.where(positive, np.log(2) + log_ndtr(np.sqrt(size2 / grown) * left), 0.0)
-    best = np.argmax(log_gain, axis=0)
-    top = np.take_along_axis(log_gain, best[None], axis=0)[0]
-    return top + np.log(np.mean(np.exp(log_gain - top), axis=0)), np.array(SIZES)[best]
+def _rate_blocks(blocks: Array, left: Array, positive: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return gain and best size of signatures of k columns each, `positive` ones of one column that is not negative.
 
-
-def _joint_gains(blocks: Array, left: Array) -> tuple[Array, Array]:
-    """Return gain and best size of signatures of several columns each. Shapes (m, k, k), (m, k) -> (m,), (m,)."""
+    Shapes (m, k, k), (m, k), (m,) -> (m,), (m,).
+    """
     values, vectors = np.linalg.eigh(0.5 * (blocks + np.swapaxes(blocks, 1, 2)))
-    values = np.maximum(values, 0.0)
     squares = np.einsum("mki,mk->mi", vectors, left) ** 2
-    sizes = (np.array(SIZES) ** 2)[:, None, None]
-    log_gain = 0.5 * np.sum(sizes * squares / (1 + sizes * values) - np.log1p(sizes * values), axis=2)
+    size2 = (np.array(SIZES) ** 2)[:, None, None]
+    grown = 1 + size2 * np.maximum(values, 0.0)
+    log_gain = 0.5 * np.sum(size2 * squares / grown - np.log(grown), axis=2)
+    half = np.log(2) + log_ndtr(np.sqrt(size2 / grown)[..., 0] * left[:, 0])
+    log_gain = log_gain + np.where(positive, half, 0.0)
     best = np.argmax(log_gain, axis=0)
     top = np.take_along_axis(log_gain, best[None], axis=0)[0]
     return top + np.log(np.mean(np.exp(log_gain - top), axis=0)), np.array(SIZES)[best]

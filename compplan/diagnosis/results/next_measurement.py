@@ -35,6 +35,7 @@ from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.pose_selection import grow_choice, odds_gains, weight_rows
 from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, locate_frames
 
 NOTHING = "none"
 
@@ -287,16 +288,11 @@ def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]
     """Tell which poses stand no lower and no nearer to the base axis than the campaign did. Shape (n,)."""
     usable = np.flatnonzero(campaign.usable)
     some = usable[:: max(1, len(usable) // SAMPLE)]
-    seen, tip = _tips(robot, campaign.q[some]), _tips(robot, q)
+    chain = build_chain(robot)
+    seen, tip = (locate_frames(chain, poses).tcp_position for poses in (campaign.q[some], q))
     return np.asarray(
         (tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= np.hypot(seen[:, 0], seen[:, 1]).min())
     )
-
-
-def _tips(robot: Robot, q: Array) -> Array:
-    run = np.array(["static"] * len(q), dtype=np.str_)
-    rows = Campaign(run, q, np.zeros((len(q), 6)), np.zeros((len(q), 3)))
-    return solve_model_poses(build_model(robot, rows)).position
 
 
 def given_loads(campaign: Campaign) -> list[Array]:

@@ -18,7 +18,7 @@ from scipy.special import chdtri
 
 from compplan.diagnosis.data.channels import group_poses
 from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, SAMPLE
-from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.candidates import in_background
 from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.results.verdict import Verdict, unname
 from compplan.diagnosis.search.state import Fit, FitState
@@ -130,12 +130,13 @@ def _list_unknowns(fit: Fit, found: Calibration) -> tuple[list[Unknown], NDArray
     unknowns, columns = list[Unknown](), list[int]()
     for number in (*found.named, *rest):
         signature = equations.signatures[number]
-        if signature.name == REGISTRATION or is_of_instrument(signature.name):
+        named = number in found.named
+        if not (named or in_background(signature)) or is_of_instrument(signature.name):
             continue
-        those = told if number in found.named else small
         own = [(int(c), key) for c, key in zip(equations.columns(number), signature.keys, strict=True)]
-        own = [(c, key) for c, key in own if c in those and c not in columns]
-        if own:
+        own = [(c, key) for c, key in own if c in (told if named else small) and c not in columns]
+        # a list is known whole or not at all
+        if own and (len(own) == len(signature.keys) or "#" not in signature.keys[0]):
             columns += [c for c, _ in own]
             keys = tuple(key for _, key in own)
             unknowns.append(Unknown(*signature.place, keys, np.zeros(len(own)), dict(signature.fixed)))

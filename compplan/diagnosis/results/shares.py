@@ -20,13 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, LISTED, SAMPLE, SEED, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.results.delivery import NOMINAL
-from compplan.diagnosis.results.verdict import Finding
-from compplan.diagnosis.search.state import FitState, attain_state
-from compplan.effects import driver_of, locate_effect, robot_effects
+from compplan.effects import driver_of, locate_effect
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
@@ -143,30 +140,17 @@ class PosteriorMotion:
         root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
         self.draws = self.mean[:, None] + root @ rng.normal(size=(len(values), SAMPLE))
         self.first_order = self.take_frames(equations.observed[0][chosen].ravel() * self.sigma)
-        self.conventions = self._find_conventions()
-        self.gap = self.first_order + sum((moved for _, moved in self.conventions), np.zeros_like(self.sigma))
+        # conventions of counting, found beforehand, move the target by centimetres: what they explain is left out above
+        self.gap = self.first_order
+        self.conventions = [finding for finding in diagnosis.verdict.findings if finding.signature < 0]
+        if self.conventions:
+            self.gap = self.take_frames(diagnosis.residual_before[self.rows].reshape(-1))
         block = np.unique(draw_blocks(diagnosis.fit.problem.campaign, rng)[self.rows], return_inverse=True)[1]
         count = int(block.max(initial=0)) + 1
         weight = rng.multinomial(count, np.full(count, 1.0 / count), size=SAMPLE).T.astype(float)
         self.weight = np.repeat(weight[block], 3, axis=0)
         square = float(self.gap @ self.gap) / len(self.rows)
         self.noise = float(np.clip(diagnosis.verdict.structure.floor**2 / max(square, 1e-300), 0.0, 1.0))
-
-    def _find_conventions(self) -> list[tuple[Finding, Array]]:
-        """Return what conventions of counting, found beforehand, move: exact, one after the other."""
-        problem, known = self.diagnosis.fit.problem, len(robot_effects(self.diagnosis.robot))
-        found = [finding for finding in self.diagnosis.verdict.findings if finding.signature < 0]
-        left, moves = self.take_frames(self.diagnosis.residual_before[self.rows].reshape(-1)), []
-        for number in range(len(found)):
-            effects = problem.fixed[: known + number + 1]
-            state = FitState(effects, {}, self.diagnosis.registration, problem.campaign.usable)
-            after = self.first_order
-            if number + 1 < len(found):
-                exact = position_residual(problem.campaign, *attain_state(problem, state))
-                after = self.take_frames(exact[self.rows].reshape(-1))
-            moves.append(left - after)
-            left = after
-        return list(zip(found, moves, strict=True))
 
     def follow(self, name: str) -> str:
         """Say what an effect's error follows; without any load it is the robot's own weight that bends it."""
@@ -213,10 +197,11 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
     """List the parts of the posterior's motion: findings, then small errors by place and effect."""
     equations, nothing = diagnosis.equations, np.zeros(0, int)
     parts: list[Part] = []
-    for finding, moved in motion.conventions:
+    for finding in motion.conventions:
         place = locate_effect(finding.effect.name, finding.effect.joint)
         own = motion.part(finding.effect.name, nothing, place, finding.probability)
-        parts.append(replace(own, motion=moved))
+        # several share alike
+        parts.append(replace(own, motion=(motion.gap - motion.first_order) / len(motion.conventions)))
     taken = set[int]()
     for finding in (f for f in diagnosis.verdict.findings if f.signature >= 0):
         name, columns = finding.effect.name, equations.columns(finding.signature)

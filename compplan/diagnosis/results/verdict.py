@@ -158,14 +158,11 @@ def evaluate_claim(
     rivals = find_alternatives(fit, claim.signature, values[: fit.search.equations.p])
     alike = {r.place for r in rivals if r.alike}
     margin = margin_of(revised.search, revised.model.claims, revised.model.posterior.hyper, claim, alike)
-    plain = margin
-    if claim in fit.model.claims:
-        plain = margin_of(fit.search, fit.model.claims, fit.model.posterior.hyper, claim, alike)
     equations = revised.search.equations
     columns = equations.columns(claim.signature)
     signature = equations.signatures[claim.signature]
     explained = motion_of(fit.search, columns, values)
-    evidence = Evidence(margin, plain, *checks)
+    evidence = Evidence(margin, *checks)
     effect = signature.effect(values[columns] * signature.scale)
     beyond = find_breach(fit, effect, explained, structure.gap)
     return Finding(

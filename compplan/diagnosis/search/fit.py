@@ -64,7 +64,7 @@ def fit_effects(
         # what is small has to wait until the large ones are exact: twice as many effects each round
         state = replace(state, most=min(2 ** (number + 1), SEARCH.most_effects))
         # poses met again tell the noise once the first model has taken play and drift out of them
-        fit, proposals = _round(problem, state, noises if number > SEARCH.noise_round else None, proposals, progress)
+        fit, proposals = _round(problem, state, noises if number > SEARCH.noise_round else None, proposals)
         noises = fit.noises
         step = descend(fit, advance_state(fit))
         if step is None:
@@ -91,8 +91,7 @@ def fit_effects(
 
 
 def _round(
-    problem: Problem, state: FitState, noises: dict[str, Noise] | None, proposals: list[Signature],
-    progress: Callable[[str], None],
+    problem: Problem, state: FitState, noises: dict[str, Noise] | None, proposals: list[Signature]
 ) -> tuple[Fit, list[Signature]]:  # fmt: skip
     """Linearize at a state, search, look for rows and periods in what is left, and search again."""
     at = linearize_state(problem, state)
@@ -108,7 +107,7 @@ def _round(
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
     equations = build_normal_equations(channels, _offer_all(problem, state, at, proposals), state.values)
-    fit = _search_equations(problem, state, at, channels, equations, noises, progress)
+    fit = _search_equations(problem, state, at, channels, equations, noises)
     while True:
         fresh = _propose(fit)
         known = {key_of(s) for s in fit.search.equations.signatures}
@@ -117,7 +116,7 @@ def _round(
             break
         before, equations = fit.model.score, extend_normal_equations(fit.search.equations, fresh)
         held = replace(fit.state, claims=claims_of(fit))
-        fit = _search_equations(problem, held, at, channels, equations, noises, progress)
+        fit = _search_equations(problem, held, at, channels, equations, noises)
         claimed = {key_of(fit.search.equations.signatures[n]) for n in fit.model.signatures}
         if fit.model.score < before + SEARCH.worthwhile or not claimed & {key_of(s) for s in fresh}:
             break
@@ -142,25 +141,23 @@ def _offer_all(
 
 def _search_equations(
     problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], equations: NormalEquations,
-    noises: dict[str, Noise], progress: Callable[[str], None],
+    noises: dict[str, Noise],
 ) -> Fit:  # fmt: skip
-    search = _build_search(problem, equations, start_hyper(equations, len(CLASSES)), progress)
+    search = _build_search(problem, equations, start_hyper(equations, len(CLASSES)))
     numbers = {key_of(s): n for n, s in enumerate(equations.signatures)}
     first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
     model = search_models(search, first, state.most)
     return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
 
 
-def _build_search(
-    problem: Problem, equations: NormalEquations, start: Hyper, progress: Callable[[str], None] = lambda text: None
-) -> Search:  # fmt: skip
+def _build_search(problem: Problem, equations: NormalEquations, start: Hyper) -> Search:
     free = [n for n, s in enumerate(equations.signatures) if s.name == REGISTRATION]
     candidates = [n for n in range(len(equations.signatures)) if n not in free]
     robot, prior = problem.robot, build_prior(equations, free, problem.excluded)
     springs = any(spring.compliance > 0.0 for spring in robot.springs) or bool(robot.link_elasticities)
     # where loads change, small compliances everywhere are fitted as well, and bend
     rigid = not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
-    return Search(equations, prior, log_priors(equations.signatures), candidates, start, progress=progress, rigid=rigid)
+    return Search(equations, prior, log_priors(equations.signatures), candidates, start, rigid=rigid)
 
 
 def _propose(fit: Fit) -> list[Signature]:

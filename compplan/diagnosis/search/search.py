@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -107,7 +107,6 @@ class Search:
     candidates: Sequence[int]
     start: Hyper
     cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
-    progress: Callable[[str], None] = lambda text: None
     rigid: bool = False
 
     def without(self, claims: Sequence[Claim], *gone: Claim) -> list[Claim]:
@@ -212,7 +211,6 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = SEARC
         grown = best if len(best.claims) >= most else add_claim(search, best)
         settled = _exchange(search, _remove(search, grown), concerned | (set(grown.claims) - set(best.claims)))
         concerned = set()
-        search.progress(f"{len(settled.claims)} effects")
         if settled.score < best.score + SEARCH.worthwhile:
             return best if best.score >= settled.score else settled
         best = settled

@@ -6,24 +6,20 @@ allow. Such a claim is not named: what it explains has another cause.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from compplan.diagnosis.data.shared import ROUNDING
 from compplan.diagnosis.search.state import Fit
 from compplan.effects import Effect
-from compplan.effects.forward_model import payload_wrench
-from compplan.effects.gravity_compensator import shapes as shapes_of_balancer
 from compplan.effects.gravity_sag import JOINTS
 from compplan.effects.link_compliance import SHARE
 from compplan.effects.payload import carried_payload, payload_values
-from compplan.effects.stiffness_nonlinearity import shapes as shapes_of_law
 from compplan.robot import Array, Robot
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.mounting import mounted_tool
 from compplan.robot.rating import read_rating
-from compplan.statics.chain import load_elements
 
 #: A joint, a link or the base plate turns by this at most under the arm's own weight and rated payload, stretched out
 #: (assumed: a fiftieth of the arm's length; the softest arms that are sold bend by less than a hundredth as a whole).
@@ -44,16 +40,6 @@ class SizeLimits:
     #: A mass at the flange has its centre behind it by this at most (assumed: the length of a wrist, with its cables).
     #: [m]
     behind: float = 0.1
-    #: A balancer carries this many times the largest load on its joint at most (assumed: twice the weight, a tool in
-    #: hand).
-    over_weight: float = 3.0
-    #: Deflection that a bent law adds at the campaign's large load, over the straight one; in a soft zone, which is
-    #: there for play and first contact of teeth, and elsewhere (assumed).
-    of_soft_zone: float = 1.0
-    of_law: float = 2.0
-    #: Least ratio of a coupling: no gear stage of a robot has more than three hundred to one (assumed; maker's tables
-    #: of strain wave and cycloidal gears end at 200 to 250).
-    least_ratio: float = 1.0 / 300.0
 
 
 LIMITS = SizeLimits()
@@ -67,8 +53,7 @@ def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
     if explained > LIMITS.most_motion * gap:
         return f"it moves the target by {1e3 * explained:.3g} mm, the gap is {1e3 * gap:.3g} mm"
     check = {
-        "payload": _check_payload, "gravity_compensator": _check_balancer, "stiffness_nonlinearity": _check_law,
-        "joint_coupling": _check_coupling, "link_compliance": _check_bending, "base_compliance": _check_bending,
+        "payload": _check_payload, "link_compliance": _check_bending, "base_compliance": _check_bending,
         "joint_stiffness": _check_bending, "gravity_sag": _check_bending,
     }.get(effect.name)  # fmt: skip
     return "" if check is None else check(fit, effect)
@@ -91,21 +76,7 @@ def _check_payload(fit: Fit, effect: Effect) -> str:
     if added <= 0.0 and left > LIMITS.behind * whole:
         where = f"{1e3 * left / whole:.4g} mm behind the flange, inside the arm" if whole > 0.0 else "nowhere"
         return f"{-added:.3g} kg less on the flange leave {whole:.3g} kg with their centre {where}"
-    return _check_torque(fit, payload)
-
-
-def _check_torque(fit: Fit, payload: Array) -> str:
-    """Hold joints against what their motors give, where those hold the arm itself at all."""
-    robot, attained, own = fit.problem.robot, fit.at.attained, fit.at.own_weight_load
-    chain = replace(attained.chain, gravity=np.zeros(3))
-    added = load_elements(chain, attained.frames, payload_wrench(robot, attained.frames, payload))
-    most = np.abs(own + added[:, chain.joint_elements]).max(axis=0, initial=0.0)
-    limit = robot.effort_limits
-    over = (most > LIMITS.over_rating * limit) & (np.abs(own).max(axis=0, initial=0.0) <= limit)
-    if not over.any():
-        return ""
-    k = int(np.argmax(np.where(over, most / np.maximum(limit, ROUNDING), 0.0)))
-    return f"with it {robot.joint_names[k]} carries {most[k]:.3g} N m, its motor gives {limit[k]:.3g} N m"
+    return ""
 
 
 def _check_bending(fit: Fit, effect: Effect) -> str:
@@ -144,32 +115,3 @@ def outward_axis(fit: Fit) -> Array:
     tip = mounted_tool(fit.problem.robot)[:3, 3]
     length = float(np.linalg.norm(tip))
     return np.asarray(tip / length) if length > ROUNDING else np.array([0.0, 0.0, 1.0])
-
-
-def _check_balancer(fit: Fit, effect: Effect) -> str:
-    values = {key: float(value) for key, value in effect.parameters.items()}
-    index = fit.at.robot.joint_names.index(str(effect.joint))
-    parts = shapes_of_balancer(np.nan_to_num(fit.problem.campaign.q[:, index]))
-    most = float(np.abs(sum(value * parts[key] for key, value in values.items() if key in parts)).max(initial=0.0))
-    load = float(np.maximum(np.abs(fit.at.own_load), np.abs(fit.at.own_weight_load))[:, index].max(initial=0.0))
-    if most > LIMITS.over_weight * load:
-        return f"it loads {effect.joint} with {most:.3g} N m, weight and forces with {load:.3g} N m at the most"
-    return ""
-
-
-def _check_law(fit: Fit, effect: Effect) -> str:
-    values = effect.parameters
-    reference, zone = float(values["reference_load"]), float(values["zone_load"])
-    parts = shapes_of_law(np.array([reference]), reference, zone)
-    for key, ratio in values.items():
-        added = float(abs(ratio) * parts[key][0] / reference) if key in parts else 0.0
-        if added > (LIMITS.of_soft_zone if key == "soft_zone_ratio" else LIMITS.of_law):
-            return f"{key} {float(ratio):.3g} bends {effect.joint} {1.0 + added:.2g} times as far as its straight law"
-    return ""
-
-
-def _check_coupling(fit: Fit, effect: Effect) -> str:
-    ratio = abs(float(effect.parameters.get("ratio", 1.0)))
-    if ratio < LIMITS.least_ratio:
-        return f"a ratio of {ratio:.2g} is that of no gear train (1/{1.0 / LIMITS.least_ratio:.0f} and more)"
-    return ""

@@ -72,7 +72,6 @@ class Evidence:
     """Evidence for a claim."""
 
     margin: float  #: Log posterior odds against the best model without it, unmodelled errors in both.
-    plain: float  #: The same without unmodelled errors.
     spurious: float  #: Spurious-fit probability (`rate_spurious_fits`).
     similarity: float  #: Residual along the claim's own motion beyond chance, over that motion (`rate_similarities`).
 
@@ -83,7 +82,7 @@ class Evidence:
 
 def features_of(evidence: Evidence) -> Array:
     """Return what the map weighs: margin, spurious-fit probability, residual similarity. Shape (3,)."""
-    margin = np.arcsinh(min(evidence.margin, evidence.plain) / MAP.margin_scale)
+    margin = np.arcsinh(evidence.margin / MAP.margin_scale)
     spurious = np.log(np.clip(evidence.spurious, *MAP.spurious_range))
     return np.array([margin, -spurious, -np.log(np.clip(evidence.similarity, *MAP.similarity_range))])
 

@@ -8,7 +8,7 @@ they are not, and it says what an unknown cause looks like.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
@@ -249,7 +249,7 @@ def class_of(signature: Signature) -> tuple[str, str]:
     return driver, "scale" if signature.form == "scale" else ""
 
 
-def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text: None) -> RevisedProbabilities:
+def revise_probabilities(fit: Fit) -> RevisedProbabilities:
     """Re-estimate the claims of a fit with unmodelled errors in the model."""
     fresh = unmodelled_signatures(fit)
     old = fit.search.equations
@@ -265,7 +265,7 @@ def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text
         hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), EVIDENCE.start)])
     )
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
-    search = Search(equations, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
+    search = Search(equations, prior, odds, fit.search.candidates, hyper, rigid=fit.search.rigid)
     model = _search_again(search, search.model(fit.model.claims, hyper, steps=EVIDENCE.first_steps))
     if model.claims:
         # several claims together may fit one unmodelled error: start once more without claims, classes one noise floor

@@ -28,7 +28,7 @@ from compplan.reporting.scenes import (
 )
 from compplan.robot import Array, Robot
 from compplan.robot.pose import follow_joints
-from compplan.robot.solids import triangulate
+from compplan.robot.solids import triangulate_box
 
 if TYPE_CHECKING:
     from compplan.planning.plan import Plan
@@ -112,9 +112,7 @@ def _place_cell(plan: Plan) -> list[Shape]:
     if plan.job is None or stock is None:
         return shapes
     if stock.block_mm is not None:
-        low, high = 1e-3 * np.asarray(stock.block_mm, float)
-        corners, faces = triangulate(("box", high - low))
-        corners = corners + 0.5 * (low + high)
+        corners, faces = triangulate_box(*(1e-3 * np.asarray(stock.block_mm, float)))
     else:
         from compplan.io.meshes import load_mesh
 

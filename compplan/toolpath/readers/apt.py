@@ -23,12 +23,12 @@ REFUSED = {
     "POCKET", "HELIX", "PITCH", "PLUNGE", "GOLFT", "GORGT", "GOUP", "GODOWN", "GOBACK", "GO",
 }  # fmt: skip
 #: Records that switch the machine, that hold text, and that say nothing of the path.
-RECORDS = {"SPINDL", "COOLNT", "LOADTL", "LOAD", "TLCHG", "DELAY", "DWELL", "STOP", "OPSTOP", "AUXFUN"}
+SWITCHES = {"SPINDL", "COOLNT", "LOADTL", "LOAD", "TLCHG", "DELAY", "DWELL", "STOP", "OPSTOP", "AUXFUN"}
 TEXT = ("PARTNO", "PPRINT", "REMARK", "TPRINT", "TITLES", "TOOL PATH", "LETTER", "$$")
 SILENT = {
     "MACHIN", "TLDATA", "SELECT", "CUTTER", "INTOL", "TOLER", "OUTTOL", "PAINT", "DISPLAY", "END-OF-PATH", "FINI",
     "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "CLDIST", "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM",
-    "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", *RECORDS,
+    "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", *SWITCHES,
 }  # fmt: skip
 #: mm/s for one unit of feed; mm for one unit of feed a revolution, None: a unit of length.
 FEED_UNITS = {"MMPM": 1.0 / 60.0, "MMPMIN": 1.0 / 60.0, "MPM": 1000.0 / 60.0, "MMPS": 1.0, "IPM": INCH / 60.0,
@@ -74,13 +74,12 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 @dataclass(frozen=True)
 class _Pending:
-    """Hold an arc record until the point that ends it: a point of its axis [mm], the axis, sense, turns, radius."""
+    """Hold an arc record until the point that ends it: a point of its axis [mm], the axis, sense, turns."""
 
     centre: Point
     normal: Point
     right_hand: bool
     turns: int = 1
-    radius: float | None = None
 
 
 class _AptReader:
@@ -140,7 +139,7 @@ class _AptReader:
             self.rapid = True
         elif major in ("FEDRAT", "FEED"):
             self._set_feed(words)
-        elif major in RECORDS:
+        elif major in SWITCHES:
             self._switch(major, words)
         elif major in ("UNITS", "UNIT"):
             self._set_unit(words)
@@ -157,13 +156,21 @@ class _AptReader:
             self._follow_circle(words)
         elif major == "CYCLE":
             self._set_cycle(words)
-        elif major in ("MSYS", "CSYS", "ORIGIN", "TRANS", "ROTABL", "ROTATE", "ROTHED"):
-            self._change_frame(major, minor)
+        elif major in ("MSYS", "CSYS", "ORIGIN"):
+            self.frames.add(tuple(find_numbers(minor)))
+            if len(self.frames) > 1 and major == "MSYS":
+                raise InputError("MSYS changes on the way: points of several machine coordinate systems are not "
+                                 "joined; write one file a system, or all points in one")  # fmt: skip
+            if len(self.frames) > 1:
+                self.note(f"{major} changes on the way: all coordinates are taken in one frame")
+        elif major in ("TRANS", "ROTABL", "ROTATE", "ROTHED"):
+            if any(find_numbers(minor)):
+                raise InputError(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
         elif major.startswith("NURB") or major in REFUSED:
             raise InputError(f"{major} is not read; write the path out as GOTO and CIRCLE in the CAM system")
         elif major == "MODE" and "INCR" in words:
             raise InputError("MODE/INCR (incremental coordinates) is not read; write absolute coordinates")
-        elif "=" in major or ("=" in record and major not in SILENT):
+        elif "=" in record and major not in SILENT:
             raise InputError(f"part program statement {record[:40]!r} is not read, only cutter location files are")
         elif major in ("CUTCOM", "TLCOMP"):
             self.note(f"{major} is left out: the points are taken as the tool's own, radius compensated already")
@@ -176,30 +183,26 @@ class _AptReader:
         self.nx = self.nx or major == "TLDATA"
 
     def _switch(self, major: str, words: str) -> None:
-        """Carry out a record that switches the machine."""
-        number, machine, line = next((float(text) for text in NUMBER.findall(words)), None), self.machine, self.line
-        if major == "SPINDL" and ("OFF" in words or number == 0.0):
-            machine.stop([5.0], line)
-        elif major == "SPINDL":
-            self.state.spindle = self.state.spindle if number is None else number
-            machine.switch_on([4.0 if re.search(r"\bC?CCLW\b|\bCCW\b|COUNTER", words) else 3.0], line)
-        elif major == "COOLNT" and ("OFF" in words or "NONE" in words):
-            machine.stop([9.0], line)
+        """Carry out a record that switches the machine, as M codes do."""
+        number, line = next((float(text) for text in NUMBER.findall(words)), None), self.line
+        code = {"STOP": 0.0, "OPSTOP": 1.0}.get(major, number)
+        if major == "SPINDL":
+            anticlockwise = re.search(r"\bC?CCLW\b|\bCCW\b|COUNTER", words)
+            code = 5.0 if "OFF" in words or number == 0.0 else 4.0 if anticlockwise else 3.0
+            self.state.spindle = self.state.spindle if code == 5.0 or number is None else number
         elif major == "COOLNT":
-            machine.switch_on([7.0 if "MIST" in words else 8.0], line)
-        elif major in ("LOADTL", "LOAD", "TLCHG"):
+            code = 9.0 if "OFF" in words or "NONE" in words else 7.0 if "MIST" in words else 8.0
+        if major in ("LOADTL", "LOAD", "TLCHG"):
             self.state.tool, self.state.tool_name = number or 0.0, "" if number is not None else words[:32]
-            machine.change_tool(line)
+            self.machine.change_tool(line)
         elif major in ("DELAY", "DWELL"):
             self.log.happen("dwell", line, value=max(number or 0.0, 0.0))
-        elif major != "AUXFUN":
-            self.log.happen("stop" if major == "STOP" else "optional_stop", line)
-        elif number in STARTING:
-            machine.switch_on([number], line)
-        elif number in STOPPING:
-            machine.stop([number], line)
+        elif code in STARTING:
+            self.machine.switch_on([code], line)
+        elif code in STOPPING:
+            self.machine.stop([code], line)
         else:
-            self.note(f"AUXFUN/{-1.0 if number is None else number:g} is not read")
+            self.note(f"AUXFUN/{words[:20]} is not read")
 
     def _begin_cut(self, axis: Point) -> None:
         """Let a cut begin where the tool is; refuse it where that is not known."""
@@ -246,24 +249,19 @@ class _AptReader:
         if not numbers:
             self.note(f"feed {words[:20]!r} is not read")
             return
-        self.revolution_feed = None
-        for word in units:
-            if word in FEED_UNITS:
-                self.feed = numbers[0] * FEED_UNITS[word]
-                if not (self.unit or self.options.unit):  # that of lengths is taken from the feed
-                    inch = word.startswith("I")
-                    if inch and (self.placed or self.log.waypoints):
-                        raise InputError("a feed in inches follows points of no stated unit; state it with --unit")
-                    self.unit, self.scale = ("inch", INCH) if inch else ("mm", 1.0)
-                    self.note(f"no unit is stated before the first feed: {self.unit} is taken from it")
-                return
-            if word in REVOLUTION_UNITS:
-                self.revolution_feed = numbers[0] * (REVOLUTION_UNITS[word] or self.scale)
-                return
-        self.feed = numbers[0] * self.scale / 60.0  # PERMIN, UPM, or no word at all
-        if unknown := [word for word in units if word not in ("PERMIN", "UPM", "FEED")]:
+        self.feed, self.revolution_feed = numbers[0] * self.scale / 60.0, None  # PERMIN, UPM, or no word at all
+        if unit := next((word for word in units if word in FEED_UNITS), ""):
+            self.feed = numbers[0] * FEED_UNITS[unit]
+            if not (self.unit or self.options.unit):  # that of lengths is taken from the feed
+                if unit[0] == "I" and (self.placed or self.log.waypoints):
+                    raise InputError("a feed in inches follows points of no stated unit; state it with --unit")
+                self.unit, self.scale = ("inch", INCH) if unit[0] == "I" else ("mm", 1.0)
+                self.note(f"no unit is stated before the first feed: {self.unit} is taken from it")
+        elif unit := next((word for word in units if word in REVOLUTION_UNITS), ""):
+            self.revolution_feed = numbers[0] * (REVOLUTION_UNITS[unit] or self.scale)
+        elif unknown := [word for word in units if word not in ("PERMIN", "UPM", "FEED")]:
             self.note(f"feed unit {unknown[0][:20]!r} is not known: feeds are taken per minute")
-        if not units:
+        elif not units:
             self.note("feeds without a unit are taken per minute")
 
     def _speed(self) -> float:
@@ -302,17 +300,6 @@ class _AptReader:
         if cycle.kind.startswith(FEED_OUT):
             log.line(begin, self._speed(), axis)
         log.rapid(above, axis)
-
-    def _change_frame(self, major: str, minor: str) -> None:
-        numbers, stands = find_numbers(minor), major in ("MSYS", "CSYS", "ORIGIN")
-        if any(numbers) and not stands:
-            raise InputError(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
-        self.frames |= {tuple(numbers)} if stands else set()
-        if len(self.frames) > 1 and major == "MSYS":
-            raise InputError("MSYS changes on the way: points of several machine coordinate systems are not joined; "
-                             "write one file a system, or all points in one")  # fmt: skip
-        if len(self.frames) > 1 and stands:
-            self.note(f"{major} changes on the way: all coordinates are taken in one frame")
 
     def _goto(self, numbers: list[float]) -> None:
         """Move to a point: rapidly, above a hole, along a pending arc, or straight."""
@@ -355,9 +342,7 @@ class _AptReader:
         if count > MOST_TURNS:
             raise InputError(f"arc of {count:g} turns, at most {MOST_TURNS} are read")
         turns = max(1, math.ceil(count) if angle else int(count))
-        radius = numbers[6] * self.scale if len(numbers) > 6 else None
-        centre, normal = self._scaled(numbers), _axis(numbers[3:6])
-        self.arc = _Pending(centre, normal, clockwise == self.flipped, turns, radius)
+        self.arc = _Pending(self._scaled(numbers), _axis(numbers[3:6]), clockwise == self.flipped, turns)
 
     def _cut_lettered(self, words: str) -> None:
         """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end and centre from the start; clockwise."""
@@ -379,9 +364,7 @@ class _AptReader:
         end = re.search(r"\(\s*(?:LINE|POINT)\s*/([^()]*)\)", words)
         centre, last = (find_numbers(found.group(1)) if found else [] for found in (circle, end))
         if len(centre) < 4 or len(last) < 3 or self.direction is None:
-            raise InputError(
-                f"motion {words[:40]!r} is not read, expected INDIRV and GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/..)"
-            )
+            raise InputError(f"motion {words[:40]!r} is not read, expected INDIRV and GOFWD/(CIRCLE/..),ON,(LINE/..)")
         self._begin_cut(self.log.axis)
         start, middle, normal = self.log.position, self._scaled(centre), self.log.axis
         right_hand = dot(cross(normal, combine(1.0, start, -1.0, middle)), self.direction) > 0.0
@@ -391,9 +374,6 @@ class _AptReader:
         """Cut along an arc, and keep how it leaves for the arc after it."""
         arc = arc_about(start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns)
         arc.check_circle()
-        if pending.radius is not None and abs(pending.radius - arc.radius) > max(0.1, 0.02 * arc.radius):
-            self.note(f"an arc record states the radius {pending.radius:g} mm, its points lie on {arc.radius:.4g} mm: "
-                      "the points are taken")  # fmt: skip
         along = 0.0 if self.before is None else dot(arc.tangent(0.0), self.before)
         if abs(along) > 0.99:  # it goes on from the move before it, or turns back on it
             self.votes[0 if along > 0.0 else 1] += 1

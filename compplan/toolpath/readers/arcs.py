@@ -138,8 +138,8 @@ def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_h
     return Arc(middle, first, normal, radius, end_radius, sweep if right_hand else -sweep, rise)
 
 
-def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *, right_hand: bool) -> Point | None:
-    """Return the centre of an arc that is given by its radius; None where no circle of this radius meets both ends.
+def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *, right_hand: bool) -> Point:
+    """Return the centre of an arc that is given by its radius; ValueError where no such circle meets both ends.
 
     A negative radius makes the longer of the two arcs; the arc turns about the unit normal of the plane. [mm]
     """
@@ -148,7 +148,8 @@ def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *
     chord = math.hypot(*across)
     size = abs(radius)
     if chord <= NOTHING or 0.5 * chord - size > 0.25 * allow_mismatch(size):
-        return None
+        raise ValueError(f"arc of radius R {radius:g} mm cannot join ends that are {chord:g} mm apart, expected 0 < "
+                         f"distance <= {2 * size:g} mm; correct R or an end point, or post arcs by centre")  # fmt: skip
     height = math.sqrt(max(radius * radius - 0.25 * chord * chord, 0.0))
     sign = 1.0 if right_hand == (radius > 0.0) else -1.0
     middle = combine(1.0, start, 0.5, across)

@@ -18,9 +18,9 @@ from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
-from compplan.toolpath.readers.cnc.origins import Layers, Origins, change_frame
+from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
-from compplan.toolpath.readers.cnc.rs274_macro import MacroFlow
+from compplan.toolpath.readers.cnc.rs274_macro import Macros
 from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
@@ -47,8 +47,7 @@ suffixes = (
     ".fnc", ".dnc", ".din", ".pim", ".anc",
 )  # fmt: skip
 #: Words that a move may have, and those of them that say where it goes.
-MOVING = frozenset((*"XYZABCIJKRUVW", "A3", "B3", "C3"))
-PLACES = frozenset((*"XYZABCUVW", "A3", "B3", "C3"))
+MOVING, PLACES = frozenset("XYZABCIJKRUVW"), frozenset("XYZABCUVW")
 CYCLES = frozenset({73.0, 74.0, 76.0, *(float(number) for number in range(81, 90))})
 #: Codes of a unit, and those of blocks whose words are no lengths of the path.
 UNITS = frozenset({20.0, 21.0, 70.0, 71.0})
@@ -109,15 +108,14 @@ class Rs274:
     """Carry out a program of the RS-274 family."""
 
     tip_word = ""
-    frames: tuple[str, ...] = ("shift", "plane", "rotation", "scale", "mirror", "program", "origin")
+    frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
     ends, moving = ENDS, MOVING
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
         self.it = Interpreter(file, options, state, self, Flow(file), starts_at_zero=True)
         self.origins = Origins(self.it, "G10 L2")
-        self.layers = Layers(self.it, self.origins)
-        self.macros = MacroFlow(self.it.flow)
+        self.macros = Macros(self.it.flow)
         self.plain = PRINTED if state.printer else PLAIN
         self.lexer = Lexer(self.it, self.macros)
 
@@ -134,15 +132,13 @@ class Rs274:
         if not self.it.tilted:
             return False, None
         self.it.state.turn(self.it.rotary.angles, block)
-        self.layers.turn_to_plane(53.1, stays=False)
-        return True, self.layers.plane_axis
+        self.origins.turn_to_plane(53.1, stays=False)
+        return True, self.origins.plane_axis
 
     def run_line(self, program: CncProgram, index: int) -> int:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
         if it.steady and (found := self.plain.fullmatch(raw)) and it.motion.cut_plain(found):
-            if it.state.printer and found.group(5):
-                it.note("axis E is not read")
             return index + 1
         block = self.lexer.read(raw)
         ended = block is not None and self.run_block(block)
@@ -165,18 +161,22 @@ class Rs274:
             machine.sort(key=lambda code: (code in ENDS or code < 2.0, code))
             if self._give_words(block):
                 return False
-            self._check_machine(block)
+            if 198.0 in machine or (99.0 in machine and "P" in values):
+                raise InputError("a call of another file (M198), or a block to return to (M99 P), is not read; write "
+                                 "the program out in the CAM system")  # fmt: skip
+            if 128.0 in machine or 129.0 in machine:
+                it.control_tip(128.0 in machine)
         state = it.state
         if "E" in values and not state.printer and 187.0 not in codes:
-            raise InputError(f"word E{values['E']:g} is read in files of printers only (M104, M109); elsewhere it may "
-                             "move an axis or shift the frame; post-process without it")  # fmt: skip
+            raise InputError(f"word E{values['E']:g} is read in files of printers only (M104, M109); leave it out")
         state.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
-        if not state.unit_stated and values:
-            self._ask_for_unit(block)
-        if block.names:
-            change_frame(it, block.names[0], block)
-            return False
-        takes = self._run_codes(block) if codes else ""
+        stated = state.unit_stated or state.printer or it.options.unit or not (UNITS | UNITLESS).isdisjoint(codes)
+        if not stated and any(values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
+            raise refuse_unit("G20 or G21")
+        for group in CONTRARY if len(codes) > 1 else ():
+            if len(said := sorted(group & set(codes))) > 1:
+                raise InputError(f"G{said[0]:g} and G{said[1]:g} stand in one block, expected one of them")
+        takes = it.run_words(block, codes, find_code) if codes else ""
         if "F" in values and 4.0 not in codes:
             state.set_feed(values["F"])
         if machine or 4.0 in codes or "S" in values or "T" in values:
@@ -215,83 +215,48 @@ class Rs274:
         machine.remove(owner)
         return False
 
-    def _check_machine(self, block: CncBlock) -> None:
-        """Refuse calls that are not read; follow M128 and M129."""
-        if 198.0 in block.machine:
-            raise InputError("subprogram call M198 of another file is not read; write the program into the file")
-        if 99.0 in block.machine and "P" in block.values:
-            raise InputError("M99 with a block to return to (P) is not read; write the program out in the CAM system")
-        if 128.0 in block.machine or 129.0 in block.machine:
-            self.it.control_tip(128.0 in block.machine)
-
-    def _ask_for_unit(self, block: CncBlock) -> None:
-        """Refuse lengths before the file or the user states their unit; those of printers are millimetres."""
-        if self.it.state.printer or self.it.options.unit or not (UNITS | UNITLESS).isdisjoint(block.codes):
-            return
-        if any(block.values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
-            raise refuse_unit("G20 or G21")
-
-    def _run_codes(self, block: CncBlock) -> str:
-        """Carry out the G codes; return what takes the coordinates of the block, "" where they are a move."""
-        codes = block.codes
-        for group in CONTRARY if len(codes) > 1 else ():
-            if len(said := sorted(group & set(codes))) > 1:
-                names = " and ".join(f"G{code:g}" for code in said)
-                raise InputError(f"{names} stand in one block, expected one of them")
-        return self.it.run_words(block, codes, find_code)
-
     def move(self, block: CncBlock) -> None:
         """Carry out the motion of a block, in the words that all dialects share."""
         it, state, values = self.it, self.it.state, block.values
-        for letter in "UVW":
-            if letter in values:
-                raise InputError(f"axis {letter}{values[letter]:g} moves the tool or the part and is not read")
-        if "E" in values:
-            it.note("axis E is not read")
+        if other := next((letter for letter in "UVW" if letter in values), ""):
+            raise InputError(f"axis {other}{values[other]:g} moves the tool or the part and is not read")
         if state.polar and ("X" in values or "Y" in values):
             if (state.incremental and "X" in values) or state.plane != 17:
-                raise InputError("polar coordinates (G16) with a radius in G91, or outside of the plane G17, are not "
-                                 "read")  # fmt: skip
+                raise InputError("polar coordinates (G16) are not read outside of the plane G17, nor a radius in G91")
             for letter, address in (("X", "RP"), ("Y", "AP")):
                 if letter in values:
                     values[address] = values.pop(letter)
         if state.cycle_code:
-            self.layers.check_plane()
+            self.origins.check_plane()
             run_cycle(it, block)
             return
         if values.get("L", 1.0) != 1.0:
-            raise InputError(f"L{values['L']:g} repeats a move or counts turns of an arc and is not read; write the "
-                             "moves out, turns of an arc as P")  # fmt: skip
+            raise InputError(f"L{values['L']:g} of a move is not read; write the moves out, turns of an arc as P")
         if state.cancels_length and "Z" in values:
             self._leave_upwards(block)
             return
         if (it.contour.held or not values.keys().isdisjoint(CORNERS)) and state.motion != 1.0:
             raise InputError("a corner is rounded or cut between two straight moves (G1) only; post-process without it")
         if state.motion in (2.0, 3.0):
-            self._read_arc(block)
+            turns = values.get("P", 1.0)
+            if turns == 0.0:
+                it.note("arc of P0 turns is read as a single arc")
+            elif not 1.0 <= turns <= MOST_TURNS or turns != int(turns):
+                raise InputError(f"arc of P{turns:g} turns, expected a whole number from 1 to {MOST_TURNS}")
+            values["TURN"] = max(turns - 1.0, 0.0)
+            values.update({"CR": values["R"]} if "R" in values else {})
         elif "R" in values and values["R"] != 0.0:
             raise InputError(f"R{values['R']:g} in a straight move is not read; a rounded corner is written ,R")
         elif block.has(CENTRES):
             it.note("I J K in straight moves are not read")
-        unknown = bool(it.course.untold or it.course.lost) and not it.course.muted
+        unknown = bool(it.course.unknown) and not it.course.muted
         if state.printer and state.motion == 1.0 and unknown and ("E" not in values or not it.log.waypoints):
             it.note(TRAVEL)
             it.course.rapid(*it.motion.target(block))
             return
         if state.motion != 0.0 and block.has(STRAIGHT):
-            self.layers.check_plane()
+            self.origins.check_plane()
         it.motion.move(block)
-
-    def _read_arc(self, block: CncBlock) -> None:
-        values = block.values
-        if "R" in values:
-            values["CR"] = values["R"]
-        turns = values.get("P", 1.0)
-        if turns == 0.0:
-            self.it.note("arc of P0 turns is read as a single arc")
-        elif not 1.0 <= turns <= MOST_TURNS or turns != int(turns):
-            raise InputError(f"arc of P{turns:g} turns, expected a whole number from 1 to {MOST_TURNS}")
-        values["TURN"] = max(turns - 1.0, 0.0)
 
     def _leave_upwards(self, block: CncBlock) -> None:
         """Leave out Z of a block that cancels the tool's length (H0, G49): it is no place of the tip in the part."""
@@ -304,10 +269,6 @@ class Rs274:
         del block.values["Z"]
         course.rapid(*self.it.motion.target(block))
 
-    def set_motion(self, block: CncBlock, code: float) -> None:
-        """G0 to G3: the motion of this block and those after it."""
-        self.it.state.motion, self.it.state.cycle_code = code, 0.0
-
     def set_unit(self, block: CncBlock, code: float) -> None:
         """G20, G21 (G70, G71): inches or millimetres."""
         it, inch = self.it, code in (20.0, 70.0)
@@ -316,15 +277,6 @@ class Rs274:
         if inch and not it.state.unit_stated and it.options.unit is None and self.origins.origins:
             raise InputError("inches are stated after G10 has set work offsets; state the unit before them")
         it.state.set_unit(INCH if inch else 1.0)
-
-    def refuse_spline(self, block: CncBlock, code: float) -> None:
-        """G5, G5.1: look-ahead of the control, or with coordinates a spline."""
-        if block.has(frozenset("XYZIJ")):
-            raise InputError(f"G{code:g} (splines) is not read; post-process without it")
-
-    def use_offset(self, block: CncBlock, code: float) -> None:
-        """G54 to G59.9, G54.1, G154, G500: a work offset."""
-        self.origins.use(1000.0 + block.values.get("P", 0.0) if code in (54.1, 154.0) else code)
 
     def use_haas_offset(self, block: CncBlock, code: float) -> None:
         """G110 to G129: a work offset of Haas; other controls have moves there."""
@@ -343,22 +295,10 @@ class Rs274:
         if code in (43.0, 44.0):
             self.it.note(LENGTH_NOTE)
 
-    def compensate_wear(self, block: CncBlock, code: float) -> None:
-        """G41.1, G42.1: the radius of the cutter, stated as D."""
-        if block.values.get("D", 0.0) != 0.0:
-            raise InputError(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
-        COMMON[41.0].run(self, block, code)
-
-    def probe_from_home(self, block: CncBlock, code: float) -> None:
-        """G29: bed levelling of printers."""
-        self.it.note("G29 (probing) is left out; where it ended is not known")
-        if not block.has(PLACES):
-            self.it.course.lose()
-
     def probe(self, block: CncBlock, code: float) -> None:
-        """G31, G38: probing."""
+        """G31, G38: probing; G29: bed levelling of printers."""
         self.it.note(f"G{code:g} (probing) is left out; where it ended is not known")
-        self.it.course.lose(block.list_axes())
+        self.it.course.lose(block.list_axes() or range(3))
 
     def set_polar(self, block: CncBlock, code: float) -> None:
         """G15, G16: X is a radius and Y an angle, or not; one that is left out is that of where the tool is."""
@@ -366,16 +306,24 @@ class Rs274:
         self.it.state.polar_words.clear()
 
 
+#: Codes that change the path in ways that are not read.
+REFUSED = {
+    "NURBS": (5.2, 6.2), "lathe diameters": (7.0,), "pocket cycles": (12.0, 13.0), "threading": (32.0,),
+    "rigid tapping": (33.1,), "modal macro calls": (66.0, 66.1), "coordinate rotation": (68.1,),
+    "another tilted work plane": (68.3, 68.4, 268.0), "cylindrical or polar interpolation": (7.1, 12.1, 107.0, 112.0),
+    "workpiece setting errors": (54.4,),
+}  # fmt: skip
 PROBE, POLAR = Code(Rs274.probe, 2, "once"), Code(Rs274.set_polar)
 DROP = Code(lambda dialect, block, code: dialect.origins.drop(code), 2, "once")
 HOME = Code(lambda dialect, block, code: dialect.origins.go_home(code, block), 2, "once")
-MIRROR = Code(lambda dialect, block, code: dialect.layers.mirror(code, block), 2, "once")
-TO_PLANE = Code(lambda dialect, block, code: dialect.layers.turn_to_plane(code, stays=code == 53.6), 2, "once")
-DYNAMIC, OFFSET = Code(Rs274.set_dynamic_offset, 2, "once"), Code(Rs274.use_offset)
+MIRROR = Code(lambda dialect, block, code: dialect.origins.mirror(code, block), 2, "once")
+TO_PLANE = Code(lambda dialect, block, code: dialect.origins.turn_to_plane(code, stays=code == 53.6), 2, "once")
+DYNAMIC = Code(Rs274.set_dynamic_offset, 2, "once")
+OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code, block.values.get("P", 0.0)))
 
 G_CODES: dict[float | str, Code] = {
     **COMMON,
-    **dict.fromkeys(MOTIONS, Code(Rs274.set_motion, 1)),
+    **{code: set_mode(1, motion=code, cycle_code=0.0) for code in MOTIONS},
     **dict.fromkeys(CYCLES, Code(lambda dialect, block, code: begin_cycle(dialect.it, code), 1)),
     80.0: set_mode(cycle_code=0.0),
     # modes
@@ -391,27 +339,19 @@ G_CODES: dict[float | str, Code] = {
     92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
     92.1: DROP, 92.2: DROP, 92.3: DROP,
     50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),
-    51.0: Code(lambda dialect, block, code: dialect.layers.scale(block), 2, "once"),
+    51.0: Code(lambda dialect, block, code: dialect.origins.scale(block), 2, "once"),
     50.1: MIRROR, 51.1: MIRROR, 53.1: TO_PLANE, 53.6: TO_PLANE, 254.0: DYNAMIC, 255.0: DYNAMIC,
-    68.0: Code(lambda dialect, block, code: dialect.layers.rotate(block), 2, "once"),
-    68.2: Code(lambda dialect, block, code: dialect.layers.tilt(block), 2, "once"),
+    68.0: Code(lambda dialect, block, code: dialect.origins.rotate(block), 2, "once"),
+    68.2: Code(lambda dialect, block, code: dialect.origins.tilt(block), 2, "once"),
     69.0: Code(lambda dialect, block, code: dialect.it.put(rotation=None, plane=None), 2, "once"),
     # compensation and probing
-    41.1: Code(Rs274.compensate_wear), 42.1: Code(Rs274.compensate_wear),
     **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), Code(Rs274.compensate_length)),
     43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),
-    29.0: Code(Rs274.probe_from_home), **dict.fromkeys((31.0, 38.2, 38.3, 38.4, 38.5), PROBE),
+    **dict.fromkeys((29.0, 31.0, 38.2, 38.3, 38.4, 38.5), PROBE),
     # nothing of the path
     61.1: ignore(), 67.0: ignore(), 113.0: ignore(), 269.0: ignore(),
     # refused
-    5.0: Code(Rs274.refuse_spline), 5.1: Code(Rs274.refuse_spline), 5.2: refuse("NURBS"), 6.2: refuse("NURBS"),
-    7.0: refuse("lathe diameters"), 12.0: refuse("pocket cycles"), 13.0: refuse("pocket cycles"),
-    32.0: refuse("threading"), 33.1: refuse("rigid tapping"),
-    66.0: refuse("modal macro calls"), 66.1: refuse("modal macro calls"), 68.1: refuse("coordinate rotation"),
-    68.3: refuse("tilted work planes by the tool axis"), 68.4: refuse("tilted work planes on top of each other"),
-    107.0: refuse("cylindrical interpolation"), 112.0: refuse("polar interpolation"),
-    268.0: refuse("tilted work planes of Haas"), 12.1: refuse("polar interpolation"),
-    7.1: refuse("cylindrical interpolation"), 54.4: refuse("workpiece setting errors"),
+    **{code: refuse(what) for what, codes in REFUSED.items() for code in codes},
 }  # fmt: skip
 G_CODES |= {code: Code(G_CODES[code].run, rank - len(FIRST)) for rank, code in enumerate(FIRST)}
 

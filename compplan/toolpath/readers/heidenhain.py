@@ -15,10 +15,9 @@ from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc import heidenhain_words as lexer
 from compplan.toolpath.readers.cnc.contour import Corner
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
-from compplan.toolpath.readers.cnc.heidenhain_approach import run_approach, run_departure
-from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
-from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
-from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
+from compplan.toolpath.readers.cnc.heidenhain_approach import run_approach
+from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles, find_spatial
+from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import STRAIGHT
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
@@ -68,8 +67,10 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         message = "a DIN/ISO program of a Heidenhain control is not read; write it in Klartext"
         raise InputError(message, file=file, where=text.count("\n", 0, found.start()) + 1)
     reader = Klartext(file, options)
-    reader.run(text)
-    unit = "not stated" if not reader.begun else "inch" if reader.inch else "mm"
+    reader.it.run(lambda: reader.load(text))
+    if not reader.begun and options.unit is None:
+        raise InputError(refuse_unit("BEGIN PGM .. MM or INCH").message, file=file, where=1)
+    unit = "not stated" if not reader.begun else "mm" if reader.words.unit == 1.0 else "inch"
     return reader.it.log.finish(file, name, unit, count_lines(text))
 
 
@@ -84,25 +85,19 @@ class Klartext:
     def __init__(self, file: Path, options: CamTable) -> None:
         flow = Flow(file, DEEPEST)
         flow.weigh = lambda block: len(block.text)
-        self.it = Interpreter(file, options, State(motion=0.0), self, flow, unit="")
+        self.it = Interpreter(file, options, State(motion=0.0), self, flow)
         self.it.motion.keeps_polar = False
         self.words = KlartextWords(self.it)
-        self.value, self.values = self.words.value, self.words.values
-        self.datums = KlartextDatums(self.it, self.words)
+        self.value = self.words.value
         self.labels: dict[str, int] = {}
         self.begun = False
         #: Whether every move from here on calls the cycle (M89).
         self.calls = False
-        self.cycles = HeidenhainCycles(self.it, self.datums, self.words)
+        self.cycles = HeidenhainCycles(self.it, self.words)
         self.points: list[Point] = []
-        self.inch = options.unit == "inch"
-        self._set_unit()
+        self._set_unit(INCH if options.unit == "inch" else 1.0)
 
-    def run(self, text: str) -> None:
-        """Read every block up to the end of the program."""
-        self.it.run(lambda: self._load(text), self._check_unit)
-
-    def _load(self, text: str) -> CncProgram:
+    def load(self, text: str) -> CncProgram:
         """Return the program, its labels found."""
         blocks, flow = list(lexer.split_blocks(text)), self.it.flow
         for index, block in enumerate(blocks):
@@ -115,21 +110,12 @@ class Klartext:
                     self.labels[word] = index
         return CncProgram(blocks, 0, len(blocks), self.it.file)
 
-    def _check_unit(self) -> None:
-        if not self.begun and self.it.options.unit is None:
-            self.it.flow.line = 1
-            raise refuse_unit("BEGIN PGM .. MM or INCH")
-
-    @property
-    def normal(self) -> Point:
-        """Tool axis in the coordinates of the program."""
-        return PLANE_NORMALS[self.it.state.plane]
-
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0, or that of spatial angles (TCPM AXIS SPAT)."""
+        normal, angles = PLANE_NORMALS[self.it.state.plane], self.it.rotary.angles
         if not self.it.rotary.spatial:
-            return self.normal
-        return find_spatial(*(self.it.rotary.angles.get(letter, 0.0) for letter in LETTERS)).turn(self.normal)
+            return normal
+        return find_spatial(*(angles.get(letter, 0.0) for letter in LETTERS)).turn(normal)
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Take the axis of a tilted plane where rotary axes are positioned in it."""
@@ -168,7 +154,7 @@ class Klartext:
         flow = self.it.flow
         if not text.startswith("CALL"):
             one, how, other, label = match_form(lexer.JUMP, text, "jump: IF .. EQU .. GOTO LBL ..").groups()
-            a, b = self._formula(one), self._formula(other)
+            a, b = self.value(one), self.value(other)
             jumps = {"EQU": a == b, "NE": a != b, "GT": a > b, "LT": a < b}[how]
             return self._label(label) if jumps else index
         label, times = match_form(lexer.CALL, text, "call: a label of the program").groups()
@@ -194,17 +180,19 @@ class Klartext:
             self._move(word, text[len(word) :], self._corner_after(program, index))
         elif word.removeprefix("I") in ADDRESSES:  # X+10 alone
             self._move("L", text, self._corner_after(program, index))
-        elif text[0] == "(" and not self.begun and text.endswith(")"):
-            self.it.log.happen("comment", self.it.flow.line, text=text[1:-1].strip())
-        elif text[0] in "*;":
-            self.it.log.happen("comment", self.it.flow.line, text=text[1:].strip())
+        elif text[0] in "*;" or (text[0] == "(" and not self.begun and text.endswith(")")):
+            self.it.log.happen("comment", self.it.flow.line, text=text[1 : -1 if text[0] == "(" else None].strip())
         elif word.startswith("Q") and "=" in text:
             self._assign(text)
             if defining:
                 self.cycles.add_value(text)
                 self.cycles.defining = True
-        elif word in STATEMENTS or text == "END-SUB":
-            STATEMENTS.get(word, pass_over)(self, text[len(word) :].strip())
+        elif word in STATEMENTS:
+            STATEMENTS[word](self, text[len(word) :].strip())
+        elif word in REFUSED:
+            raise InputError(f"{word} ({REFUSED[word]}) is not read; post-process without it")
+        elif word in SILENT_WORDS or text == "END-SUB":
+            pass
         elif word == "ERROR" or set(text) <= set("%-_=#* "):
             self.it.note(f"line {text[:20]!r} is not read")
         else:
@@ -216,8 +204,8 @@ class Klartext:
             index += 1
         if index >= program.last or program.lines[index].text[:3] not in ("RND", "CHF"):
             return None
-        block = program.lines[index]
-        here, self.it.flow.line = self.it.flow.line, block.line
+        block, here = program.lines[index], self.it.flow.line
+        self.it.flow.line = block.line
         kind, size, speed = match_form(CORNER, block.text, "corner: RND or CHF, a number and F").groups()
         self.it.flow.line = here
         feed = None if speed is None else self.words.to_mm_s(self.value(speed))
@@ -235,11 +223,12 @@ class Klartext:
             raise InputError("a second program begins; one a file is read")
         if not unit:
             raise InputError(f"{rest[:40]!r} states no unit, expected MM or INCH at its end")
-        self.begun, self.inch = True, unit.group(1) == "INCH"
-        self._set_unit()
+        self.begun = True
+        self._set_unit(INCH if unit.group(1) == "INCH" else 1.0)
 
-    def _set_unit(self) -> None:
-        self.it.put(unit=stretch(INCH, INCH, INCH) if self.inch else None)
+    def _set_unit(self, scale: float) -> None:
+        self.words.unit = scale
+        self.it.put(unit=stretch(scale, scale, scale) if scale != 1.0 else None)
         self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:
@@ -248,10 +237,7 @@ class Klartext:
         if target.startswith("QS") or '"' in formula:
             self.words.forget(target, f"line {self.it.flow.line} gives it text")
         else:
-            self.values[target] = self._formula(formula)
-
-    def _formula(self, text: str) -> float:
-        return self.words.evaluate(re.sub(r"(?<=\d),(?=\d)", ".", text))
+            self.words.values[target] = self.value(formula)
 
     def run_function(self, text: str) -> None:
         """FN 0 to 8 and 13: assignments; what others set is not known."""
@@ -265,15 +251,6 @@ class Klartext:
             for target in re.findall(r"Q[LRS]?\d+", rest)[:1]:
                 self.words.forget(target, f"FN {number} of line {line} sets it")
             self.it.note(f"FN {number} is not read")
-
-    def shift_datum(self, rest: str) -> None:
-        """TRANS DATUM: as cycle 7."""
-        if rest.startswith("DATUM AXIS"):
-            self.datums.shift_datum(rest.removeprefix("DATUM AXIS").strip())
-        elif rest == "DATUM RESET":
-            self.datums.shift_datum("X0 Y0 Z0")
-        else:
-            raise InputError(f"TRANS {rest[:30]!r} is not read; use cycles 7, 8, 10, 11")
 
     def run_word_function(self, rest: str) -> None:
         """FUNCTION: control of the tip, dwells."""
@@ -298,85 +275,80 @@ class Klartext:
 
     def run_functions(self, text: str, *, stops: bool = False) -> None:
         """M functions alone, or beside STOP."""
-        words, functions = self.words.split(text if text[:1] == "M" or not text or stops else f"M{text}")
-        if words.keys() - {"F", "FMAX"}:
+        block = self.words.read(text if text[:1] == "M" or not text or stops else f"M{text}")
+        if block.values.keys() - {"F", "S"} or set(block.names) - {"FMAX"}:
             raise InputError(f"cannot read the block {text[:40]!r}")
-        with self.words.functions(functions):
+        with self.words.functions(block) as codes:
             if stops:
                 self.it.log.happen("stop", self.it.flow.line)
-            self._call_cycle(functions & {89, 99})
+            self._call_cycle(codes & {89.0, 99.0})
 
-    def _call_cycle(self, functions: set[int]) -> None:
+    def _call_cycle(self, codes: set[float]) -> None:
         """Carry out the cycle after a move that calls it: M99 once, M89 from here on."""
-        if functions:
-            self.calls = self.calls or 89 in functions
+        if codes:
+            self.calls = self.calls or 89.0 in codes
             self.cycles.call()
-            self.calls = self.calls and 99 not in functions
+            self.calls = self.calls and 99.0 not in codes
 
     def _move(self, kind: str, rest: str, corner: Corner | None) -> None:
         """Carry out a motion block; corner: that which the block after it asks for."""
         it, state = self.it, self.it.state
-        words, functions = self.words.split(re.sub(r"\([^()]*\)$", "", rest))
-        with self.words.functions(functions):
-            self.words.take_side(words)
-            rapid = self.words.take_feed(words)
-            if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
-                it.note("axes U V W are not read")
-            block = self.words.read(words)
-            if functions & {91, 92}:
+        block = self.words.read(re.sub(r"\([^()]*\)$", "", rest))
+        with self.words.functions(block) as codes:
+            rapid = self.words.take_modes(block)
+            if codes & {91.0, 92.0}:
                 it.leave_out_machine_move(block, "M91, M92")
             else:
                 if kind[0] == "L":
-                    if words.get("R", "+") not in ("+", "-") or "DR" in words:
+                    if "R" in block.values or any(word.startswith("DR") for word in (*block.values, *block.names)):
                         raise InputError("words of an arc in a straight block")
                     state.motion = 0.0 if rapid else 1.0
                     if kind == "LN":
-                        self._read_vector(words, block)
+                        self._read_vector(block)
                 elif rapid:
                     raise InputError("an arc with FMAX is not read; give it a feed")
                 else:
-                    self._read_arc(kind, words, block)
+                    self._read_arc(kind, block)
                 it.motion.move(block, corner)
-            self._call_cycle(functions & {89, 99} or ({89} if self.calls else set()))
+            self._call_cycle(codes & {89.0, 99.0} or ({89.0} if self.calls else set()))
 
-    def _read_vector(self, words: Words, block: CncBlock) -> None:
+    def _read_vector(self, block: CncBlock) -> None:
         """Read the tool axis of LN: its vector TX TY TZ, or with tip control its normal NX NY NZ; A B C say nothing."""
+        values = block.values
         for letter in LETTERS:
-            block.values.pop(letter, None)
-        for letter in ("T", "N") if self.it.state.tip_control else ("T",):
-            found = {f"{name}3": self.value(words[letter + axis]) for name, axis in zip(LETTERS, AXES, strict=True)
-                     if letter + axis in words}  # fmt: skip
+            values.pop(letter, None)
+        for kind in ("T", "N") if self.it.state.tip_control else ("T",):
+            found = {f"{name}3": values[kind + axis] for name, axis in zip(LETTERS, AXES, strict=True)
+                     if kind + axis in values}  # fmt: skip
             if found:
-                block.values.update(found)
+                values.update(found)
                 return
 
-    def _read_arc(self, kind: str, words: Words, block: CncBlock) -> None:
+    def _read_arc(self, kind: str, block: CncBlock) -> None:
         """Read C and CP (about the pole), CR (radius), CT and CTP (tangent)."""
-        state = self.it.state
+        state, values = self.it.state, block.values
         if kind in ("CT", "CTP"):
             state.motion = "CT"
             return
-        sign = words.get("DR", "")
-        if sign not in ("+", "-"):
+        if "DR+" not in block.names and "DR-" not in block.names:
             raise InputError("arc without a sense, expected DR+ or DR-")
-        state.motion = 3.0 if sign == "+" else 2.0
+        state.motion = 3.0 if "DR+" in block.names else 2.0
         if kind == "CR":
-            if not words.get("R"):
+            if "R" not in values:
                 raise InputError("CR has no radius R")
-            block.values["CR"] = self.value(words["R"])
+            values["CR"] = values["R"]
         else:
             self.words.need_pole()
             block.names.append("CC")
-        if "IPA" in words:
-            angle = self.value(words["IPA"])
-            if angle == 0.0 or (angle > 0.0) != (sign == "+"):
-                raise InputError(f"IPA{angle:+g} and DR{sign} contradict each other")
-            block.values["TURN"] = math.ceil(abs(angle) / 360.0 - 1e-9) - 1.0
+        if "AP" in block.relative:
+            angle = values["AP"]
+            if angle == 0.0 or (angle > 0.0) != (state.motion == 3.0):
+                raise InputError(f"IPA{angle:+g} and DR contradict each other")
+            values["TURN"] = math.ceil(abs(angle) / 360.0 - 1e-9) - 1.0
 
     def set_pole(self, rest: str) -> None:
         """CC: the pole, or the centre of arcs."""
-        words, functions = self.words.split(rest)
-        block, state, start = self.words.read(words), self.it.state, self.it.contour.position
+        block, state, start = self.words.read(rest), self.it.state, self.it.contour.position
         named = block.list_axes()
         if named and len(named) != 2:
             raise InputError(f"CC names {len(named)} axes, expected 2 (or none: where the tool is)")
@@ -387,7 +359,7 @@ class Klartext:
             base = start[axis] if not named or letter in block.relative else 0.0
             place[axis] = base + block.values.get(letter, 0.0)
         state.pole, state.pole_plane = (place[0], place[1], place[2]), plane
-        with self.words.functions(functions):
+        with self.words.functions(block):
             pass
 
     def call_cycle(self, rest: str) -> None:
@@ -399,55 +371,40 @@ class Klartext:
         pattern = words.startswith("PAT")
         if pattern and not self.points:
             raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
-        found, functions = self.words.split(words.removeprefix("PAT").removeprefix("POS"))
-        with self.words.functions(functions):
-            self.words.take_feed(found)
-            if pattern or words.startswith("POS"):
-                for place in self.points if pattern else [self.it.motion.target(self.words.read(found))[0]]:
-                    self.cycles.call_at(place)
-            else:
-                self.cycles.call()
+        block = self.words.read(words.removeprefix("PAT").removeprefix("POS"))
+        with self.words.functions(block) as codes:
+            self.words.take_modes(block)
+            at_place = words.startswith("POS")
+            for place in self.points if pattern else [self.it.motion.target(block)[0] if at_place else None]:
+                self.cycles.call(place)
             if not pattern:
-                self.calls = (self.calls or 89 in functions) and 99 not in functions
+                self.calls = (self.calls or 89.0 in codes) and 99.0 not in codes
 
     def define_pattern(self, text: str) -> None:
         """PATTERN DEF: single positions."""
         if POSITION.sub("", text.removeprefix("DEF")).strip():
             raise InputError(f"PATTERN {text[:32]!r} is not read, only PATTERN DEF with POS is")
-        places = POSITION.findall(text)
-        self.points = [self.it.motion.target(self.words.read(self.words.split(words)[0]))[0] for words in places]
+        self.points = [self.it.motion.target(self.words.read(words))[0] for words in POSITION.findall(text)]
 
 
-def refuse(what: str, word: str) -> Callable[[Klartext, str], None]:
-    """Return a statement that is refused."""
-
-    def run(dialect: Klartext, rest: str) -> None:
-        raise InputError(f"{word} ({what}) is not read; post-process without it")
-
-    return run
-
-
-def pass_over(dialect: Klartext, rest: str) -> None:
-    """Carry out a statement that says nothing of the path."""
-
-
+#: What each statement does with the rest of its block.
 STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "BEGIN": Klartext.begin, "M": Klartext.run_functions,
     "STOP": lambda dialect, rest: dialect.run_functions(rest, stops=True),
     "TOOL": lambda dialect, rest: dialect.words.change_tool(rest),
     "FN": Klartext.run_function, "FUNCTION": Klartext.run_word_function, "TCH": Klartext.probe,
     # frames
-    "PLANE": lambda dialect, rest: dialect.datums.run_plane(rest), "TRANS": Klartext.shift_datum,
+    "PLANE": lambda dialect, rest: dialect.cycles.run_plane(rest),
+    "TRANS": lambda dialect, rest: dialect.cycles.run_trans(rest),
     # contours and cycles
     "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner,
     "APPR": lambda dialect, rest: run_approach(dialect.it, dialect.words, rest),
-    "DEP": lambda dialect, rest: run_departure(dialect.it, dialect.words, rest),
+    "DEP": lambda dialect, rest: run_approach(dialect.it, dialect.words, rest, leaves=True),
     "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
-    # nothing of the path
-    **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),
-    # refused
-    "SPL": refuse("splines", "SPL"), "CONTOUR": refuse("contour cycles", "CONTOUR"),
-    **{word: refuse("free contours", word) for word in ("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT")},
-    "TURNDATA": refuse("turning", "TURNDATA"), "POLARKIN": refuse("polar kinematics", "POLARKIN"),
-    "AFC": refuse("adaptive feed", "AFC"),
+}  # fmt: skip
+#: Statements that say nothing of the path, and those that are refused.
+SILENT_WORDS = frozenset(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"))
+REFUSED = {
+    "SPL": "splines", "CONTOUR": "contour cycles", "TURNDATA": "turning", "POLARKIN": "polar kinematics",
+    "AFC": "adaptive feed", **dict.fromkeys(("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT"), "free contours"),
 }  # fmt: skip

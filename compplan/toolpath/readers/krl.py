@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
-from compplan.toolpath.readers.lines import count_lines, read_bounded, split_lines
-from compplan.toolpath.readers.moves import CamFile
+from compplan.toolpath.readers.lines import count_lines, match_form, read_bounded, split_lines
+from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.robot_moves import NUMBER, RobotProgram, check_coordinate, make_pose, split_fields
+from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, make_pose, split_fields
 
 name = "krl"
 suffixes = (".src", ".sub")
@@ -29,34 +29,19 @@ AGGREGATE = re.compile(r"\{\s*(?:[A-Z]\w*\s*:)?([^{}]*)\}")
 ASSIGN = re.compile(
     r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?:[A-Z]\w*\s+)?(\$?[A-Z][\w.]*(?:\[\s*\d+\s*\])?(?:\.\w+)?)\s*=\s*(.+)$"
 )
-#: What may follow a position: approximation.
-ENDING = re.compile(r"(\s*C_[A-Z]+|\s*CA\s.*)*\s*$")
-#: Statements that set a signal, wait or stop, and those that a program of another language cannot repeat.
-SWITCHES = {
-    "output": re.compile(r"(?P<signal>\$OUT\[\d+\])\s*=\s*(?P<on>TRUE|FALSE)$"),
-    "wait": re.compile(rf"WAIT\s+SEC\s+({NUMBER})$"), "halt": re.compile("HALT$"),
-    "asked": re.compile(r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b"),
-}  # fmt: skip
-MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL)\b")
-OPENS = re.compile(r"(IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b")
-CLOSES = re.compile(r"(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b")
-BAS = re.compile(r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)")
+#: A position, written out or by its name, and how it is approximated.
+TARGET = re.compile(r"(\{[^{}]*\}|\$?[A-Z]\w*(?:\[\w+\])?)(\s*C_[A-Z]+|\s*CA\s.*)*")
+MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE)\b(?!\s*[=(])\s*(.*?)(?:\s*\bWITH\s(.*))?$")
 PLACE, ANGLES, AXES = ("X", "Y", "Z"), ("A", "B", "C"), tuple(f"A{number}" for number in range(1, 7))
 EXTERNAL = tuple(f"E{number}" for number in range(1, 7))
-#: A loop whose bounds are numbers, a call, the head of a program.
+#: A name, a loop whose bounds are numbers, the head of a program.
+NAME = re.compile(r"\$?[A-Z]\w*(\[\w+\])?")
 FOR = re.compile(r"FOR\s+([A-Z]\w*)\s*=\s*([-+]?\d+)\s+TO\s+([-+]?\d+)(?:\s+STEP\s+([-+]?\d+))?\s*$")
-CALL = re.compile(r"([A-Z_]\w{0,60})\s*\((.*)\)\s*$")
 HEAD = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(")
 #: Data of a module that every program of the controller sees; greatest number of data files that are looked into.
 PUBLIC = re.compile(r"DEFDAT\s+\w+\s+PUBLIC\b")
 SHARED = re.compile(r"(?:DECL\s+)?GLOBAL\s+(?:DECL\s+)?(?:CONST\s+)?\w+\s+(\w+)")
 MOST_FILES = 200
-#: Statements that say nothing about the path.
-SILENT = re.compile(
-    r"DECL|INT|REAL|BOOL|CHAR|EXT|INTERRUPT|GLOBAL|WAIT|HALT|CONTINUE|TRIGGER|SIGNAL|RETURN|BRAKE|PULSE|ENDFCT|ENUM|STRUC|"
-    r"DEFDAT|ENDDAT|ANOUT|ANIN|CASE|DEFAULT|ELSE|IMPORT|RESUME|CREAD|CWRITE|COPEN|CCLOSE|E6POS|E6AXIS|FRAME|POS|AXIS|"
-    r"CHANNEL|CONFIRM|FDAT|LDAT|PDAT|ON_ERROR_PROCEED|TIME_BLOCK|CONST_VEL"
-)
 
 
 def recognise(text: str) -> bool:
@@ -78,7 +63,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 def read_pose(numbers: Mapping[str, float]) -> Array:
     """Return the pose of X Y Z A B C: R = Rz(A) Ry(B) Rx(C)."""
     turn = Rotation.from_euler("ZYX", [numbers[key] for key in ANGLES], degrees=True)
-    return make_pose(np.array([numbers[key] for key in PLACE]), turn.as_matrix())
+    return make_pose(np.array([numbers[key] for key in PLACE]), turn)
 
 
 def clean_line(raw: str) -> str:
@@ -87,9 +72,9 @@ def clean_line(raw: str) -> str:
     return "" if text.startswith("&") else text.upper()
 
 
-def find_beside(file: Path, *suffixes: str) -> Sequence[str]:
-    """Return the lines of the file of this name with one of these suffixes, none without any."""
-    beside = next((path for suffix in suffixes if (path := file.with_suffix(suffix)).is_file()), None)
+def find_beside(file: Path, suffix: str) -> Sequence[str]:
+    """Return the lines of the file of this name with a suffix in small letters or capitals, none without any."""
+    beside = next((path for end in (suffix, suffix.upper()) if (path := file.with_suffix(end)).is_file()), None)
     return split_lines(read_bounded(beside)) if beside else ()
 
 
@@ -97,18 +82,33 @@ class _KrlReader:
     """Follow a program statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.options, self.robot = options, RobotProgram(file, options)
-        self.flow, self.note = self.robot.flow, self.robot.note
+        self.options = options
+        self.robot = robot = RobotProgram(file, options)
+        self.flow, self.note = robot.flow, robot.note
         self.flow.run_line = self._run_line
         self.feed = 0.0
         #: Speed of the move at hand alone. [mm/s]
         self.own: float | None = None
-        #: Positions and frames by name, as texts; values of the counters of loops; the first call that is not read.
-        self.positions = {"$NULLFRAME": "{X 0}"}
+        #: Positions and frames by name; values of the counters of loops; the first call that is not read.
+        self.positions: dict[str, str | dict[str, float]] = {"$NULLFRAME": "{X 0}"}
         self.counters: dict[str, int] = {}
         self.called = ""
         self.last: dict[str, float] = {}
         self.spline: list[Array] | None = None
+        #: What each statement does.
+        self.rules: list[Rule] = [(re.compile(pattern), run) for pattern, run in (
+            (r"((END)?(IF|FOR|WHILE|LOOP|SWITCH)|REPEAT|UNTIL)\b", robot.count_block),
+            (r"(GOTO|ASY?S?PTP|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL)\b(?!\s*[=(])", robot.refuse), (MOTION, self._move),
+            (r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)", self._set_up),
+            (r"(?P<signal>\$OUT\[\d+\])\s*=\s*(?P<on>TRUE|FALSE)$", robot.switch("output")),
+            (rf"WAIT\s+SEC\s+(?P<time>{NUMBER})$", robot.switch("dwell")), ("HALT$", robot.switch("stop")),
+            (r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b", robot.ask), (ASSIGN, self._assign),
+            (r"DECL|INT|REAL|BOOL|CHAR|EXT|INTERRUPT|GLOBAL|WAIT|HALT|CONTINUE|TRIGGER|SIGNAL|RETURN|BRAKE|PULSE|ENUM|"
+             r"ENDFCT|STRUC|DEFDAT|ENDDAT|ANOUT|ANIN|CASE|DEFAULT|ELSE|IMPORT|RESUME|CREAD|CWRITE|COPEN|CCLOSE|E6POS|"
+             r"E6AXIS|FRAME|POS|AXIS|CHANNEL|CONFIRM|FDAT|LDAT|PDAT|ON_ERROR_PROCEED|TIME_BLOCK|CONST_VEL|.*:$", None),
+            (r"([A-Z_]\w{0,60})\s*\((.*)\)\s*$", self._call),
+            (r"\S{1,20}", lambda found: self.note(f"statement {found.group(0)} is not read")),
+        )]  # fmt: skip
 
     def run(self, text: str) -> None:
         """Carry out the first program of the file."""
@@ -119,9 +119,8 @@ class _KrlReader:
 
     def _load_shared(self, text: str) -> None:
         """Keep the GLOBAL positions of public .dat files beside the program that its text names."""
-        own = self.flow.file.stem.lower()
+        own, keepers = self.flow.file.stem.lower(), dict[str, str]()
         data = sorted(path for path in self.flow.file.parent.glob("*.[dD][aA][tT]") if path.stem.lower() != own)
-        keepers: dict[str, str] = {}
         for path in data[:MOST_FILES]:
             lines = [clean_line(raw) for raw in split_lines(read_bounded(path))]
             if not any(PUBLIC.match(line) for line in lines[:50]):
@@ -131,17 +130,17 @@ class _KrlReader:
             for name in sorted(names & keepers.keys()):
                 raise self.flow.error(f"{name} stands in {keepers[name]} and in {path.name}, both public; keep one")
             keepers.update(dict.fromkeys(names, path.name))
-            whole = [line for line in lines if "=" in line and re.split(r"[\s\[=.]", line)[0] in names]
-            for line in whole + [line for line in lines if "=" in line and "GLOBAL" in line]:
-                self._assign(line)
+            for line in lines:
+                if "GLOBAL" in line or re.split(r"[\s\[=.]", line)[0] in names:
+                    self._assign(ASSIGN.match(line))
         if keepers:
             files = ", ".join(sorted(set(keepers.values())))
             self.robot.log.note(f"positions of other files are read: {files}", 1)
 
     def _load_data(self, file: Path) -> None:
         """Keep the positions and frames that the .dat file beside a program declares."""
-        for raw in find_beside(file, ".dat", ".DAT"):
-            self._assign(clean_line(raw))
+        for raw in find_beside(file, ".dat"):
+            self._assign(ASSIGN.match(clean_line(raw)))
 
     def _find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
         """Find DEF NAME() in a file; return its first program."""
@@ -160,12 +159,12 @@ class _KrlReader:
             self.robot.log.happen("comment", self.flow.line, text=comment)
         if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.robot.blocks):
             return END
-        if self.counters:
-            statement = self._fill_in(statement)
-        if statement[:3] == "FOR" and not self.robot.blocks and (loop := FOR.match(statement)):
+        for counter, value in self.counters.items():  # as a number, where it stands as an index or a bound
+            place = rf"(?<=\[)\s*{counter}\s*(?=\])|(?<![\w.$\[]){counter}(?![\w.\[])(?!\s*=)"
+            statement = re.sub(place, str(value), statement)
+        if not self.robot.blocks and (loop := FOR.match(statement)):
             return self._run_for(program, index, *loop.groups())
-        if statement:
-            self._carry_out(statement)
+        self.robot.run_statement(statement, self.rules)
         return index + 1
 
     def _run_for(self, program: CncProgram, index: int, counter: str, first: str, last: str, step: str | None) -> int:
@@ -195,20 +194,13 @@ class _KrlReader:
                 raise InputError(f"the loop ends where {statement[:24]!r} says; write its moves out in a row")
         raise InputError("FOR has no ENDFOR")
 
-    def _fill_in(self, statement: str) -> str:
-        """Return a statement with the counters of loops as numbers, where they stand as indices or bounds."""
-        for counter, value in self.counters.items():
-            place = rf"(?<=\[)\s*{counter}\s*(?=\])|(?<![\w.$\[]){counter}(?![\w.\[])(?!\s*=)"
-            statement = re.sub(place, str(value), statement)
-        return statement
-
-    def _call(self, statement: str, called: str) -> None:
+    def _call(self, found: Match) -> None:
         """Carry out a program of the file, or NAME.src beside it; note calls of others."""
-        programs, file = self.flow.programs, self.flow.file
+        programs, file, statement, called = self.flow.programs, self.flow.file, found.string, found.group(1)
         for word in (called, called.lower()):
             beside = file.with_name(f"{word}.src")
             if called not in programs:
-                self._find_programs(find_beside(beside, ".src", ".SRC"), beside)
+                self._find_programs(find_beside(beside, ".src"), beside)
         if called not in programs:
             self.called = self.called or f"{statement[:24]} in line {self.flow.line}"
             self.note(f"call of {called[:24]}() is not read: it is neither here nor beside the file")
@@ -218,63 +210,39 @@ class _KrlReader:
             self._load_data(programs[called].file)
         self.robot.call(called, f"{called}()")
 
-    def _carry_out(self, statement: str) -> None:
-        if OPENS.match(statement):
-            self.robot.blocks += 1
-        elif CLOSES.match(statement):
-            self.robot.blocks = max(0, self.robot.blocks - 1)
-        elif re.match(r"GOTO\b", statement):
-            raise InputError("GOTO is not read; write the moves out in a row")
-        elif re.match(r"ASY?S?PTP\b|ASYPTP\b", statement):
-            raise InputError("ASYPTP (external axes on their own) is not read; write positions with E1 .. E6")
-        elif MOTION.match(statement) and not re.match(r"\w+\s*(=|\()", statement):
-            self.robot.check_row(statement)
-            self._move(statement)
-        elif setting := BAS.match(statement):
-            self._set_up(*setting.groups())
-        elif self.robot.switch(statement, SWITCHES) or self._assign(statement):
-            pass
-        elif call := None if SILENT.match(statement) else CALL.match(statement):
-            self._call(statement, call.group(1))
-        elif not SILENT.match(statement) and not statement.endswith(":"):
-            self.note(f"statement {statement.split()[0][:20]} is not read")
-
-    def _assign(self, statement: str) -> bool:
-        """Carry out an assignment; return whether it is one."""
-        found = ASSIGN.match(statement)
-        if not found or MOTION.match(statement):
-            return False
-        target, value = found.groups()
-        target = target.replace(" ", "")
+    def _assign(self, found: Match | None) -> None:
+        """Carry out an assignment, if there is one."""
+        if found is None:
+            return
+        target, value = found.group(1).replace(" ", ""), found.group(2)
         whole, _, part = target.partition(".")
         if target in ("$BASE", "$TOOL", "$IPO_MODE", "$VEL", "$VEL.CP"):
-            self._set_system(target, statement, value)
+            if self.robot.blocks and target != "$TOOL":
+                raise InputError(f"{target} is set in a loop or a branch; write the program out")
+            self._set_system(target, value.strip(), found.string)
         elif whole in ("$BASE", "$TOOL"):
-            raise InputError(f"a part of {whole} is set ({statement[:30]}); write the whole frame")
-        elif whole in self.positions:
-            self._set_position(whole, part, value)
+            raise InputError(f"a part of {whole} is set ({found.string[:30]}); write the whole frame")
+        elif whole in self.positions:  # a position whose new value is not known is not known
+            position = self.positions.pop(whole)
+            if not self.robot.blocks and not part and (AGGREGATE.match(value) or value in self.positions):
+                self.positions[whole] = self.positions.get(value, value)
+            elif not self.robot.blocks and part and re.fullmatch(NUMBER, value):
+                self.positions[whole] = {**self._numbers(position), part: float(value)}
         elif (target.startswith("BASE_DATA[") or AGGREGATE.match(value)) and target[0] != "$" and not self.robot.blocks:
             self.positions[target] = value
             if target.startswith("BASE_DATA["):
                 self._numbers(value)
-        return True
 
-    def _set_position(self, name: str, part: str, value: str) -> None:
-        """Give a position or a frame that is known another value, or forget it where the value is not known."""
-        position = self.positions.pop(name)
-        if self.robot.blocks:
-            return
-        if not part and (AGGREGATE.match(value) or value in self.positions):
-            self.positions[name] = self.positions.get(value, value)
-        elif part and re.fullmatch(NUMBER, value):
-            numbers = {**self._numbers(position), part: float(value)}
-            self.positions[name] = "{" + ",".join(f"{key} {number!r}" for key, number in numbers.items()) + "}"
+    def _set_up(self, found: Match) -> None:
+        """Carry out BAS(#word, value)."""
+        word, value = found.group(1), found.group(2).strip()
+        if word == "BASE":
+            value = "$NULLFRAME" if value == "0" else f"BASE_DATA[{value}]"
+        self._set_system({"VEL_CP": "$VEL.CP", "BASE": "$BASE", "TOOL": "$TOOL"}.get(word, ""), value, f"CP {value}")
 
-    def _set_system(self, target: str, statement: str, value: str) -> None:
-        if self.robot.blocks and target != "$TOOL":
-            raise InputError(f"{target} is set in a loop or a branch; write the program out")
+    def _set_system(self, target: str, value: str, statement: str) -> None:
         if target == "$BASE":
-            self._use_base(value.strip())
+            self._use_base(value)
         elif target == "$TOOL":
             self.robot.note_tool()
         elif target == "$IPO_MODE" and "TCP" in value:
@@ -289,58 +257,36 @@ class _KrlReader:
             raise InputError(f"{text.strip()[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
         return float(speed.group(1)) * 1e3 if speed else 0.0
 
-    def _set_up(self, word: str, value: str) -> None:
-        """Carry out BAS(#word, value)."""
-        if word == "VEL_CP":
-            if not re.fullmatch(NUMBER, value.strip()):
-                raise InputError(f"speed {value!r} is no number")
-            self.feed = float(value) * 1e3
-        elif word == "BASE":
-            self._use_base("$NULLFRAME" if value.strip() == "0" else f"BASE_DATA[{value.strip()}]")
-        elif word == "TOOL":
-            self.robot.note_tool()
-
     def _use_base(self, value: str) -> None:
         """Put a base in force; the path stays in the one that was in force at its first position."""
         text = value if value.startswith("{") else self.positions.get(value)
-        known = None
-        if text is not None:
-            known = read_pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **self._numbers(text)})
+        known = None if text is None else read_pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **self._numbers(text)})
         if self.robot.placed and not (known is None and value == self.robot.frame_name):
             self.last = {}
         self.robot.use_frame(value, known, "base")
 
-    def _numbers(self, text: str) -> dict[str, float]:
+    def _numbers(self, position: str | dict[str, float]) -> dict[str, float]:
         """Return the numbers of {X 1,Y 2,..}."""
-        found = AGGREGATE.match(text.strip())
+        if isinstance(position, dict):
+            return position
+        found = AGGREGATE.match(position.strip())
         if not found:
-            raise InputError(f"position {text.strip()[:30]!r} is not read, expected {{X 1,Y 2,Z 3,A 0,B 0,C 0}}")
-        inside, place = found.group(1).strip(), 0
-        numbers: dict[str, float] = {}
-        while place < len(inside):
-            item = ITEM.match(inside, place)
-            if not item or item.group(1) in numbers:
-                text = inside[place : place + 20].strip()
-                raise InputError(f"position {text!r} is not read, expected numbers by name, each once")
-            number = 0.0 if item.group(2).startswith("'") else float(item.group(2))
-            numbers[item.group(1)] = check_coordinate(number, item.group(0).strip(" ,"))
-            place = item.end()
+            raise InputError(f"position {position.strip()[:30]!r} is not read, expected {{X 1,Y 2,Z 3,A 0,B 0,C 0}}")
+        items, odd = ITEM.findall(found.group(1)), ITEM.sub("", found.group(1)).strip()
+        numbers = {name: 0.0 if text[0] == "'" else float(text) for name, text in items}
+        if odd or len(numbers) < len(items) or not all(abs(number) < FARTHEST for number in numbers.values()):
+            odd = odd or found.group(1).strip()
+            raise InputError(
+                f"position {odd[:20]!r} is not read, expected numbers by name, each once, below {FARTHEST:g}"
+            )
         return numbers
 
     def _target(self, text: str) -> dict[str, float]:
         """Return the numbers of a position: written out, or declared by name."""
-        text = text.strip()
-        if text.startswith("{"):
-            end = text.find("}") + 1
-            position = text
-        else:
-            word = re.match(r"\$?[A-Z]\w*(\[\d+\])?", text)
-            if not word or word.group(0) not in self.positions:
-                raise InputError(f"position {text[:24]!r} is not known here or in the .dat file")
-            end, position = word.end(), self.positions[word.group(0)]
-        if not ENDING.match(text, end):
-            raise InputError(f"{text[end : end + 24].strip()!r} after a position is not read, expected C_DIS and such")
-        return self._numbers(position)
+        word = match_form(TARGET, text.strip(), "position: {X 1,Y 2,..} or a name, and C_DIS and such").group(1)
+        if word[0] != "{" and word not in self.positions:
+            raise InputError(f"position {word[:24]!r} is not known here or in the .dat file")
+        return self._numbers(self.positions.get(word, word))
 
     def _read_with(self, extra: str) -> None:
         """Read what holds for one move (WITH): its speed; frames and modes are refused."""
@@ -363,16 +309,14 @@ class _KrlReader:
         self.last, self.robot.placed = full, True
         return read_pose(full)
 
-    def _move(self, statement: str) -> None:
-        statement, _, extra = statement.partition(" WITH ")
-        kind, rest = re.match(r"(\w+)\s*(.*)$", statement).groups()  # type: ignore[union-attr]
+    def _move(self, found: Match) -> None:
+        self.robot.check_row(found.string)
+        kind, rest, extra = found.groups()
         if extra and kind == "SPL":
             raise InputError("SPL with data of its own (WITH) is not read; give them to the SPLINE")
         if self.spline is None:
-            self._read_with(extra)
+            self._read_with(extra or "")
         poses, joints = self.spline, kind in ("PTP", "SPTP")
-        if kind.endswith("_REL"):
-            raise InputError(f"{kind} (relative moves) is not read; write absolute positions")
         if kind in ("SPLINE", "ENDSPLINE"):
             self.spline = [] if kind == "SPLINE" else None
             if poses and kind == "ENDSPLINE":
@@ -381,7 +325,7 @@ class _KrlReader:
         if (poses is None) == (kind == "SPL"):
             raise InputError(f"{kind} {'outside of' if poses is None else 'within'} SPLINE is not read")
         parts = split_fields(rest, "{", "}")
-        named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
+        named = NAME.match(parts[0])
         if joints and named and named.group(0) not in self.positions:
             unknown = named.group(0)[:24]
             self.robot.lose(f"joint move to {unknown} is left out: it is not known here or in the .dat file")
@@ -396,17 +340,13 @@ class _KrlReader:
         elif poses is not None:
             poses.append(self._pose(numbers))
         else:
-            self._circle(numbers, parts[1:])
-
-    def _circle(self, via: dict[str, float], parts: list[str]) -> None:
-        if not parts:
-            raise InputError("circle has no end position")
-        middle = np.array([{**self.last, **via}.get(key, math.nan) for key in PLACE])
-        if np.isnan(middle).any():
-            raise InputError("circle has no middle position")
-        words = re.search(rf"\bCA\s*=?\s*({NUMBER})", " ".join(parts))
-        angle = math.radians(float(words.group(1))) if words else None
-        self.robot.circle(middle, self._pose(self._target(parts[0])), self._speed(), angle=angle)
+            middle, ends = {**self.last, **numbers}, parts[1:2]
+            if not ends or not middle.keys() >= set(PLACE):
+                raise InputError("circle has no end position, or no middle")
+            words = re.search(rf"\bCA\s*=?\s*({NUMBER})", " ".join(parts[1:]))
+            angle = math.radians(float(words.group(1))) if words else None
+            via = np.array([middle[key] for key in PLACE])
+            self.robot.circle(via, self._pose(self._target(ends[0])), self._speed(), angle=angle)
 
     def _speed(self) -> float:
         feed = self.feed if self.own is None else self.own

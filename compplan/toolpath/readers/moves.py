@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,18 +80,12 @@ class CamFile:
     facts: CamFacts
 
 
-class HasLine(Protocol):
-    """Who reads a file."""
-
-    line: int
-
-
 @dataclass
 class MoveLog:
-    """Collect the moves of a file while it is read; arcs keep to their chords by `chord` [mm]."""
+    """Collect the moves of a file while it is read; arcs keep to their chords by `chord` [mm], `reader` has a line."""
 
     chord: float
-    reader: HasLine | None = None
+    reader: Any = None
     position: Point = (0.0, 0.0, 0.0)
     axis: Point = (0.0, 0.0, 1.0)
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTERS, 0))
@@ -125,7 +119,7 @@ class MoveLog:
     def rapid(self, point: Point, axis: Point | None = None) -> None:
         """Move rapidly to a point."""
         axis = axis or self.axis
-        if point != self.position or axis != self.axis or not self._started:
+        if point != self.position or axis != self.axis or not self._rows:
             self.counts["rapid_moves"] += 1
             self.position, self.axis = point, axis
             self._put(point, 0.0, 1.0)
@@ -207,24 +201,9 @@ class MoveLog:
         line = 0 if self.reader is None else self.reader.line
         self._rows.extend((*point, *self.axis, feed, rapid, arc, line))
 
-    @property
-    def _started(self) -> bool:
-        return bool(self._rows)
-
-    @property
-    def direction(self) -> Point | None:
-        """Direction of the last move on which the tip went on, from row to row; None without any."""
-        end = self.position
-        for first in range(len(self._rows) - 2 * WIDTH, -1, -WIDTH):
-            x, y, z = self._rows[first : first + 3]
-            length = math.dist(end, (x, y, z))
-            if length > STILL:
-                return combine(1.0 / length, end, -1.0 / length, (x, y, z))
-        return None
-
     def _start(self) -> None:
         """Put down where the first cut begins."""
-        if not self._started:
+        if not self._rows:
             self._put(self.position, 0.0, 1.0)
 
     def _tabulate(self) -> tuple[Array, list[Event], NDArray[np.bool_]]:

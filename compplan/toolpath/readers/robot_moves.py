@@ -5,10 +5,9 @@ Millimetres; poses are 4x4, those of the tool as seen from the frame in force.
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from compplan.io.tables import Array
 from compplan.toolpath.readers.arcs import Point, find_arc, sample_arc
 from compplan.toolpath.readers.cnc.flow import Flow
 from compplan.toolpath.readers.lines import DECIMAL
-from compplan.toolpath.readers.moves import FARTHEST, MoveLog
+from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
 #: A number in a robot program, capitals.
@@ -33,6 +32,11 @@ TURN_STEP = 1.0
 STEADY = 1e-6
 #: Points on each span of a spline.
 SPLINE_POINTS = 16
+
+
+#: Statements of a form, and what is done with one; None: it says nothing of the path.
+Match = re.Match[str]
+Rule = tuple[re.Pattern[str], Callable[[Match], object] | None]
 
 
 class RobotProgram:
@@ -60,6 +64,22 @@ class RobotProgram:
         """Note something that was assumed or read past, at the line that is read."""
         self.log.note(message, self.flow.line)
 
+    def run_statement(self, statement: str, rules: Iterable[Rule]) -> object:
+        """Carry out a statement by the first rule whose pattern it matches; return what that rule returns."""
+        for pattern, run in rules:
+            if found := pattern.match(statement):
+                return run(found) if run else None
+        return None
+
+    def count_block(self, found: Match) -> None:
+        """Begin or end a loop or a branch, which is not carried out."""
+        self.blocks = max(0, self.blocks + (-1 if found.group().startswith(("END", "UNTIL")) else 1))
+
+    def refuse(self, found: Match) -> None:
+        """Refuse a statement that moves the tool or its frame in a way that is not read."""
+        word = found.group()[:20].strip()
+        raise InputError(f"{word} is not read and may move the tool or its frame; write absolute moves in a row")
+
     def check_row(self, statement: str) -> None:
         """Refuse a move in a loop or a branch."""
         if self.blocks:
@@ -71,30 +91,27 @@ class RobotProgram:
             raise InputError(f"call of {called} in a loop, a branch or too deep; write the moves out")
         self.flow.run_program(name, self.flow.programs[name], 1)
 
-    def ask(self, statement: str) -> None:
+    def ask(self, found: Match | str) -> None:
         """Let the operator do what no program of another language can repeat."""
         where = "in a loop or a branch: " if self.blocks else ""
-        self.log.happen("call", self.flow.line, text=f"{where}{statement}")
+        self.log.happen("call", self.flow.line, text=where + (found if isinstance(found, str) else found.string))
 
-    def switch(self, statement: str, switches: Mapping[str, re.Pattern[str]]) -> bool:
-        """Carry out a statement that sets a signal, waits, halts or is asked of the operator; return whether it is one.
+    def switch(self, kind: str) -> Callable[[Match], None]:
+        """Return what an output, a wait (dwell) or a halt (stop) does; in a loop or a branch the operator is asked.
 
-        An output has the groups `signal` and `on` or `level`.
+        An output has the groups `signal` and `on` or `level`, a wait the group `time`.
         """
-        output, wait, halt = (switches[kind].match(statement) for kind in ("output", "wait", "halt"))
-        known = bool(output or wait or halt)
-        if not known and not switches["asked"].match(statement):
-            return False
-        if self.blocks or not known:
-            self.ask(statement)
-        elif output:
-            on = output["on"] in ("TRUE", "SET") or output.groupdict().get("level") == "1"
-            self.log.happen("output", self.flow.line, value=float(on), text=output["signal"])
-        elif wait:
-            self.log.happen("dwell", self.flow.line, value=max(float(wait.group(1)), 0.0))
-        else:
-            self.log.happen("stop", self.flow.line)
-        return True
+
+        def run(found: Match) -> None:
+            words = found.groupdict()
+            on = words.get("on") in ("TRUE", "SET") or words.get("level") == "1"
+            value = max(float(words["time"]), 0.0) if kind == "dwell" else float(on)
+            if self.blocks:
+                self.ask(found)
+            else:
+                self.log.happen(kind, self.flow.line, value=value, text=words.get("signal") or "")
+
+        return run
 
     def use_frame(self, name: str, place: Array | None, kind: str) -> None:
         """Put a frame in force; the path stays in that of its first pose, whose place has to be known then."""
@@ -129,8 +146,7 @@ class RobotProgram:
         if pieces == 1:
             self.log.line(_point(end), feed, self._axis(end))
         else:
-            shares = np.arange(1, pieces + 1)[:, None] / pieces
-            self._follow(before[:3, 3] + shares * (end[:3, 3] - before[:3, 3]), before, end, feed)
+            self._follow(np.linspace(before[:3, 3], end[:3, 3], pieces + 1)[1:], before, end, feed)
         self.pose = end
 
     def circle(self, via: Array, pose: Array, feed: float, *, angle: float | None = None) -> None:
@@ -165,11 +181,9 @@ class RobotProgram:
         length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points[:, :3, 3], axis=0), axis=1))]
         if np.any(np.diff(length) <= 1e-9):
             raise InputError("two points of a spline coincide")
-        curve = CubicSpline(length, points[:, :3, 3])
+        places = np.interp(np.arange(1, SPLINE_POINTS * len(ends) + 1) / SPLINE_POINTS, np.arange(len(points)), length)
         turn = Slerp(length, Rotation.from_matrix(points[:, :3, :3]))
-        places = np.concatenate([np.linspace(a, b, SPLINE_POINTS + 1)[1:] for a, b in itertools.pairwise(length)])
-        for point, rotation in zip(curve(places), turn(places).as_matrix(), strict=True):
-            self.log.line(_tuple(point), feed, self._axis(rotation))
+        self._cut(CubicSpline(length, points[:, :3, 3])(places), turn(places), feed)
         self.pose = points[-1]
 
     def _begin(self, end: Array) -> Array:
@@ -178,7 +192,8 @@ class RobotProgram:
         if self.pose is None:
             reason = "after a joint move to axis values" if self.lost else "at the beginning of the program"
             place = find_start((0.0, 0.0, 0.0), range(3), self.options.from_mm, reason)
-            self.pose = make_pose(np.array(place), end[:3, :3])
+            self.pose = end.copy()
+            self.pose[:3, 3] = place
             self.log.rapid(place, self._axis(end))
         return self.pose
 
@@ -193,10 +208,12 @@ class RobotProgram:
         """Cut from point to point while the tool turns evenly between two poses: one move, in pieces."""
         counts = dict(self.log.counts)
         turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], end[:3, :3]])))
-        rotations = turn(np.arange(1, len(points) + 1) / len(points)).as_matrix()
-        for point, rotation in zip(points, rotations, strict=True):
-            self.log.line(_tuple(point), feed, self._axis(rotation))
+        self._cut(points, turn(np.arange(1, len(points) + 1) / len(points)), feed)
         self.log.count_one(counts)
+
+    def _cut(self, points: Array, rotations: Rotation, feed: float) -> None:
+        for point, rotation in zip(points, rotations.as_matrix(), strict=True):
+            self.log.line(_tuple(point), feed, self._axis(rotation))
 
     def _axis(self, rotation: Array) -> Point:
         """Return the tool axis of a pose: from the tip towards the spindle; a steady tool keeps its axis exactly."""
@@ -220,17 +237,10 @@ def split_fields(text: str, opening: str = "[(", closing: str = "])") -> list[st
     return [*parts, text[start:]]
 
 
-def check_coordinate(number: float, name: str) -> float:
-    """Return a number of a pose; refuse one that no robot reaches."""
-    if not abs(number) < FARTHEST:
-        raise InputError(f"coordinate {name}, less than {FARTHEST:g} is allowed")
-    return number
-
-
-def make_pose(position: Array, rotation: Array) -> Array:
-    """Return a pose from position [mm] and rotation matrix."""
+def make_pose(position: Array, turn: Rotation) -> Array:
+    """Return a pose from position [mm] and rotation."""
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
+    pose[:3, :3], pose[:3, 3] = turn.as_matrix(), position
     return pose
 
 

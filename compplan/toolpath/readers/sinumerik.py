@@ -11,16 +11,15 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
-from compplan.toolpath.readers.cnc import sinumerik_lexer as lexer
+from compplan.toolpath.readers.cnc import sinumerik_program as lexer
 from compplan.toolpath.readers.cnc.cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
-from compplan.toolpath.readers.cnc.rs274_lexer import HARMLESS
-from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
+from compplan.toolpath.readers.cnc.sinumerik_program import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
-from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame
+from compplan.toolpath.readers.frames import PLANE_NORMALS, Frame
 from compplan.toolpath.readers.gcode import BEGINNING
 from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
@@ -31,17 +30,11 @@ suffixes = (".mpf", ".spf", ".arc")
 
 #: Words with a value that say nothing about the programmed path.
 VALUES = {"SPOS", "SPOSA", "LIMS", "ADIS", "ADISPOS", "OVR", "OVRA", "ACC", "CTOL", "OTOL", "DISC", "FL"}
-#: Words that change the path or its frame, or call a cycle at every place.
-CHANGING = (
-    r"A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|MCALL|[ABC]SPLINE|POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|OFFN|CIP|"
-    r"INVCC?W"
-)
-KLARTEXT = {"FMAX", "TCPM", "STAY"}
+MARKS = "|".join((*sorted(lexer.HARMLESS - {"FMAX", "TCPM", "STAY"}), lexer.CHANGING))
 #: What no other language has, and what G-code of others may hold as well.
 SURE = re.compile(
     r"^[ \t]*%_N_\w+_(MPF|SPF)|^;\$PATH=|\b(CYCLE|POCKET|SLOT|HOLES|LONGHOLE)\d*[ \t]*\(|\bGOTO[FB][ \t]+\w|\bSUPA\b|"
-    rf"^[ \t/]*([A-Z][ \t]*=?[ \t]*[-+.\d]+[ \t]*)*(?<![.\w])({'|'.join(sorted(HARMLESS - KLARTEXT))}|{CHANGING})\b"
-    r"(?![ \t]*/)|"
+    rf"^[ \t/]*([A-Z][ \t]*=?[ \t]*[-+.\d]+[ \t]*)*(?<![.\w])({MARKS})\b(?![ \t]*/)|"
     r"^[ \t]*(N\d+[ \t]*)?DEF[ \t]+(REAL|INT|BOOL)\b|\bWORKPIECE\s*\(|[XYZIJK]\s*=\s*(AC|IC)\s*\(|"
     r"^[ \t]*(N\d+[ \t]*)?MSG[ \t]*\(|\bORI(WKS|MKS|AXES|VECT)\b|\bTRAFOOF\b|\b(CR|SPOS|TURN|AR|RND|CHR|CHF)=|"
     r"^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=|\b[MS]\d{1,2}=|\bT\d*[ \t]*=[ \t]*\"|"
@@ -101,7 +94,7 @@ class Sinumerik:
         self.stated = False
         self.it = Interpreter(file, options, State(scale, feed_scale=scale, motion=1.0), self, Flow(file))
         self.origins = Origins(self.it)
-        self.values = lexer.SinumerikVariables(self.it.unknown)
+        self.values = lexer.SinumerikBlocks(self.it)
         self.evaluate = self.values.evaluate
         self.flow = SinumerikFlow(self.it, self.values)
         self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
@@ -155,8 +148,7 @@ class Sinumerik:
             return index + 1
         if word := FLOW.match(text):
             return self.flow.run_flow(word.group(1), text, raw, program, index)
-        values = self.values
-        block = lexer.split_block(text, values.look_up_home if HOME.search(text) else values.look_up, values.names)
+        block = self.values.split(text, home=HOME.search(text) is not None)
         ended = self.run_block(block, raw)
         it.steady = self.stated and self.cycles.modal is None and it.motion.is_steady()
         return END if ended else index + 1
@@ -164,8 +156,6 @@ class Sinumerik:
     def run_block(self, block: CncBlock, raw: str) -> bool:
         """Carry out a block; return whether the program ends."""
         it, values, names = self.it, block.values, block.names
-        for variable, indices, value in block.assigned:
-            self._assign(variable, indices, value)
         if '"' in raw and (named := TOOL_NAME.search(raw)):
             it.state.tool, it.state.tool_name = 0.0, named.group(1)
         if frame := next((word for word in names if word in FRAME_WORDS), None):
@@ -193,8 +183,8 @@ class Sinumerik:
         takes = it.run_words(block, (*block.codes, *names), find_word)
         if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
-        if values and self._move(block, takes):
-            self.cycles.drill_here()
+        if values and self._move(block, takes) and self.cycles.modal:
+            self.cycles.drill(*self.cycles.modal)
         for called, arguments in block.calls:
             if called == "TRAORI":
                 it.control_tip(True)
@@ -210,8 +200,6 @@ class Sinumerik:
         it, state, values = self.it, self.it.state, block.values
         for address in values:
             if address not in MOVING and address not in SILENT:
-                if re.fullmatch(r"[ABC][2-7]", address):
-                    raise InputError(f"orientation {address}= is not read, expected A3= B3= C3= or rotary axes A B C")
                 raise InputError(f"word {address} is not read and may move the tool; post-process without it")
         if "RNDM" in values:
             state.rounding = values["RNDM"] * state.scale
@@ -233,47 +221,25 @@ class Sinumerik:
                 raise InputError("words of an arc (CR, AR, TURN) in a straight block")
             if block.has(CENTRES):
                 it.note("I J K in straight moves are not read")
-        elif values.get("TURN") and not block.has(POLAR):
-            start, target = it.contour.position, it.motion.target(block)[0]
-            if all(abs(target[axis] - start[axis]) < 1e-9 for axis in PLANE_AXES[state.plane]):
-                turns = values["TURN"]
-                it.note(f"a full circle with TURN={turns:g} is read as {turns + 1:g} turns: TURN adds to the circle "
-                        "itself")  # fmt: skip
         it.motion.move(block)
         return True
 
-    def _assign(self, variable: str, indices: tuple[float, ...], value: float | None) -> None:
-        if variable.startswith("$"):
-            if re.match(r"\$P_\w*(FR|FRAME)\w*", variable):
-                raise InputError(f"{variable} sets a frame and is not read; use TRANS and ROT")
-            self.it.note(f"system variable {variable[:24]} is not read")
-        elif value is None:
-            self.it.unknown[variable] = f"line {self.it.flow.line} gives it text"
-            self.values.numbers.pop((variable, indices), None)
-        else:
-            self.values.numbers[variable, indices] = value
-
     def _call(self, called: str, arguments: list[str], times: float) -> None:
-        """Carry out a subprogram with values for its parameters."""
+        """Carry out a subprogram with values for its parameters: PROC NAME(REAL A, INT B)."""
         values = [self.evaluate(text) if text else 0.0 for text in arguments]
         for _ in range(int(times) if values else 1):
             if values and self.it.flow.find_beside(called):
-                self._take_arguments(self.it.flow.programs[called], called, values)
+                program = self.it.flow.programs[called]
+                heads = map(strip, program.lines[program.first : min(program.first + 20, program.last)])
+                head = next((text for text in heads if re.match(r"PROC\s+\w+\s*\(", text)), "()")
+                texts = lexer.read_brackets(head, head.index("("))[0]
+                if len(values) > len(texts):
+                    raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
+                for text, value in zip(texts, values, strict=False):
+                    name = text.partition("=")[0].split()[-1]
+                    self.values.names.add(name)
+                    self.values.numbers[name, ()] = value
             self.it.call(called, 1.0 if values else times)
-
-    def _take_arguments(self, program: CncProgram, called: str, values: list[float]) -> None:
-        """Give the parameters of PROC NAME(REAL A, INT B) their values."""
-        for line in program.lines[program.first : min(program.first + 20, program.last)]:
-            text = strip(line)
-            if found := re.match(r"PROC\s+\w+\s*\(", text):
-                names = [part.partition("=")[0].split()[-1] for part in lexer.read_brackets(text, found.end() - 1)[0]]
-                if len(values) > len(names):
-                    break
-                for variable, value in zip(names, values, strict=False):
-                    self.values.names.add(variable)
-                    self.values.numbers[variable, ()] = value
-                return
-        raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
 
     def set_motion(self, block: CncBlock, code: float | str) -> None:
         """G0 to G3, CIP, CT: the motion of this block and those after it."""
@@ -310,11 +276,8 @@ class Sinumerik:
             raise InputError("a pole in polar coordinates is not read")
         state.pole = point[0], point[1], point[2]
 
-    def control_tip(self, block: CncBlock, code: str) -> None:
-        """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
-        self.it.control_tip(code == "TRAORI")
 
-
+UNREAD = refuse("it changes the path or its frame")
 OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code))
 WORDS: dict[float | str, Code] = {
     **COMMON,
@@ -325,20 +288,14 @@ WORDS: dict[float | str, Code] = {
     25.0: ignore("once"), 26.0: ignore("once"),
     **dict.fromkeys((110.0, 111.0, 112.0), Code(Sinumerik.set_pole, 2, "once")),
     **dict.fromkeys((54.0, 55.0, 56.0, 57.0, 500.0, *(float(code) for code in range(505, 600))), OFFSET),
-    **dict.fromkeys(("TRAORI", "TRAFOOF"), Code(Sinumerik.control_tip)),
+    **dict.fromkeys(("TRAORI", "TRAFOOF"), Code(lambda dialect, block, code: dialect.it.control_tip(code == "TRAORI"))),
     # nothing of the path
     **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
                                 451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),
-    **dict.fromkeys((*HARMLESS - {"TRAORI", "TRAFOOF"}, *VALUES, "DIAM90"), ignore()),
+    **dict.fromkeys((*lexer.HARMLESS - {"TRAORI", "TRAFOOF"}, *VALUES, "DIAM90"), ignore()),
     # refused
-    5.0: refuse("another motion"), 7.0: refuse("oblique plunging"), 12.0: refuse("another motion"),
-    35.0: refuse("threading"),
-    58.0: refuse("a shift of the frame"), 59.0: refuse("a shift of the frame"), 92.0: refuse("a shift of the frame"),
-    68.0: refuse("coordinate rotation"), 291.0: refuse("ISO mode"), 331.0: refuse("tapping"), 332.0: refuse("tapping"),
-    147.0: refuse("soft approach"), 247.0: refuse("soft approach"), 347.0: refuse("soft approach"),
-    148.0: refuse("soft departure"), 248.0: refuse("soft departure"), 348.0: refuse("soft departure"),
+    **dict.fromkeys(map(float, (5, 7, 12, 35, 58, 59, 68, 92, 147, 148, 247, 248, 291, 331, 332, 347, 348)), UNREAD),
 }  # fmt: skip
-UNREAD = refuse("it changes the path or its frame")
 
 
 def find_word(word: float | str) -> Code | None:

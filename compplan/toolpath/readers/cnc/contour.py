@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, arc_about, centre_from_radius, combine, cross, dot, normalise
+from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise
 from compplan.toolpath.readers.cnc.course import Course
 
 #: Angles below this count as none. [rad]
@@ -66,8 +67,8 @@ Approach = Callable[[Element], list[Element]]
 class Contour:
     """Hold what waits for the next element: an approach, or an element that a corner ends."""
 
-    def __init__(self, course: Course, unit: str = " mm") -> None:
-        self.course, self.unit = course, unit
+    def __init__(self, course: Course) -> None:
+        self.course = course
         self.held: tuple[Element, Corner] | None = None
         self.approach: Approach | None = None
         self.target: Point = (0.0, 0.0, 0.0)
@@ -99,7 +100,7 @@ class Contour:
             before, asked = self.held
             self.held = None
             try:
-                first, between, element = join_corner(before, asked, element, self.unit)
+                first, between, element = join_corner(before, asked, element)
             except ValueError as fault:
                 raise InputError(f"{fault}, in the corner of line {asked.line}") from None
             self._put(first)
@@ -133,14 +134,11 @@ class Contour:
             course.arc(element.end, element.named, element.feed, *about)
 
 
-def join_corner(
-    before: Element, corner: Corner, after: Element, unit: str = ""
-) -> tuple[Element, Element | None, Element]:
+def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Element, Element | None, Element]:
     """Return two elements cut back to a corner between them, and what joins them; ValueError if no such corner fits.
 
     Two lines turning by t lose r tan(t / 2) each to a rounding of radius r, and c / (2 cos(t / 2)) to a chamfer of
-    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet. `unit` is that of
-    messages, "" where it depends on the program.
+    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet.
     """
     point, normal = before.end, after.normal if after.centre is not None else before.normal
     one, other = before.tangent(point), after.tangent(point)
@@ -154,7 +152,7 @@ def join_corner(
     if turn > math.radians(179.9):
         raise ValueError("the path turns back at this corner")
     if corner.size < 0.0:
-        raise ValueError(f"a corner of {corner.size:g}{unit}, expected a size above 0")
+        raise ValueError(f"a corner of {corner.size:g}, expected a size above 0")
     feed = before.feed if corner.feed is None else corner.feed
     if lines:
         normal = normalise(across)
@@ -164,7 +162,7 @@ def join_corner(
         }[corner.kind]  # fmt: skip
         shortest = min(math.dist(before.start, point), math.dist(point, after.end))
         if reach > shortest + 1e-6:
-            raise ValueError(f"a corner of {corner.size:g}{unit} takes {reach:g}{unit} of moves of {shortest:g}{unit}")
+            raise ValueError(f"a corner of {corner.size:g} takes {reach:g} of moves of {shortest:g}")
         first, last = combine(1.0, point, -reach, one), combine(1.0, point, reach, other)
         middle = combine(1.0, first, corner.size, cross(normal, one)) if corner.kind == "ROUND" else None
         right_hand = True
@@ -177,38 +175,52 @@ def join_corner(
     return replace(before, end=first), joint, replace(after, start=last)
 
 
+#: A line, a point of it and its direction, or a circle, its centre and radius; places of a plane are complex numbers.
+Flat = tuple[complex, complex | float]
+
+
 def _find_rounding(
     before: Element, after: Element, radius: float, normal: Point, *, right_hand: bool
 ) -> tuple[Point, Point, Point]:
     """Return centre, begin and end of the arc of a radius that touches two elements from inside their corner."""
-    point = before.end
-    u = before.tangent(point)
+    corner, u = before.end, before.tangent(before.end)
     v = cross(normal, u)
-    found: list[tuple[float, Point, Point, Point]] = []
+
+    def flatten(place: Point) -> complex:
+        arm = combine(1.0, place, -1.0, corner)
+        return complex(dot(arm, u), dot(arm, v))
+
+    def move_inwards(element: Element) -> Flat:
+        if element.centre is None:
+            way = flatten(combine(1.0, corner, 1.0, element.tangent(corner)))
+            return 1j * left * way, way
+        centre = flatten(element.centre)
+        return centre, abs(abs(centre) + (-left if element.right_hand else left))
+
+    def touch(element: Element, centre: complex) -> complex | None:
+        """Return where the arc about a centre touches an element, None beyond its ends."""
+        start, end = flatten(element.start), flatten(element.end)
+        if element.centre is None:
+            way = (end - start) / abs(end - start)
+            along = ((centre - start) * way.conjugate()).real
+            return start + along * way if -1e-6 <= along <= abs(end - start) + 1e-6 else None
+        middle, sense = flatten(element.centre), 1.0 if element.right_hand else -1.0
+        place = middle + (centre - middle) * abs(start - middle) / max(abs(centre - middle), 1e-12)
+        part, whole = (sense * cmath.phase((to - middle) / (start - middle)) % math.tau for to in (place, end))
+        whole = math.tau if element.turns > 1 or abs(end - start) < 1e-9 else whole
+        return place if part <= whole + 1e-6 or abs(place - start) < 1e-6 else None
+
     left = radius if right_hand else -radius
-    for place in _meet(*(_move_inwards(element, point, left, u, v) for element in (before, after))):
-        centre = combine(1.0, combine(1.0, point, place.real, u), place.imag, v)
-        first, last = (_touch(element, centre, normal) for element in (before, after))
-        if _lies_on(before, first) and _lies_on(after, last):
-            found.append((math.dist(centre, point), centre, first, last))
+    found: list[tuple[float, list[complex]]] = []
+    for centre in _meet(move_inwards(before), move_inwards(after)):
+        first, last = touch(before, centre), touch(after, centre)
+        if first is not None and last is not None:
+            found.append((abs(centre), [centre, first, last]))
     if not found:
         raise ValueError(f"a rounding of radius {radius:g} does not fit between its elements")
-    return min(found)[1:]
-
-
-#: A line, its point and direction, or a circle, its centre and radius; places of a plane are complex numbers.
-Flat = tuple[complex, complex | float]
-
-
-def _move_inwards(element: Element, point: Point, left: float, u: Point, v: Point) -> Flat:
-    """Return an element moved to its left, in the plane."""
-    if element.centre is None:
-        t = element.tangent(point)
-        along = complex(dot(t, u), dot(t, v))
-        return 1j * left * along, along
-    arm = combine(1.0, element.centre, -1.0, point)
-    size = math.dist(element.centre, point) + (-left if element.right_hand else left)
-    return complex(dot(arm, u), dot(arm, v)), abs(size)
+    nearest = min(found, key=lambda places: places[0])[1]
+    places = [combine(1.0, combine(1.0, corner, z.real, u), z.imag, v) for z in nearest]
+    return places[0], places[1], places[2]
 
 
 def _meet(one: Flat, other: Flat) -> list[complex]:
@@ -222,40 +234,9 @@ def _meet(one: Flat, other: Flat) -> list[complex]:
         inside = along * along - (abs(to) ** 2 - radius**2)
         root = math.sqrt(max(inside, 0.0))
         return [start + t * way for t in (-along + root, -along - root)] if inside >= -1e-9 else []
-    if abs(to) < 1e-12:
-        return []
-    along = (abs(to) ** 2 + radius**2 - way**2) / (2.0 * abs(to))
+    along = (abs(to) ** 2 + radius**2 - way**2) / (2.0 * abs(to)) if abs(to) > 1e-12 else math.inf
     across = math.sqrt(max(radius**2 - along**2, 0.0))
-    return (
-        [centre + to / abs(to) * complex(along, s * across) for s in (1.0, -1.0)] if abs(along) <= radius + 1e-9 else []
-    )
-
-
-def _touch(element: Element, centre: Point, normal: Point) -> Point:
-    """Return where a rounding about a centre touches an element."""
-    if element.centre is None:
-        t = element.tangent(element.start)
-        return combine(1.0, element.start, dot(combine(1.0, centre, -1.0, element.start), t), t)
-    arm = combine(1.0, centre, -1.0, element.centre)
-    arm = combine(1.0, arm, -dot(arm, normal), normal)
-    size, radius = math.hypot(*arm), math.dist(element.centre, element.start)
-    return combine(1.0, element.centre, radius / max(size, 1e-12), arm)
-
-
-def _lies_on(element: Element, place: Point) -> bool:
-    """Return whether a point of an element's line or circle lies within its ends."""
-    if element.centre is None:
-        t = element.tangent(element.start)
-        along = dot(combine(1.0, place, -1.0, element.start), t)
-        return -1e-6 <= along <= math.dist(element.start, element.end) + 1e-6
-    if element.turns > 1:
-        return True
-    whole, part = (
-        abs(arc_about(element.start, end, element.centre, element.normal, right_hand=element.right_hand).sweep)
-        for end in (element.end, place)
-    )
-    near = math.dist(place, element.start) < 1e-6
-    return part <= whole + 1e-6 or near
+    return [centre + to / abs(to) * complex(along, s * across) for s in (1, -1)] if abs(along) <= radius + 1e-9 else []
 
 
 def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) -> tuple[Point, bool] | None:
@@ -271,15 +252,3 @@ def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) 
         return None
     radius = dot(travel, travel) / (2.0 * aside)
     return combine(1.0, start, radius, left), radius > 0.0
-
-
-def find_centre(start: Point, end: Point, normal: Point, radius: float, unit: str, *, right_hand: bool) -> Point:
-    """Return the centre of an arc that is given by its radius (negative: the longer of the two); else a ValueError."""
-    centre = centre_from_radius(start, end, normal, radius, right_hand=right_hand)
-    if centre is None:
-        travel = combine(1.0, end, -1.0, start)
-        far = math.hypot(*combine(1.0, travel, -dot(travel, normal), normal))
-        raise ValueError(f"arc of radius R {radius:g}{unit} cannot join ends that are {far:g}{unit} apart, expected "
-                         f"0 < distance <= {2 * abs(radius):g}{unit}; correct R or an end point, "
-                         "or post arcs with their centre")  # fmt: skip
-    return centre

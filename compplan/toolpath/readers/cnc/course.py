@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, normalise
-from compplan.toolpath.readers.frames import UNIT, Frame
-from compplan.toolpath.readers.moves import HasLine, MoveLog
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise
+from compplan.toolpath.readers.frames import NOWHERE, UNIT, Frame
+from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
 #: Greatest turn of the tool between waypoints. [deg]
@@ -25,13 +26,13 @@ UP: Point = (0.0, 0.0, 1.0)
 class Course:
     """Hold where the tool is, in the coordinates of the program, and put down its moves in the part."""
 
-    def __init__(self, reader: HasLine, options: CamTable, *, starts_at_zero: bool = False) -> None:
+    def __init__(self, reader: Any, options: CamTable, *, starts_at_zero: bool = False) -> None:
         self.reader, self.options, self.starts_at_zero = reader, options, starts_at_zero
         self.log = MoveLog(CHORD_MM, reader)
         self.frame = Frame()
         self.position: Point = (0.0, 0.0, 0.0)
-        self.untold = {0, 1, 2}
-        self.lost: set[int] = set()
+        #: Axes whose coordinate is not known, and whether the tool has gone where only the machine knows (else untold).
+        self.unknown = dict.fromkeys(range(3), False)
         #: Whether a cut has begun, and whether the tool has gone where only the machine knows since its last move.
         self.begun = self.away = False
         self.reason = ""
@@ -41,24 +42,9 @@ class Course:
         #: Why moves are left out: what is said of a cut among them, and noted of a rapid one ("": nothing).
         self.muted: dict[str, tuple[str, str]] = {}
         self.left_out = 0
-        #: The arc that was cut last, True for a line, None where nothing was cut right before.
-        self.way: Arc | bool | None = None
-
-    @property
-    def knows(self) -> bool:
-        """Whether the place of the tool is known."""
-        return not self.untold and not self.lost
-
-    def is_unknown(self, axis: int) -> bool:
-        """Tell whether a coordinate of the tool is not known."""
-        return axis in self.lost or axis in self.untold
-
-    @property
-    def direction(self) -> Point | None:
-        """Direction in the part in which the last cut ended, None where nothing was cut right before."""
-        return (
-            self.way.tangent(self.way.sweep) if isinstance(self.way, Arc) else self.log.direction if self.way else None
-        )
+        #: Two places of the program, from one to the other in the direction in which the last cut ended; None where
+        #: nothing was cut right before.
+        self.way: tuple[Point, Point] | None = None
 
     def note(self, message: str) -> None:
         """Note something that was assumed or read past, at the line that is read."""
@@ -69,12 +55,10 @@ class Course:
         if frame == self.frame:
             return
         back = frame.invert()
-        for unknown in (self.untold, self.lost):
-            if unknown and frame.rows != self.frame.rows:
-                spread = {i for i in range(3) if any(abs(self.frame.rows[i][j]) > 1e-12 for j in unknown)}
-                unknown_now = {i for i in range(3) if any(abs(back.rows[i][j]) > 1e-12 for j in spread)}
-                unknown.clear()
-                unknown.update(unknown_now)
+        if self.unknown and frame.rows != self.frame.rows:
+            mix = back.then(self.frame).rows
+            on = {i: [lost for j, lost in self.unknown.items() if abs(mix[i][j]) > 1e-12] for i in range(3)}
+            self.unknown = {axis: any(lost) for axis, lost in on.items() if lost}
         self.position = back.apply(self.frame.apply(self.position))
         self.move_frame(frame)
 
@@ -96,15 +80,14 @@ class Course:
 
     def lose(self, axes: Iterable[int] = range(3), reason: str = "after a move of the machine's axes") -> None:
         """Forget coordinates: the tool has gone where only the machine knows."""
-        axes = set(axes)
-        self.lost |= axes
-        self.untold -= axes
-        self.way, self.away, self.reason = None, self.away or bool(axes), reason
+        lost = dict.fromkeys(axes, True)
+        self.unknown.update(lost)
+        self.way, self.away, self.reason = None, self.away or bool(lost), reason
 
     def settle(self, axes: Iterable[int]) -> None:
         """Take coordinates as known."""
-        self.untold.difference_update(axes)
-        self.lost.difference_update(axes)
+        for axis in axes:
+            self.unknown.pop(axis, None)
 
     def mute(self, reason: str, refusal: str = "", note: str = "") -> None:
         """Leave moves out from here on; refuse a cut among them and note a rapid one where there is a text for it."""
@@ -117,7 +100,7 @@ class Course:
 
     def retreat(self) -> None:
         """Go straight up to the greatest height of a rapid so far: on the way to the machine's home."""
-        if self.muted or self.height is None or not self.knows or not self.log.waypoints:
+        if self.muted or self.height is None or self.unknown or not self.log.waypoints:
             return
         place = self.frame.apply(self.position)
         rise = self.height - dot(self.up, place)
@@ -144,7 +127,7 @@ class Course:
                 self.note(note)
             return
         point = self.frame.apply(target)
-        if not self.knows:
+        if self.unknown:
             log.counts["rapid_moves"] += target != before or bool(named)
             if not log.waypoints:
                 log.place(point, axis)
@@ -163,9 +146,8 @@ class Course:
         """Let a cut begin where the tool is, before its block says where it ends."""
         if self.muted:
             return
-        unknown = self.untold | self.lost
-        if unknown:
-            elsewhere, stated = bool(self.lost) or self.away, self.options.from_mm
+        if unknown := set(self.unknown):
+            elsewhere, stated = any(self.unknown.values()) or self.away, self.options.from_mm
             if stated is None and self.starts_at_zero and not elsewhere:
                 names = " ".join("XYZ"[axis] for axis in sorted(unknown))
                 self.note(
@@ -187,7 +169,7 @@ class Course:
 
     def check_place(self, axes: Iterable[int]) -> None:
         """Refuse a hole while a coordinate of the tool that its block does not state is not known."""
-        unknown = set(axes).intersection(self.untold | self.lost)
+        unknown = set(axes).intersection(self.unknown)
         if unknown and not self.muted:
             find_start(self.position, unknown, None, self.reason)
 
@@ -206,29 +188,31 @@ class Course:
         """Cut straight to a place with a feed in mm/s; the tool turns to `axis` on the great circle."""
         if self.leave_out(target, named):
             return
-        if not self.knows:
+        if self.unknown:
             self.begin_cut()
         start, end = self.frame.apply(self.position), self.frame.apply(target)
         angle = 0.0 if axis is None else _angle(self.log.axis, axis)
         if axis is not None and angle > math.radians(TURN_STEP):
             counts, before = dict(self.log.counts), self.log.axis
             pieces = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9)
-            for share in (piece / pieces for piece in range(1, pieces + 1)):
+            for share in (piece / pieces for piece in range(1, pieces + 1)):  # on the great circle
                 point = end if share == 1.0 else combine(1.0 - share, start, share, end)
-                self.log.line(point, feed, _turn_towards(before, axis, share))
+                from_before, to_axis = (math.sin(part * angle) / math.sin(angle) for part in (1.0 - share, share))
+                way = axis if share == 1.0 else combine(from_before, before, to_axis, axis)
+                self.log.line(point, feed, way)
             self.log.count_one(counts)
         else:
             self.log.line(end, feed, axis)
-        self.position = target
         if math.dist(start, end) > 1e-9:
-            self.way = True
+            self.way = self.position, target
+        self.position = target
 
     def arc(self, target: Point, named: Iterable[int], feed: float, centre: Point, normal: Point, right_hand: bool,
             turns: int) -> None:  # fmt: skip
         """Cut along an arc or a helix; everything stands in the coordinates of the program."""
         if self.leave_out(target, named):
             return
-        if not self.knows:
+        if self.unknown:
             self.begin_cut()
         frame = self.frame
         if frame.rows is not UNIT and not frame.similar:
@@ -238,17 +222,9 @@ class Course:
         arc = arc_about(start, end, frame.apply(centre), unit, right_hand=hand, turns=turns)
         arc.check_circle()
         self.log.arc(arc, end, feed)
-        self.position, self.way = target, arc
+        along = cross(normal, combine(1.0, target, -1.0, centre))
+        self.position, self.way = target, (NOWHERE, along) if right_hand else (along, NOWHERE)
 
 
 def _angle(before: Point, after: Point) -> float:
     return math.atan2(math.hypot(*cross(before, after)), dot(before, after))
-
-
-def _turn_towards(start: Point, end: Point, share: float) -> Point:
-    """Return a direction on the great circle between two, which are not opposite, after a share of the turn."""
-    angle = _angle(start, end)
-    if angle < STEADY or share == 1.0:
-        return end
-    sine = math.sin(angle)
-    return combine(math.sin((1.0 - share) * angle) / sine, start, math.sin(share * angle) / sine, end)

@@ -80,7 +80,23 @@ def drill(course: Course, hole: Hole, name: str) -> None:
         go_to_level(course, hole.axis, hole.clear)
         course.begin_cut()
         if not course.leave_out(set_level(course.position, hole.axis, hole.bottom)):
-            _cut_hole(course, hole)
+            place, log, line = course.position, course.log, course.reader.line
+            for deeper in (*hole.pecks, hole.bottom):
+                course.line(set_level(place, hole.axis, deeper), (), hole.feed)
+                if deeper != hole.bottom:
+                    back = min(deeper + PECK_CLEARANCE_MM, hole.clear)
+                    for level in (hole.clear, back) if hole.lifts else (back,):
+                        course.rapid(set_level(place, hole.axis, level))
+            if hole.wait > 0.0:
+                log.happen("dwell", line, value=hole.wait)
+            if hole.turn[0]:
+                log.happen(hole.turn[0], line, value=hole.speed)
+            if hole.out is not None:
+                course.line(set_level(place, hole.axis, hole.clear), (), hole.out)
+            elif hole.by_clear:
+                go_to_level(course, hole.axis, hole.clear)
+            if hole.turn[1]:
+                log.happen(hole.turn[1], line, value=hole.speed)
     else:
         course.note(f"drilling cycle {name} {SKIPPED}")
     go_to_level(course, hole.axis, hole.top)
@@ -89,31 +105,6 @@ def drill(course: Course, hole: Hole, name: str) -> None:
 def go_to_level(course: Course, axis: int, level: float) -> None:
     """Move rapidly along an axis."""
     course.rapid(set_level(course.position, axis, level), (axis,))
-
-
-def _cut_hole(course: Course, hole: Hole) -> None:
-    place, log, line = course.position, course.log, course.reader.line
-
-    def at(level: float) -> Point:
-        return set_level(place, hole.axis, level)
-
-    for deeper in (*hole.pecks, hole.bottom):
-        course.line(at(deeper), (), hole.feed)
-        if deeper != hole.bottom:
-            back = min(deeper + PECK_CLEARANCE_MM, hole.clear)
-            course.rapid(at(hole.clear if hole.lifts else back))
-            if hole.lifts:
-                course.rapid(at(back))
-    if hole.wait > 0.0:
-        log.happen("dwell", line, value=hole.wait)
-    if hole.turn[0]:
-        log.happen(hole.turn[0], line, value=hole.speed)
-    if hole.out is not None:
-        course.line(at(hole.clear), (), hole.out)
-    elif hole.by_clear:
-        course.rapid(at(hole.clear))
-    if hole.turn[1]:
-        log.happen(hole.turn[1], line, value=hole.speed)
 
 
 def list_pecks(clear: float, bottom: float, first: float, less: float, least: float) -> list[float]:
@@ -154,7 +145,7 @@ def begin_cycle(it: Interpreter, code: float) -> None:
     """Begin a cycle of G-code; the level it began at stays until it is cancelled."""
     state, axis = it.state, DEEP_AXIS[it.state.plane]
     if not state.cycle_code:
-        state.cycle_start = None if it.course.is_unknown(axis) else it.course.position[axis]
+        state.cycle_start = None if axis in it.course.unknown else it.course.position[axis]
         state.cycle = {}
     state.cycle_code = code
 
@@ -167,22 +158,29 @@ def run_cycle(it: Interpreter, block: CncBlock) -> None:
     began (G98). R, Z, Q, P, I, J, K are modal, L (or K without I) repeats.
     """
     state, values, code, axis = it.state, block.values, it.state.cycle_code, DEEP_AXIS[it.state.plane]
-    deep = AXES[axis]
-    _take_words(it, block, axis)
+    deep, words = AXES[axis], it.state.cycle
+    start = _find_start(it, axis, values["R"] * state.scale if "R" in values and not state.incremental else None)
+    for letter in ("R", deep):  # in G91 R counts from where the cycle began, and the depth from R
+        if letter in values:
+            base = (start if letter == "R" else words.get("R", start)) if state.incremental else 0.0
+            words[letter] = values[letter] * state.scale + base
+    for letter in "QIJK" if "I" in values else "QJ":
+        if letter in values:
+            words[letter] = abs(values[letter]) * state.scale
+    if "P" in values:
+        words["P"] = values["P"]
     if values.keys().isdisjoint(("X", "Y", "Z", "R", "RP", "AP")):
         return
-    repeats = values.get("L", values.get("K", 1.0) if "I" not in state.cycle else 1.0)
+    repeats = values.get("L", values.get("K", 1.0) if "I" not in words else 1.0)
     if repeats == 0.0:
         return
     if not 1.0 <= repeats <= MOST_HOLES:
         raise InputError(f"cycle with {repeats:.0f} repeats, at most {MOST_HOLES} are read")
     if it.options.cycles == "expand" and code in NOT_CUT:
         raise InputError(f"cycle G{code:g} ({NOT_CUT[code]}) is not read; post-process it as single moves")
-    if deep not in state.cycle:
+    if deep not in words:
         raise InputError(f"cycle G{code:g} has no depth {deep}")
-    beside = CncBlock(
-        {key: value for key, value in values.items() if key in ("X", "Y", "Z", "RP", "AP") and key != deep}
-    )
+    beside = CncBlock({key: values[key] for key in ("X", "Y", "Z", "RP", "AP") if key in values and key != deep})
     named = () if state.incremental else it.motion.target(beside)[1]
     it.contour.refuse_open()
     it.course.check_place({0, 1, 2} - {axis} - set(named))
@@ -190,22 +188,6 @@ def run_cycle(it: Interpreter, block: CncBlock) -> None:
         target, named = it.motion.target(beside)
         with it.log.hole():
             _run_hole(it, code, target, named, axis)
-
-
-def _take_words(it: Interpreter, block: CncBlock, axis: int) -> None:
-    """Keep what a block says of its hole; in G91 R counts from where the cycle began, and the depth from R."""
-    state, values, deep = it.state, block.values, AXES[axis]
-    stated = values["R"] * state.scale if "R" in values and not state.incremental else None
-    start = _find_start(it, axis, stated)
-    for letter in ("R", deep):
-        if letter in values:
-            from_level = start if letter == "R" else state.cycle.get("R", start)
-            state.cycle[letter] = values[letter] * state.scale + (from_level if state.incremental else 0.0)
-    for letter in "QIJK" if "I" in values else "QJ":
-        if letter in values:
-            state.cycle[letter] = abs(values[letter]) * state.scale
-    if "P" in values:
-        state.cycle["P"] = values["P"]
 
 
 def _find_start(it: Interpreter, axis: int, stated: float | None = None) -> float:
@@ -226,9 +208,9 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
     state, course, words = it.state, it.course, it.state.cycle
     start = _find_start(it, axis)
     clear, bottom = words.get("R", start), words[AXES[axis]]
-    level = max(start if axis in course.lost else course.position[axis], clear)
+    level = max(start if course.unknown.get(axis) else course.position[axis], clear)
     course.settle((axis,))
-    if level > course.position[axis] and course.knows:
+    if level > course.position[axis] and not course.unknown:
         course.rapid(set_level(course.position, axis, level))
     course.rapid(set_level(target, axis, level), named)
     feed, wait = it.motion.feed(abs(clear - bottom)), words.get("P", 0.0) if code in DWELLING else 0.0
@@ -270,15 +252,10 @@ class SinumerikCycles:
         elif modal:
             self.modal = called, numbers
         else:
-            self._drill(called, numbers)
+            self.drill(called, numbers)
         return True
 
-    def drill_here(self) -> None:
-        """Drill with the modal cycle after a block that moved the tool."""
-        if self.modal is not None:
-            self._drill(*self.modal)
-
-    def _drill(self, called: str, numbers: Numbers) -> None:
+    def drill(self, called: str, numbers: Numbers) -> None:
         """Carry out CYCLE8x(RTP, RFP, SDIS, DP, DPR, ..): from RFP + SDIS to DP, back to RTP.
 
         DPR, where it is not 0, is the depth below RFP in place of DP.
@@ -294,25 +271,18 @@ class SinumerikCycles:
         bottom = surface - sense * abs(dpr) if dpr else dp or 0.0
         if (bottom - surface) * sense > 0.0:
             raise InputError(f"{called} ends above its reference plane, expected a depth below RFP")
-        feed, out = self._find_feeds(called, numbers)
+        state, size, pitch, speed = it.state, numbers[7], numbers[8], abs(numbers[10] or it.state.spindle)
+        lead = abs(pitch) * scale if pitch else PITCHES.get(int(abs(size or 0.0)), 0.0)
+        if called == "CYCLE84" and lead and speed:
+            feed, out = lead * speed / 60.0, lead * abs(numbers[11] or speed) / 60.0
+        elif called == "CYCLE85" and numbers[6]:
+            feed, out = (number * state.feed_scale / 60.0 for number in (numbers[6], numbers[7] or numbers[6]))
+        else:
+            feed = out = it.motion.feed(0.0)
         axis, clear = DEEP_AXIS[it.state.plane], surface + sense * abs(sdis or 0.0)
         with it.log.hole():
             go_to_level(it.course, axis, clear)
             drill(it.course, Hole(axis, clear, bottom, rtp, feed, out if DRILLING[called] else None), called)
-
-    def _find_feeds(self, called: str, numbers: Numbers) -> tuple[float, float]:
-        """Return feed into and out of a hole in mm/s."""
-        state = self.it.state
-        if called == "CYCLE84":
-            size, pitch, speed, back = numbers[7], numbers[8], numbers[10], numbers[11]
-            lead = abs(pitch) * state.scale if pitch else PITCHES.get(int(abs(size or 0.0)), 0.0)
-            speed = abs(speed) if speed else state.spindle
-            if lead and speed:
-                return lead * speed / 60.0, lead * abs(back or speed) / 60.0
-        if called == "CYCLE85" and numbers[6]:
-            return numbers[6] * state.feed_scale / 60.0, (numbers[7] or numbers[6]) * state.feed_scale / 60.0
-        feed = self.it.motion.feed(0.0)
-        return feed, feed
 
     def _drill_pattern(self, called: str, n: list[float]) -> None:
         """Carry out HOLES1 (a row), HOLES2 (a circle) and CYCLE801 (a grid) with the modal cycle."""
@@ -330,4 +300,4 @@ class SinumerikCycles:
         for u, v, _ in places:
             place = set_level(self.it.course.position, first, u * self.it.state.scale)
             self.it.course.rapid(set_level(place, second, v * self.it.state.scale), (first, second))
-            self.drill_here()
+            self.drill(*self.modal)

@@ -42,12 +42,11 @@ class CncProgram:
 
 @dataclass
 class Call:
-    """Hold a program that is carried out: the passes of its loops so far, variables at the last pass of each jump."""
+    """Hold a program that is carried out, and the passes of its loops so far."""
 
     program: CncProgram
     repeats: dict[int, int] = field(default_factory=dict)
     counting: dict[int, float] = field(default_factory=dict)
-    passed: dict[int, list[tuple[str, float]]] = field(default_factory=dict)
 
 
 class Flow:

@@ -1,20 +1,19 @@
-"""Drilling cycles of Heidenhain programs: 1, 2, 17, 200 to 209 and 240, patterns 220 and 221."""
+"""Cycles of Heidenhain programs: frames and tilted planes (PLANE too), dwell, holes and their patterns."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, set_level
-from compplan.toolpath.readers.cnc.contour import Element
+from compplan.toolpath.readers.arcs import Point, cross, set_level
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
-from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
-from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE, KlartextWords
+from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS
+from compplan.toolpath.readers.cnc.state import AXES
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame, rotate, shift, stand_on, stretch
 from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool leaves the hole with the feed; old ones, and the part that states their feed.
@@ -25,7 +24,19 @@ OLD = {1: 5, 2: 4, 17: 3}
 SILENT = {13, 32, 239, 332, 392}
 #: Rapid retraction, written as a feed. [mm/min]
 FASTEST = 99999.0
+AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
+NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
+#: Words of PLANE that say how the rotary axes go there, not where.
+HOW = re.compile(
+    r"\b(MOVE|TURN|STAY|SEQ\s*[-+]|SYM\s*[-+]|TABLE\s+ROT|COORD\s+ROT|F\s*MAX|F\s*AUTO|F\s*[\d.,]+|FQ\d+|"
+    r"DIST\s*[-+]?[\d.,]+|MB\s*MAX|MB\s*[-+]?[\d.,]+|ABST\s*[-+]?[\d.,]+)"
+)
 CYCLE_VALUE = re.compile(rf"(Q\d+)\s*=\s*({VALUE}|F?MAX|F?AUTO|PREDEF)")
+
+
+def find_spatial(a: float, b: float, c: float) -> Frame:
+    """Return the frame of spatial angles: first about X, then Y, then Z of the frame that is not tilted."""
+    return rotate(2, c).then(rotate(1, b)).then(rotate(0, a))
 
 
 @dataclass
@@ -43,39 +54,53 @@ class Cycle:
 
 
 class HeidenhainCycles:
-    """Define and carry out cycles."""
+    """Put in force the frames that a program states; define and carry out cycles."""
 
-    def __init__(self, it: Interpreter, datums: KlartextDatums, words: KlartextWords) -> None:
-        self.it, self.datums, self.words, self.to_mm_s = it, datums, words, words.to_mm_s
+    def __init__(self, it: Interpreter, words: KlartextWords) -> None:
+        self.it, self.words, self.value, self.to_mm_s = it, words, words.value, words.to_mm_s
+        #: Angle of the rotation in force [deg]; the datum that cycle 247 named.
+        self.turned = 0.0
+        self.preset: float | None = None
         self.cycle: Cycle | None = None
         #: Whether lines with values of a cycle may follow.
         self.defining = False
+        #: Cycles of frames, part by part.
+        self.frames: dict[int, Callable[[str], None]] = {
+            7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt,
+        }  # fmt: skip
+        words.turn_axis = self.use_axis
 
     def define(self, text: str) -> None:
         """Carry out CYCL DEF."""
         found = match_form(CYCLE, text, "cycle: CYCL DEF and its number")
-        number, part, rest = int(found.group(1)), found.group(2), found.group(3).strip()
-        at = None if part is None else int(part)
-        if self.datums.define(number, at, rest) or number in SILENT:
-            return
-        last = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest) if at else None
-        if number == 9:
+        number, part, rest = int(found.group(1)), int(found.group(2) or 0), found.group(3).strip()
+        last = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest) if part else None
+        if number in self.frames:
+            if found.group(2) is None:
+                raise InputError(f"CYCL DEF {number} in one block is not read, expected {number}.0 and {number}.1 ..")
+            if part == 0 and number == 8:
+                self.it.put(mirror=None)
+            elif part and (rest or number in (8, 19)):
+                self.frames[number](rest)
+        elif number == 247:
+            self._name_preset(rest)
+        elif number == 9:
             if last:
-                self.it.log.happen("dwell", self.it.flow.line, value=self.words.value(last.group(1)))
+                self.it.log.happen("dwell", self.it.flow.line, value=self.value(last.group(1)))
         elif number in OLD:
-            if not at or self.cycle is None or self.cycle.number != number:
+            if not part or self.cycle is None or self.cycle.number != number:
                 self.cycle = Cycle(number)
             if last:
-                self.cycle.values[str(at)] = self.words.value(last.group(1))
+                self.cycle.values[str(part)] = self.value(last.group(1))
         elif number in DRILLING or number in (220, 221):
-            values = {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)}
-            self.words.values.update(values)
+            cycle = Cycle(number, {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)})
+            self.words.values.update(cycle.values)
             self.defining = True
-            if number in (220, 221):
-                self._drill_pattern(Cycle(number, values))
+            if number in DRILLING:
+                self.cycle = cycle
             else:
-                self.cycle = Cycle(number, values)
-        else:
+                self._drill_pattern(cycle)
+        elif number not in SILENT:
             raise InputError(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
     def add_value(self, text: str) -> None:
@@ -91,31 +116,26 @@ class HeidenhainCycles:
             return (self.words.tool_feed or 0.0) / self.to_mm_s(1.0)
         if text == "PREDEF":
             raise InputError("values from GLOBAL DEF (PREDEF) are not read; write them out")
-        return self.words.value(text)
+        return self.value(text)
 
-    def call(self) -> None:
-        """Drill where the tool is."""
+    def call(self, place: Point | None = None) -> None:
+        """Drill where the tool is, or at a place, whose height counts on top of the cycle's surface."""
+        if place is not None:
+            above = self.cycle.values.get("Q203", 0.0) if self.cycle else 0.0
+            self._drill_over(place, {"Q203": above + place[self.words.tool_axis]}, "CYCL CALL at positions")
+            return
         self.it.contour.refuse_open()
         if self.cycle is None:
             raise InputError("a cycle is called, and none that is read is defined")
         self._drill(self.cycle)
 
-    def call_at(self, place: Point) -> None:
-        """Drill at a place; its height counts on top of the cycle's surface."""
-        cycle = self._need_new("CYCL CALL at positions needs a cycle from 200")
-        surface = cycle.values.get("Q203", 0.0) + place[self.words.tool_axis]
-        self._drill_over(place, Cycle(cycle.number, {**cycle.values, "Q203": surface}))
-
-    def _need_new(self, message: str) -> Cycle:
+    def _drill_over(self, place: Point, changes: Mapping[str, float], what: str) -> None:
+        """Move rapidly over a place at the height of the tool, and drill there with some values changed."""
         if self.cycle is None or self.cycle.number in OLD:
-            raise InputError(message)
-        return self.cycle
-
-    def _drill_over(self, place: Point, cycle: Cycle) -> None:
-        """Move rapidly over a place at the height of the tool, and drill there."""
+            raise InputError(f"{what} needs a cycle from 200 before it")
         height = self.it.course.position[self.words.tool_axis]
         self.it.course.rapid(set_level(place, self.words.tool_axis, height), PLANE_AXES[self.it.state.plane])
-        self._drill(cycle)
+        self._drill(Cycle(self.cycle.number, {**self.cycle.values, **changes}))
 
     def _drill(self, cycle: Cycle) -> None:
         """Carry out a cycle at the tool's place.
@@ -123,12 +143,21 @@ class HeidenhainCycles:
         From set-up clearance Q200 above the surface Q203 to the depth Q201, then to the level Q204 above the surface;
         cycles 1, 2 and 17 from the level where the tool is, by set-up clearance and depth, and back.
         """
-        course, axis, values = self.it.course, self.words.tool_axis, cycle.values
-        feed, out = self._find_feeds(cycle)
-        expand, old = self.it.options.cycles == "expand", cycle.number in OLD
+        course, axis, values, old = self.it.course, self.words.tool_axis, cycle.values, cycle.number in OLD
+        if cycle.number in (17, 207, 209):
+            pitch = abs(cycle.get("3" if cycle.number == 17 else "Q239"))
+            feed = out = pitch * self.words.unit * self.it.state.spindle / 60.0
+        else:
+            feed = out = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
+        if cycle.number in (201, 202) and (back := values.get("Q208", 0.0)) > 0.0:
+            out = self.to_mm_s(back)
+        rapidly = not DRILLING[cycle.number] or (cycle.number in (201, 202) and values.get("Q208", 0.0) >= FASTEST)
+        if old and self.it.options.cycles != "expand":
+            with self.it.log.hole():
+                self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
+            return
         if old:
-            if expand:
-                course.begin_cut()
+            course.begin_cut()
             clear = top = course.position[axis]
             depth = -abs(cycle.get("1")) - abs(cycle.get("2"))
             bottom = clear + depth
@@ -140,74 +169,190 @@ class HeidenhainCycles:
             surface, depth = values.get("Q203", 0.0), cycle.get("Q201")
             clear, bottom = surface + cycle.get("Q200"), surface + depth
             top = max(clear, surface + values.get("Q204", 0.0))
+            self.it.state.motion = 0.0
         with self.it.log.hole():
             if not old:
                 go_to_level(course, axis, clear)
-            elif not expand:
-                self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
-                return
-            if cycle.number == 208 and expand and depth != 0.0:
+            if cycle.number == 208 and depth != 0.0 and self.it.options.cycles == "expand":
                 self._mill_bore(values, clear, bottom, feed)
                 go_to_level(course, axis, clear)
                 go_to_level(course, axis, top)
             elif depth != 0.0:
-                hole = Hole(axis, clear, bottom, top, feed, out if DRILLING[cycle.number] else None, by_clear=True)
+                hole = Hole(axis, clear, bottom, top, feed, None if rapidly else out, by_clear=True)
                 drill(course, hole, str(cycle.number))
             elif not old:
                 go_to_level(course, axis, top)
-        if not old:
-            self.it.state.motion = 0.0
-
-    def _find_feeds(self, cycle: Cycle) -> tuple[float, float | None]:
-        """Return feed into and out of a hole in mm/s, None where it is left rapidly."""
-        if cycle.number in (17, 207, 209):
-            pitch = abs(cycle.get("3" if cycle.number == 17 else "Q239"))
-            feed = pitch * self.words.unit * self.it.state.spindle / 60.0
-            return feed, feed
-        feed = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
-        back = cycle.values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
-        return feed, None if back >= FASTEST else self.to_mm_s(back) if back > 0.0 else feed
 
     def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
         """Mill a bore on a helix (cycle 208): from its middle out, down, round the bottom, back to the middle."""
-        radius, course, axis = self.words.radii.get(self.words.tool), self.it.course, self.words.tool_axis
+        radius, course, plane = self.words.radii.get(self.words.tool), self.it.course, self.it.state.plane
         if radius is None:
             raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
         reach, pitch = 0.5 * values.get("Q335", 0.0) - radius, abs(values.get("Q334", 0.0))
         if reach <= 0.0 or pitch <= 0.0:
             raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
-        middle, one = course.position, PLANE_AXES[self.it.state.plane][0]
+        middle, one = course.position, PLANE_AXES[plane][0]
+        end = set_level(middle, self.words.tool_axis, bottom)
         course.line(set_level(middle, one, middle[one] + reach), (), feed)
-        turns = max(1, math.ceil((first - bottom) / pitch - 1e-9))
-        for rounds in (turns, 1):
-            start, end = course.position, set_level(course.position, axis, bottom)
-            centre = set_level(start, one, start[one] - reach)
-            normal = PLANE_NORMALS[self.it.state.plane]
-            self.it.contour.add(Element(start, end, (), feed, self.it.flow.line, centre, normal, True, rounds))
-        course.line(set_level(middle, axis, bottom), (), feed)
+        for turns in (max(1, math.ceil((first - bottom) / pitch - 1e-9)), 1):
+            low = set_level(end, one, middle[one] + reach)
+            course.arc(low, (), feed, middle, PLANE_NORMALS[plane], True, turns)
+        course.line(end, (), feed)
 
     def _drill_pattern(self, pattern: Cycle) -> None:
         """Carry out cycles 220 (holes on a circle) and 221 (holes in rows) with the cycle defined before."""
         get, n, course, axis = pattern.get, pattern.values, self.it.course, self.words.tool_axis
-        cycle = self._need_new(f"cycle {pattern.number}, and no cycle from 200 is defined before it")
         if n.get("Q365", 0.0) != 0.0:
             raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read")
         kept: dict[str, float] = {name: n[name] for name in ("Q200", "Q203", "Q204") if name in n}
         if n.get("Q301", 1.0) == 0.0:
             kept["Q204"] = 0.0
         if pattern.number == 220:
-            count, start, step = int(get("Q241")), get("Q245"), n.get("Q247", 0.0)
-            span = n.get("Q246", 360.0) - start
-            step = step or span / max(1, count if abs(abs(span) - 360.0) < 1e-9 else count - 1)
+            count, start, span = int(get("Q241")), get("Q245"), n.get("Q246", 360.0) - get("Q245")
+            step = n.get("Q247") or span / max(1, count if abs(abs(span) - 360.0) < 1e-9 else count - 1)
             places = list_circle((get("Q216"), get("Q217")), 0.5 * get("Q244"), start, step, count)
         else:
-            counts = int(get("Q242")), int(get("Q243"))
-            steps = get("Q237"), get("Q238")
+            counts, steps = (int(get("Q242")), int(get("Q243"))), (get("Q237"), get("Q238"))
             places = list_grid((get("Q225"), get("Q226")), n.get("Q224", 0.0), steps, counts)
         first, second = PLANE_AXES[self.it.state.plane]
         for u, v, _ in places:
             place = set_level(set_level((0.0, 0.0, 0.0), first, u), second, v)
-            self._drill_over(place, Cycle(cycle.number, {**cycle.values, **kept}))
+            self._drill_over(place, kept, f"cycle {pattern.number}")
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > course.position[axis]:
             go_to_level(course, axis, top)
+
+    @property
+    def tilt(self) -> Frame:
+        """The tilted plane in force."""
+        return self.it.frames.get("plane", Frame())
+
+    def shift_datum(self, rest: str) -> None:
+        """Carry out cycle 7: what counts from the datum before, or (I) from the present one."""
+        found = AXIS_VALUE.findall(rest)
+        if re.match(r"(#|D\s*\d|DNO)", rest):
+            raise InputError(f"datum table {rest[:20]!r} is not read; write the shift out")
+        if not found or re.sub(r"[ABCUVW]\s*[-+]?0*\.?0*(?=\s|$)", "", AXIS_VALUE.sub("", rest)).strip():
+            raise InputError(f"datum shift {rest[:30]!r} is not read, expected X Y Z with numbers")
+        name = "shift" if self.it.tilted else "datum"
+        new = list(self.it.frames.get(name, Frame()).origin)
+        for step, letter, text in found:
+            axis = AXES.index(letter)
+            new[axis] = self.value(text) + (new[axis] if step else 0.0)
+        if any(new):
+            self._refuse_within("a datum shift", "mirror", "rotation")
+        self.it.put(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
+
+    def run_trans(self, rest: str) -> None:
+        """TRANS DATUM: as cycle 7."""
+        if not rest.startswith(("DATUM AXIS", "DATUM RESET")):
+            raise InputError(f"TRANS {rest[:30]!r} is not read; use cycles 7, 8, 10, 11")
+        self.shift_datum("X0 Y0 Z0" if rest == "DATUM RESET" else rest[len("DATUM AXIS") :].strip())
+
+    def _refuse_within(self, what: str, *names: str) -> None:
+        """Refuse a frame that is stated while others are in force, within which it would count."""
+        if found := [name for name in names if name in self.it.frames]:
+            raise InputError(f"{what} after a {found[0]} is not read; state it before, or take the {found[0]} back")
+
+    def _name_preset(self, rest: str) -> None:
+        """Carry out cycle 247: the first datum is that of the path."""
+        found = re.search(rf"Q339\s*=\s*({VALUE})", rest)
+        preset = self.value(found.group(1)) if found else 0.0
+        if self.preset not in (None, preset):
+            self.it.note("datums (cycle 247) are not known: all coordinates are taken in one frame")
+        self.preset = preset
+
+    def _mirror(self, rest: str) -> None:
+        """Carry out cycle 8."""
+        letters = re.findall(r"[XYZ]", rest)
+        if re.sub(r"[XYZ]|\s", "", rest):
+            raise InputError(f"mirror {rest[:20]!r} is not read, expected X, Y, Z")
+        if letters:
+            self._refuse_within("a mirror", "rotation")
+        x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
+        self.it.put(mirror=stretch(x, y, z) if letters else None)
+
+    def _rotate(self, rest: str) -> None:
+        """Carry out cycle 10."""
+        step, text = match_form(rf"(I?)ROT\s*({VALUE})", rest, "rotation: ROT and an angle").groups()
+        angle = self.value(text) + (self.turned if step else 0.0)
+        if angle:
+            self._refuse_within("a rotation", "mirror")
+        self.turned = angle
+        self._turn()
+
+    def _turn(self) -> None:
+        """Put the rotation in force about the tool axis."""
+        self.it.put(rotation=rotate(self.words.tool_axis, self.turned) if self.turned else None)
+
+    def _scale(self, rest: str) -> None:
+        """Carry out cycle 11."""
+        scale = self.value(match_form(rf"SCL\s*({VALUE})", rest, "scale: SCL and a factor").group(1))
+        if not 1e-6 <= scale <= 100.0:
+            raise InputError(f"scale {rest[:20]!r} is not read, expected 0.000001 to 100")
+        self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
+
+    def _tilt(self, rest: str) -> None:
+        """Carry out cycle 19: spatial angles, or angles of rotary axes: the machine says which."""
+        angles = {letter: self.value(text) for letter, text in re.findall(rf"([ABC])\s*({VALUE})", rest)}
+        if any(angles.values()) and self.it.options.axes.tilt_angles != "spatial":
+            raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
+                             'tilt_angles = "spatial" in NAME.toml of [cam] machine, or use PLANE SPATIAL')  # fmt: skip
+        self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
+
+    def _stand(self, tilt: Frame) -> None:
+        """Put a tilted plane in force, or take it back."""
+        self.it.contour.refuse_open()
+        if tilt == self.tilt:
+            return
+        self._refuse_within("a plane that is tilted, or tilted back,", "shift", "rotation", "mirror", "scale")
+        for name in TILT_ANGLES:
+            self.words.forget(name, "the machine works it out from the tilted plane")
+        if tilt.plain:
+            self.words.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
+        self.it.put(plane=None if tilt.plain else tilt)
+        self.point_tool()
+
+    def use_axis(self) -> None:
+        """Take another tool axis, that of TOOL CALL."""
+        self._turn()
+        self.point_tool()
+
+    def point_tool(self) -> None:
+        """Point the tool along the tool axis of the plane in force."""
+        axis = self.tilt.turn(PLANE_NORMALS[self.it.state.plane])
+        if axis != self.it.log.axis:
+            self.it.course.aim(axis)
+
+    def run_plane(self, rest: str) -> None:
+        """Carry out PLANE .. ."""
+        kind, _, words = rest.partition(" ")
+        words = HOW.sub(" ", f" {words} ")
+        numbers = {name: self.value(text) for name, text in NAMED.findall(words)}
+        if NAMED.sub("", words).strip():
+            raise InputError(f"PLANE {rest[:40]!r} is not read, {NAMED.sub('', words).strip()[:20]!r} is not known")
+        try:
+            self._stand(self._find_plane(kind, numbers))
+        except KeyError as missing:
+            raise InputError(f"PLANE {kind} has no {missing.args[0]}") from None
+
+    def _find_plane(self, kind: str, n: dict[str, float]) -> Frame:
+        if kind == "RESET":
+            return Frame()
+        if kind == "SPATIAL":
+            return find_spatial(n["SPA"], n["SPB"], n["SPC"])
+        if kind == "EULER":
+            return rotate(2, n["EULPR"]).then(rotate(0, n["EULNU"])).then(rotate(2, n["EULROT"]))
+        if kind == "VECTOR":
+            return stand_on((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
+        if kind == "POINTS":
+            one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
+            if any(one):
+                raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
+            return stand_on(two, cross(two, three))
+        if kind == "RELATIV":
+            (name, angle), *more = n.items()
+            if more or name not in ("SPA", "SPB", "SPC"):
+                raise ValueError("PLANE RELATIV takes one angle: SPA, SPB or SPC")
+            return self.tilt.then(rotate("ABC".index(name[-1]), angle))
+        raise ValueError(f"PLANE {kind} is not read; use PLANE SPATIAL")

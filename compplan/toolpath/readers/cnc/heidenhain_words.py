@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -24,11 +24,12 @@ VALUE = rf"[-+]?\s*(?:{NUMBER}|Q[LRS]?\d+)"
 PLAIN = re.compile(rf"L(?: ?X({DECIMAL}))?(?: ?Y({DECIMAL}))?(?: ?Z({DECIMAL}))?(?: ?F({DECIMAL}))?(?: M90)?")
 #: Words of a motion block. Bare signs belong to DR and to R of paraxial blocks.
 WORD = re.compile(
-    rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|DR|"
+    rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|D[LR]2?|"
     rf"R[0LR](?![\d.,])|R|F\s*(?:MAX|AUTO)|F[UZT]?|S(?=\s*[\d.,Q])|M\s*(?=\d|Q))"
     rf"\s*({VALUE}|[-+](?!\s*[\d.,Q]))?"
 )
-BLOCK_NUMBER = re.compile(r"\s*(\d+)\s*(?=\D|$)")
+#: A block: may it be skipped, its number left out.
+NUMBERED = re.compile(r"\s*(/?)\s*(?:\d+\s*(?=\D|$))?(.*)")
 FUNCTION_NUMBER = re.compile(r"FN\s*(\d+)\s*:\s*(.*)")
 ASSIGN = re.compile(r"(Q[LRS]?\d+)\s*=\s*(.+)")
 JUMP = re.compile(r".*?IF\s+(.+?)\s+(EQU|NE|GT|LT)\s+(.+?)\s+GOTO\s+LBL\s*(\".*\"|\d+|QS?\d+)\s*$")
@@ -47,14 +48,15 @@ REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation 
 #: Feeds that are rapid traverse on old controls (TNC 145, 155). [mm/min]
 OLD_RAPID = frozenset({9999.0, 15999.0})
 PLANES = {0: 19, 1: 18, 2: 17}
-#: What words of a block are called in all dialects; with I before them they count from where the tool is.
+#: What words of places are called in all dialects; with I before them they count from where the tool is.
 ADDRESSES = {**{letter: letter for letter in (*AXES, *LETTERS)}, "PR": "RP", "PA": "AP"}
+#: Words that have no number: side of the contour, sense of an arc, feeds.
+BARE = frozenset(("R0", "RL", "RR", "R+", "R-", "DR+", "DR-", "FMAX", "FAUTO"))
+UNREAD_AXES = frozenset(("U", "V", "W", "IU", "IV", "IW"))
 TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
 TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$")
-TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
 #: Parameters that PLANE and cycle 19 set to the angles of the rotary axes.
 TILT_ANGLES = {"Q120", "Q121", "Q122"}
-Words = dict[str, str]
 
 
 GRAMMAR = Grammar(
@@ -84,33 +86,21 @@ class HeidenhainBlock:
 
 def split_blocks(text: str) -> Iterator[HeidenhainBlock]:
     """Yield the blocks of a program; a ~ at the end of a line goes on in the next, as do lines of a cycle's values."""
-    pending, notes, first, goes_on = "", "", 0, False
-    for line, raw in enumerate(split_lines(text), start=1):
+    parts: list[tuple[str, str]] = []
+    letters = 0
+    for line, raw in enumerate([*split_lines(text), ""], start=1):
         body = raw.strip()
-        more = body.endswith("~")
-        if more:
-            body = body[:-1].rstrip()
-        body, comment = cut_comment(body)
-        if not goes_on:
-            mark = "/" if body[:1] == "/" else ""
-            body = body[1:].lstrip() if mark else body
-            found = BLOCK_NUMBER.match(body) if body[:1].isdigit() else None
-            pending, notes, first = mark + (body[found.end() :] if found else body), comment, line
-        else:
-            pending, notes = f"{pending} {body}", f"{notes} {comment}"
-            if len(pending) > LONGEST_LINE:
-                raise ValueError(f"block of more than {LONGEST_LINE} characters in line {first}; no more are read")
-        goes_on = more
-        if not more:
-            yield HeidenhainBlock(first, _tidy(pending), notes.strip())
-    if goes_on:
-        yield HeidenhainBlock(first, _tidy(pending), notes.strip())
-
-
-def _tidy(text: str) -> str:
-    """Return a block in capitals with single spaces."""
-    tidy = (" ".join(text.split()) if "  " in text or "\t" in text else text.strip()).upper()
-    return f"CYCL{tidy[5:]}" if tidy.startswith("CYCLE ") else tidy
+        parts.append(cut_comment(body.removesuffix("~").rstrip()))
+        letters += len(parts[-1][0])
+        first = line + 1 - len(parts)
+        if letters > LONGEST_LINE:
+            raise ValueError(f"block of more than {LONGEST_LINE} characters in line {first}; no more are read")
+        if not body.endswith("~"):
+            mark, words = NUMBERED.fullmatch(" ".join(part for part, _ in parts)).groups()  # type: ignore[union-attr]
+            words = " ".join(words.split()).upper()
+            words = f"CYCL{words[5:]}" if words.startswith("CYCLE ") else words
+            yield HeidenhainBlock(first, mark + words, " ".join(note for _, note in parts).strip())
+            parts, letters = [], 0
 
 
 class KlartextWords:
@@ -119,7 +109,8 @@ class KlartextWords:
     def __init__(self, it: Interpreter) -> None:
         self.it = it
         self.values: dict[str, float] = dict.fromkeys(TILT_ANGLES, 0.0)
-        self.per_turn = False
+        #: Millimetres of a unit of length; whether feeds count by the turn.
+        self.unit, self.per_turn = 1.0, False
         #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
         self.old = self.fast = False
         #: Side of the contour on which the tool runs: L, R, or none.
@@ -132,25 +123,16 @@ class KlartextWords:
         self.turn_axis: Callable[[], None] = lambda: None
 
     @property
-    def unit(self) -> float:
-        """Millimetres of a unit of length."""
-        return self.it.frames["unit"].scale if "unit" in self.it.frames else 1.0
-
-    @property
     def tool_axis(self) -> int:
         """Axis that the tool points along."""
         return DEEP_AXIS[self.it.state.plane]
 
     def value(self, text: str) -> float:
-        """Return a number or the value of a parameter, with its sign."""
+        """Return the value of a number or a formula."""
         try:
             return float(text)
         except ValueError:
-            return self.evaluate(text.replace(",", "."))
-
-    def evaluate(self, text: str) -> float:
-        """Return the value of a formula."""
-        return evaluate(text, GRAMMAR, self._look_up)
+            return evaluate(text.replace(",", "."), GRAMMAR, self._look_up)
 
     def _look_up(self, name: str, indices: tuple[float, ...]) -> float:
         if name in self.values and not indices:
@@ -173,28 +155,41 @@ class KlartextWords:
             return number * self.unit * self.it.state.spindle / 60.0
         return number * (1.0 if self.unit == 1.0 else 0.1 * INCH) / 60.0
 
-    def split(self, text: str) -> tuple[Words, set[int]]:
-        """Return the words of a block by their letters, and its M functions."""
-        functions: set[int] = set()
-        if "M1" in text or "M 1" in text:
-            for found in M_WORDS.finditer(text):
-                functions.add(int(found.group(1)))
-                if found.group(1) == "140":
-                    self._retract(found.group(2))
-            text = M_WORDS.sub(" ", text)
+    def read(self, text: str) -> CncBlock:
+        """Return a block: numbers by the addresses that all dialects share, M functions, words without a number.
+
+        M140 is carried out at once.
+        """
+        block = CncBlock()
+        for number, words in M_WORDS.findall(text):
+            block.machine.append(float(number))
+            if number == "140":
+                self._retract(words)
+        text = M_WORDS.sub(" ", text)
         if rest := WORD.sub("", text).strip():
             raise InputError(f"cannot read {rest[:30]!r} in the block {text[:40]!r}")
-        words: Words = {}
-        for letter, value in ((word.replace(" ", ""), value.replace(" ", "")) for word, value in WORD.findall(text)):
-            if letter == "M":
-                functions.add(int(self.value(value)))
-            elif letter in words or (letter[0] == "I" and letter[1:] in words) or "I" + letter in words:
-                raise InputError(f"word {letter} stands twice in the block {text[:40]!r}")
+        for word, number in ((word.replace(" ", ""), number.replace(" ", "")) for word, number in WORD.findall(text)):
+            address = ADDRESSES.get(word.removeprefix("I"), word)
+            if address in block.values or word + number in block.names:
+                raise InputError(f"word {word} stands twice in the block {text[:40]!r}")
+            if word in UNREAD_AXES:
+                self.it.note("axes U V W are not read")
+            elif word + number in BARE:
+                block.names.append(word + number)
+            elif not number:
+                raise InputError(f"word {word} has no number in the block {text[:40]!r}")
+            elif word == "M":
+                block.machine.append(float(int(self.value(number))))
             else:
-                words[letter] = value
-        if "S" in words:
-            self._set_speed(self.value(words.pop("S")))
-        return words, functions
+                by_plane = address in LETTERS and any(name in number for name in TILT_ANGLES)
+                unread = address in LETTERS and (self.it.rotary.ignored or (by_plane and self.it.tilted))
+                block.values[address] = 0.0 if unread else self.value(number)
+                block.names += ["TILT"] if by_plane else []
+                if address != word and word[0] == "I":
+                    block.relative.add(address)
+        if block.has(POLAR):
+            self.need_pole()
+        return block
 
     def _retract(self, words: str) -> None:
         """Go back along the tool axis (M140 MB)."""
@@ -213,111 +208,82 @@ class KlartextWords:
             course.rapid(target)
 
     @contextmanager
-    def functions(self, functions: set[int]) -> Iterator[None]:
-        """Let happen what M functions switch before and after the move of their block."""
-        if not functions:
-            yield
-            return
-        for number in sorted(functions & REFUSED_M.keys()):
-            raise InputError(f"M{number} ({REFUSED_M[number]}) is not read; post-process without it")
-        self.it.machine.switch_on(sorted(map(float, functions)), self.it.flow.line)
-        if 128 in functions:
-            self.it.control_tip(True)
-        if functions & {136, 137}:
-            self.per_turn = 136 in functions
+    def functions(self, block: CncBlock) -> Iterator[set[float]]:
+        """Let happen what S and M functions switch before and after the move of their block."""
+        codes = set(block.machine)
+        if "S" in block.values:
+            self.it.state.spindle = block.values["S"]
             self.set_feed_scale()
-        yield
-        if 129 in functions:
+            self.it.machine.switch_on((), self.it.flow.line, changed=True)
+        for code in sorted(codes & REFUSED_M.keys()):
+            raise InputError(f"M{code:g} ({REFUSED_M[int(code)]}) is not read; post-process without it")
+        self.it.machine.switch_on(sorted(codes), self.it.flow.line)
+        if 128.0 in codes:
+            self.it.control_tip(True)
+        if codes & {136.0, 137.0}:
+            self.per_turn = 136.0 in codes
+            self.set_feed_scale()
+        yield codes
+        if 129.0 in codes:
             self.it.control_tip(False)
-        if self.it.machine.stop(sorted(functions), self.it.flow.line):
+        if self.it.machine.stop(sorted(codes), self.it.flow.line):
             self.it.flow.over = True
-
-    def _set_speed(self, speed: float) -> None:
-        """Take a speed of the spindle; one that turns changes its speed."""
-        self.it.state.spindle = speed
-        self.set_feed_scale()
-        self.it.machine.switch_on((), self.it.flow.line, changed=True)
 
     def change_tool(self, text: str) -> None:
         """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
         it = self.it
         if re.match(r"DEF(?![A-Z])", text):
-            found = match_form(TOOL_DEF, text, "tool TOOL")
-            self.old = self.old or found.group(2) is not None
-            if found.group(3) is not None:
-                self.radii[found.group(1) or ""] = self.value(found.group(3))
+            number, length, radius = match_form(TOOL_DEF, text, "tool TOOL").groups()
+            self.old = self.old or length is not None
+            if radius is not None:
+                self.radii[number or ""] = self.value(radius)
             return
         called, axis, rest = match_form(TOOL, text, "tool call TOOL").groups()
         it.contour.refuse_open()
-        words, bare = dict(TOOL_WORD.findall(rest)), TOOL_WORD.sub("", rest)
-        if re.sub(r"M\s*\d+|\"[^\"]*\"", "", bare).strip():
+        block = self.read(re.sub(r"\"[^\"]*\"|[:=]", " ", rest))
+        if block.values.keys() - {"S", "F", "FU", "FZ", "DL", "DR", "DR2"} or block.names:
             raise InputError(f"cannot read {rest[:30]!r} in the tool call")
-        if any(self.value(words[key]) for key in ("DL", "DR") if key in words):
+        if block.values.get("DL") or block.values.get("DR"):
             it.note("oversizes DL, DR of TOOL CALL are not applied: the path is that of the tool tip")
-        if "F" in words:
-            self.tool_feed = self.to_mm_s(self.value(words["F"]))
+        if "F" in block.values:
+            self.tool_feed = self.to_mm_s(block.values["F"])
             it.state.feed = self.tool_feed * 60.0
         if called is not None:
+            name = called[1:-1] if called.startswith('"') else ""
             number = 0.0 if called.startswith('"') else self.value(called)
-            key = called if called.startswith('"') else f"{number:g}"
-            if key != self.tool:
-                self.tool = key
-                it.state.tool, it.state.tool_name = number, called[1:-1] if called.startswith('"') else ""
+            if (key := called if called.startswith('"') else f"{number:g}") != self.tool:
+                self.tool, it.state.tool, it.state.tool_name = key, number, name
                 it.machine.change_tool(it.flow.line)
         if axis in ("X", "Y", "Z") and AXES.index(axis) != self.tool_axis:
             it.state.plane = PLANES[AXES.index(axis)]
             self.turn_axis()
-        if "S" in words:
-            self._set_speed(self.value(words["S"]))
-        with self.functions({int(number) for number in re.findall(r"M\s*(\d+)", bare)}):
+        with self.functions(block):
             pass
 
-    def take_side(self, words: Mapping[str, str]) -> None:
-        """Keep whether the tool runs left or right of the contour; note compensation of its radius, or refuse it."""
-        for word in ("R0", "RL", "RR", "R"):
-            if word in words and (word != "R" or words[word] in ("+", "-")):
-                self.side = word[1:].replace("0", "")
+    def take_modes(self, block: CncBlock) -> bool:
+        """Take side of the contour and feed of a block; return whether it is rapid."""
+        state, values = self.it.state, block.values
+        for word in ("R0", "RL", "RR", "R+", "R-"):
+            if word in block.names:
+                self.side = word[1:] if word in ("RL", "RR") else ""
                 if word != "R0":
-                    self.it.compensate_radius(f"{word}{words[word] if word == 'R' else ''}")
-
-    def take_feed(self, words: Mapping[str, str]) -> bool:
-        """Take the feed of a block; return whether it is rapid."""
-        if "FMAX" in words:
+                    self.it.compensate_radius(word)
+        if "FMAX" in block.names:
             return True
-        if "FAUTO" in words:
+        if "FAUTO" in block.names:
             if self.tool_feed is None:
                 raise InputError("F AUTO, but TOOL CALL states no F")
-            self.it.state.feed = self.tool_feed * 60.0
-        elif "FU" in words:
-            self.it.state.feed = self.value(words["FU"]) * self.unit * self.it.state.spindle
-        elif "FZ" in words or "FT" in words:
+            state.feed = self.tool_feed * 60.0
+        elif "FU" in values:
+            state.feed = values["FU"] * self.unit * state.spindle
+        elif "FZ" in values or "FT" in values:
             raise InputError("feeds per tooth (FZ) or as a time (FT) are not read; write F")
-        elif "F" in words:
-            if not words["F"]:
-                raise InputError("word F has no number")
-            feed = self.value(words["F"])
-            self.it.state.feed = self.to_mm_s(feed) * 60.0
-            self.fast = self.old and feed in OLD_RAPID
+        elif "F" in values:
+            state.feed = self.to_mm_s(values["F"]) * 60.0
+            self.fast = self.old and values["F"] in OLD_RAPID
         if self.fast:
             self.it.note("F9999 and F15999 are rapid traverse in programs of old controls")
         return self.fast
-
-    def read(self, words: Mapping[str, str]) -> CncBlock:
-        """Return the places that words name, as addresses that all dialects share."""
-        block = CncBlock()
-        for word, address in ADDRESSES.items():
-            if word in words or "I" + word in words:
-                text, turns = words.get(word) or words.get("I" + word) or "", word in LETTERS
-                by_plane = turns and any(name in text for name in TILT_ANGLES)
-                unread = turns and (self.it.rotary.ignored or (by_plane and self.it.tilted))
-                block.values[address] = 0.0 if unread else self.value(text)
-                if word not in words:
-                    block.relative.add(address)
-                if by_plane:
-                    block.names.append("TILT")
-        if block.has(POLAR):
-            self.need_pole()
-        return block
 
     def need_pole(self) -> None:
         """Refuse a block that counts from a pole where none is set."""

@@ -1,7 +1,11 @@
 """The interpreter of CNC programs: modal state, frames, motion and what a block switches, for all dialects.
 
-A dialect is a lexer that yields blocks of words, a table that says what each word does (`Code`), and what its frames
-are. It holds an interpreter; nothing of the path is worked out anywhere else.
+A dialect is a lexer that yields blocks of words, and a table that says what each word does (`Code`). It holds an
+interpreter; nothing of the path is worked out anywhere else. It gives `run_line(program, index)`, which carries out a
+line and returns the next one or END; `square()`, the tool axis where all rotary axes stand at 0; and
+`turn_in_plane(block)`, whether rotary words are those of a tilted plane, and the tool axis then. `frames` are the names
+of its frames, the outermost first, that of a tilted plane is "plane"; `moving` the addresses of a move; `silent` and
+`ends` M codes; `tip_word` what it calls control of the tip where cuts that turn axes without it are not read, else "".
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, Machine, State
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Machine, State
 from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.options import CamTable
 
@@ -60,18 +64,15 @@ def refuse(what: str) -> Code:
     return Code(run)
 
 
-def set_mode(**changes: object) -> Code:
+def set_mode(rank: int = 0, **changes: object) -> Code:
     """Return a word that sets modal state."""
-
-    def run(dialect: Any, block: CncBlock, code: float | str) -> None:
-        for name, value in changes.items():
-            setattr(dialect.it.state, name, value)
-
-    return Code(run)
+    return Code(lambda dialect, block, code: vars(dialect.it.state).update(changes), rank)
 
 
 def compensate_radius(dialect: Any, block: CncBlock, code: float | str) -> None:
-    """G41, G42: the radius of the cutter."""
+    """G41, G42: the radius of the cutter; G41.1 and G42.1 state its diameter, and so the contour of the part."""
+    if code in (41.1, 42.1) and block.values.get("D"):
+        raise InputError(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
     if block.values.get("D") != 0.0:
         dialect.it.compensate_radius(f"G{code:g}")
 
@@ -80,7 +81,7 @@ def compensate_radius(dialect: Any, block: CncBlock, code: float | str) -> None:
 COMMON: dict[float | str, Code] = {
     90.0: set_mode(incremental=False), 91.0: set_mode(incremental=True),
     93.0: set_mode(feed_mode=93), 94.0: set_mode(feed_mode=94), 95.0: set_mode(feed_mode=95),
-    41.0: Code(compensate_radius), 42.0: Code(compensate_radius),
+    **dict.fromkeys((41.0, 42.0, 41.1, 42.1), Code(compensate_radius)),
     4.0: ignore("once"), 53.0: ignore("machine"), 153.0: ignore("machine"), 33.0: refuse("threading"),
     34.0: refuse("threading"), **dict.fromkeys((9.0, 40.0, 61.0, 64.0, 96.0, 97.0), ignore()),
 }  # fmt: skip
@@ -89,16 +90,16 @@ COMMON: dict[float | str, Code] = {
 class Interpreter:
     """Hold a program that is read: its state, and what carries out its words."""
 
-    def __init__(self, file: Path, options: CamTable, state: State, dialect: Dialect, flow: Flow, *, unit: str = " mm",
+    def __init__(self, file: Path, options: CamTable, state: State, dialect: Any, flow: Flow, *,
                  starts_at_zero: bool = False) -> None:  # fmt: skip
         self.file, self.options, self.state, self.dialect, self.flow = file, options, state, dialect, flow
         self.course = Course(flow, options, starts_at_zero=starts_at_zero)
         self.log, self.note = self.course.log, self.course.note
-        self.contour = Contour(self.course, unit)
+        self.contour = Contour(self.course)
         self.rotary = Rotary(options)
         #: Frames in force, by the names that the dialect gives them.
         self.frames: dict[str, Frame] = {}
-        self.motion = MotionReader(self.course, self.contour, self.rotary, state, dialect, self.set_frame)
+        self.motion = MotionReader(self)
         self.machine = Machine(state, self.log, dialect.silent, dialect.ends)
         #: Why variables have no value.
         self.unknown: dict[str, str] = {}

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, normalise, set_level
-from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_centre, find_tangent_arc
+from compplan.toolpath.readers.arcs import (
+    Point,
+    arc_about,
+    centre_from_radius,
+    combine,
+    dot,
+    find_arc,
+    normalise,
+    set_level,
+)
+from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_tangent_arc
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.rotary import Rotary
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, State
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, State
 from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, PLANE_NORMALS, rotate, turn_about
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.options import CHORD_MM
@@ -43,10 +52,12 @@ FARTHEST_WITHOUT_POINT = 10_000.0
 class MotionReader:
     """Carry out the motion of blocks."""
 
-    def __init__(self, course: Course, contour: Contour, rotary: Rotary, state: State, dialect: Dialect,
-                 set_frame: Callable[..., None]) -> None:  # fmt: skip
-        self.course, self.contour, self.rotary, self.state, self.dialect = course, contour, rotary, state, dialect
-        self.options, self.set_frame = rotary.options, set_frame
+    def __init__(self, it: Any) -> None:
+        self.course: Course = it.course
+        self.contour: Contour = it.contour
+        self.rotary: Rotary = it.rotary
+        self.state: State = it.state
+        self.dialect, self.options, self.set_frame = it.dialect, it.options, it.set_frame
         self.keeps_polar = True
         #: Arcs that lie on no circle where their I J K count as usual.
         self.proofs: set[tuple[float, ...]] = set()
@@ -60,7 +71,7 @@ class MotionReader:
         """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
         state, course = self.state, self.course
         return bool(
-            state.motion == 1.0 and state.feed and state.feed_mode == 94 and course.begun and course.knows
+            state.motion == 1.0 and state.feed and state.feed_mode == 94 and course.begun and not course.unknown
             and not (state.incremental or state.polar or state.rounding or state.cycle_code or course.muted)
             and self.contour.idle
         )  # fmt: skip
@@ -83,7 +94,7 @@ class MotionReader:
             state.feed = float(feed) * state.feed_scale
         course.position = point
         if point != old:
-            course.way = True
+            course.way = old, point
         course.log.line(course.frame.apply(point), state.feed / 60.0)  # type: ignore[operator]
         return True
 
@@ -110,7 +121,9 @@ class MotionReader:
                     named.append(axis)
         if block.has(POLAR):
             plane, pole = state.pole_plane or state.plane, state.pole or (0.0, 0.0, 0.0)
-            now = state.polar_now((point[0], point[1], point[2]), plane)
+            first, second = PLANE_AXES[plane]
+            dx, dy = point[first] - pole[first], point[second] - pole[second]
+            now = {"RP": math.hypot(dx, dy) / state.scale, "AP": math.degrees(math.atan2(dy, dx))}
             if not self.keeps_polar:
                 state.polar_words.clear()
             for address in ("RP", "AP"):
@@ -121,7 +134,6 @@ class MotionReader:
                 else:
                     base = now[address] if state.counts_on(block, address) else 0.0
                     state.polar_words[address] = values[address] + base
-            first, second = PLANE_AXES[plane]
             radius, angle = state.polar_words["RP"] * state.scale, math.radians(state.polar_words["AP"])
             point[first] = pole[first] + radius * math.cos(angle)
             point[second] = pole[second] + radius * math.sin(angle)
@@ -142,8 +154,7 @@ class MotionReader:
         target, named = self.target(block)
         if arc:
             if block.has(TURNING) and not self.rotary.ignored:
-                raise InputError("an arc on which the tool or rotary axes turn is not read; post-process it as "
-                                 "straight moves")  # fmt: skip
+                raise InputError("an arc on which the tool turns is not read; post-process it as straight moves")
             if not course.leave_out(target, named):
                 self._go_round(block, target, named, corner or self._corner(block))
             return
@@ -197,7 +208,7 @@ class MotionReader:
             return None, False
         if not (rapid or state.tip_control or self.options.axes.tip_control or not self.dialect.tip_word):
             raise InputError(
-                f"a cut on which rotary axes turn without control of the tip ({self.dialect.tip_word}) is not read"
+                f"a cut on which rotary axes turn is read with control of the tip ({self.dialect.tip_word})"
             )
         return rotary.point_tool(), True
 
@@ -237,8 +248,9 @@ class MotionReader:
             ways = [{n: before.get(n, 0.0) * (1 - s) + a * s for n, a in after.items()} for s in (0.0, 0.37, 0.71, 1.0)]
             if len({self.rotary.point_tool(way) for way in ways}) == 1:
                 return 1
-        elif self.rotary.machine.table:
-            radius = math.dist(target, self.rotary.machine.centre or (0.0, 0.0, 0.0))
+        elif self.rotary.axes[1]:
+            x, y, z = self.options.axes.rotary_centre_mm or (0.0, 0.0, 0.0)
+            radius = math.dist(target, (x, y, z))
             step = min(step, math.degrees(2.0 * math.acos(max(1.0 - CHORD_MM / max(radius, CHORD_MM), 0.0))))
         return max(1, math.ceil(turn / step - 1e-9))
 
@@ -246,9 +258,9 @@ class MotionReader:
         """Return the direction in which the contour arrives, in the coordinates of the program."""
         if self.contour.held is not None:
             return self.contour.held[0].tangent(self.contour.held[0].end)
-        if self.course.direction is None or self.contour.approach is not None:
+        if self.course.way is None or self.contour.approach is not None:
             raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
-        return normalise(self.course.frame.invert().turn(self.course.direction))
+        return normalise(combine(1.0, self.course.way[1], -1.0, self.course.way[0]))
 
     def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...], corner: Corner | None) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise, seen from the positive end of the plane's normal."""
@@ -257,7 +269,15 @@ class MotionReader:
         plane = (state.pole_plane or state.plane) if about_pole else state.plane
         normal, right_hand = PLANE_NORMALS[plane], state.motion == 3.0
         if state.motion == "CIP":
-            centre, normal, right_hand = self._find_middle(block, start, target)
+            if block.values.keys().isdisjoint(MIDDLES):
+                raise InputError("CIP has no point on its way, expected I1= J1= K1=")
+            middle = list(start)
+            for axis, letter in enumerate(MIDDLES):
+                if letter in values:
+                    base = start[axis] if state.counts_on(block, letter) else 0.0
+                    middle[axis] = values[letter] * state.scale + base
+            arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
+            centre, normal, right_hand = arc.centre, arc.normal, arc.sweep > 0.0
         elif state.motion == "CT":
             if abs(dot(combine(1.0, target, -1.0, start), normal)) > 1e-9:
                 raise InputError("CT that leaves its plane is not read")
@@ -269,13 +289,27 @@ class MotionReader:
             centre, right_hand = found
         elif "CR" in values:
             radius = values["CR"] * state.scale
-            centre = find_centre(start, target, normal, radius, self.contour.unit, right_hand=right_hand)
+            centre = centre_from_radius(start, target, normal, radius, right_hand=right_hand)
         elif "AR" in values:
-            centre, target = self._find_opening(block, start, target, right_hand=right_hand)
+            opening, deep = values["AR"], DEEP_AXIS[plane]
+            if not 0.0 < opening < 360.0:
+                raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
+            if block.has(CENTRES):
+                centre = state.centre(start, block, plane)
+                end = turn_about(centre, rotate(deep, opening if right_hand else -opening)).apply(start)
+                target = set_level(end, deep, target[deep])
+            else:
+                chord = math.dist(start, set_level(target, deep, start[deep]))
+                radius = math.copysign(0.5 * chord / math.sin(math.radians(0.5 * opening)), 180.0 - opening)
+                centre = centre_from_radius(start, target, normal, radius, right_hand=right_hand)
         elif any("IJK"[axis] in values for axis in PLANE_AXES[plane]):
             centre = state.centre(start, block, plane)
-            if state.centres != "incremental":
-                self._prove(start, target, block, right_hand=right_hand)
+            offsets = tuple(values.get(letter, 0.0) for letter in "IJK")
+            usual = combine(1.0, start, state.scale, (offsets[0], offsets[1], offsets[2]))
+            if (state.centres != "incremental"
+                    and not arc_about(start, target, usual, normal, right_hand=right_hand).fits_circle):  # fmt: skip
+                ends = [place[axis] for place in (start, target) for axis in PLANE_AXES[plane]]
+                self.proofs.add((*(round(number, 3) for number in ends), *offsets))
         elif about_pole and state.pole is not None:
             first, second = PLANE_AXES[plane]
             centre = set_level(set_level(start, first, state.pole[first]), second, state.pole[second])
@@ -289,38 +323,3 @@ class MotionReader:
         way = arc_about(start, target, centre, normal, right_hand=right_hand, turns=count).length
         feed = self.feed(way, block)
         self.contour.add(Element(start, target, named, feed, self.line, centre, normal, right_hand, count), corner)
-
-    def _prove(self, start: Point, target: Point, block: CncBlock, *, right_hand: bool) -> None:
-        """Keep an arc that lies on no circle where its I J K count as usual."""
-        plane, offsets = self.state.plane, tuple(block.values.get(letter, 0.0) for letter in "IJK")
-        usual = combine(1.0, start, self.state.scale, (offsets[0], offsets[1], offsets[2]))
-        arc = arc_about(start, target, usual, PLANE_NORMALS[plane], right_hand=right_hand)
-        if not arc.fits_circle:
-            ends = [place[axis] for place in (start, target) for axis in PLANE_AXES[plane]]
-            self.proofs.add((*(round(number, 3) for number in ends), *offsets))
-
-    def _find_middle(self, block: CncBlock, start: Point, target: Point) -> tuple[Point, Point, bool]:
-        """Return centre, axis and sense of an arc through a point (CIP)."""
-        middle = list(start)
-        for axis, letter in enumerate(MIDDLES):
-            if letter in block.values:
-                number = block.values[letter] * self.state.scale
-                middle[axis] = number + (start[axis] if self.state.counts_on(block, letter) else 0.0)
-        if block.values.keys().isdisjoint(MIDDLES):
-            raise InputError("CIP has no point on its way, expected I1= J1= K1=")
-        arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
-        return arc.centre, arc.normal, arc.sweep > 0.0
-
-    def _find_opening(self, block: CncBlock, start: Point, target: Point, *, right_hand: bool) -> tuple[Point, Point]:
-        """Return centre and end of an arc by its opening angle AR, with its end or its centre."""
-        opening, deep = block.values["AR"], DEEP_AXIS[self.state.plane]
-        if not 0.0 < opening < 360.0:
-            raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
-        if block.has(CENTRES):
-            centre = self.state.centre(start, block, self.state.plane)
-            end = turn_about(centre, rotate(deep, opening if right_hand else -opening)).apply(start)
-            return centre, set_level(end, deep, target[deep])
-        chord = math.dist(start, set_level(target, deep, start[deep]))
-        radius = math.copysign(0.5 * chord / math.sin(math.radians(0.5 * opening)), 180.0 - opening)
-        normal = PLANE_NORMALS[self.state.plane]
-        return find_centre(start, target, normal, radius, self.contour.unit, right_hand=right_hand), target

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
-from compplan.toolpath.readers.cnc.course import UP
+from compplan.toolpath.readers.cnc.course import NOWHERE, UP
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock
-from compplan.toolpath.readers.frames import DEEP_AXIS, Frame, rotate, scale_about, shift, stretch, turn_about
+from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotate, scale_about, shift, turn_about
 
 DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
-ZERO: Point = (0.0, 0.0, 0.0)
 #: From this factor on, a scale P without a decimal point counts in thousandths.
 LEAST_THOUSANDTHS = 100.0
 
@@ -28,21 +27,13 @@ def name_offset(code: float) -> str:
     return f"G54.1 P{code - 1000.0:g}" if code >= 1000.0 else f"G{code:g}"
 
 
-def find_offset(name: str) -> float | None:
-    """Return the code of a work offset by its name (G54, G59.1, G54.1 P12, G154 P12, G505), None for other names."""
-    found = re.fullmatch(r"G(54\.1|154)\s*P(\d{1,3})", name.strip().upper())
-    if found:
-        return 1000.0 + float(found.group(2))
-    found = re.fullmatch(r"G(5[4-9](?:\.\d)?|5\d\d)", name.strip().upper())
-    return float(found.group(1)) if found else None
-
-
 class Origins:
-    """Follow where the program's origin stands, and moves that count from elsewhere."""
+    """Follow where the program's origin stands, frames on top of it, and moves that count from elsewhere."""
 
     def __init__(self, it: Interpreter, setting: str = "") -> None:
         self.it, self.course, self.state, self.setting = it, it.course, it.state, setting
-        self.wcs = find_offset(it.options.wcs) if it.options.wcs else None
+        found = re.search(r"(?:P(\d+)|G(\d+(?:\.\d)?))$", (it.options.wcs or "").upper())
+        self.wcs = (1000.0 + float(found[1]) if found[1] else float(found[2])) if found else None
         #: The work offset in force, that which the path stands in, and those that were named.
         self.active = 54.0
         self.part_offset = self.wcs or 54.0
@@ -51,10 +42,13 @@ class Origins:
         self.origins: dict[float, dict[int, float]] = {}
         self.bases: dict[float, Point] = {}
         #: What G92 and G52 shift the origin by, and where that of the work offset stands; what G92.3 brings back.
-        self.origin = self.shifted = self.base = ZERO
+        self.origin = self.shifted = self.base = NOWHERE
         self.kept: Point | None = None
         #: Axes whose place is known by G92 alone.
         self.declared: set[int] = set()
+        #: Where axes are mirrored (G51.1), and whether the tool was turned to the tilted plane.
+        self.mirrors: dict[int, float] = {}
+        self.turned_to_plane = False
         if self.part_offset != 54.0:
             self.course.mute(OUTSIDE)
 
@@ -63,9 +57,9 @@ class Origins:
         """Where the program's origin stands in the work offset of the path."""
         return combine(1.0, combine(1.0, self.origin, 1.0, self.shifted), 1.0, self.base)
 
-    def use(self, code: float) -> None:
-        """Put a work offset in force; the first one before any cut is that of the path."""
-        course, before = self.course, self.active
+    def use(self, code: float, number: float = 0.0) -> None:
+        """Put a work offset in force (G54.1 and G154 by their number); the first before any cut is that of the path."""
+        course, before, code = self.course, self.active, 1000.0 + number if code in (54.1, 154.0) else code
         self.used.add(code)
         if code == before:
             return
@@ -73,12 +67,12 @@ class Origins:
             raise InputError(f"{name_offset(code)} within a turned or scaled frame is not read; post-process without")
         self.active = code
         fresh = self.wcs is None and not course.begun
-        if fresh and not course.lost and len(course.untold) == 3:
+        if fresh and list(course.unknown.values()) == [False] * 3:
             self.part_offset = code
             return
         old, new = self.origins.get(before, {}), self.origins.get(code, {})
         if OUTSIDE in course.muted and (code in self.bases or code == self.part_offset):
-            self.base = self.bases.get(code, ZERO)
+            self.base = self.bases.get(code, NOWHERE)
             course.unmute(OUTSIDE)
         elif len(old) == 3 and len(new) == 3 and OUTSIDE not in course.muted:
             self.base = combine(1.0, self.base, 1.0, (new[0] - old[0], new[1] - old[1], new[2] - old[2]))
@@ -88,21 +82,16 @@ class Origins:
             self.it.log.forget()
         elif OUTSIDE not in course.muted:
             self.bases[before] = self.base
-            self._leave_part_frame(code)
+            here, there = name_offset(self.part_offset), name_offset(code)
+            setting = f", or set both with {self.setting} in the file" if self.setting else ""
+            refusal = (
+                f"the file cuts in {here} and in {there}, and how they lie to each other is not known; state which one "
+                f'is the part frame with wcs = "{here}" (--wcs "{here}"){setting}'
+            )
+            note = f"rapid moves in {there} are left out: how it lies to {here} is not known"
+            self.it.contour.refuse_open()
+            course.mute(OUTSIDE, *(("", "") if self.wcs is not None else (refusal, note)))
         self.it.put(origin=shift(*self.zero))
-
-    def _leave_part_frame(self, code: float) -> None:
-        """Leave out the moves in another work offset; refuse cuts there unless the part frame is stated."""
-        here, there = name_offset(self.part_offset), name_offset(code)
-        refusal = (
-            f"the file cuts in {here} and in {there}, and how they lie to each other is not known; state which one "
-            f'is the part frame with wcs = "{here}" (--wcs "{here}")'
-        )
-        if self.setting:
-            refusal += f", or set both with {self.setting} in the file"
-        note = f"rapid moves in {there} are left out: how it lies to {here} is not known"
-        self.it.contour.refuse_open()
-        self.course.mute(OUTSIDE, *(("", "") if self.wcs is not None else (refusal, note)))
 
     def check_used(self) -> None:
         """Refuse a part frame that the file never uses."""
@@ -124,16 +113,16 @@ class Origins:
         if number not in range(16):
             raise InputError(f"G10 L2 P{number:g} names no work offset, expected P0 to P15")
         code = self.active if number == 0 else 53.0 + number if number <= 6 else 59.0 + (number - 6) / 10.0
-        origin, moved = self.origins.setdefault(code, {}), [0.0, 0.0, 0.0]
-        cutting = code == self.active and (self.course.begun or len(self.course.untold) < 3)
+        origin, base = self.origins.setdefault(code, {}), list(self.base)
+        cutting = code == self.active and (self.course.begun or list(self.course.unknown.values()).count(False) < 3)
         for axis in block.list_axes():
             place = values[AXES[axis]] * self.state.scale
             if cutting and axis not in origin:
                 raise InputError("G10 L2 moves the work offset in force, and what it was is not known")
-            moved[axis] = place - origin.get(axis, place)
+            base[axis] += place - origin.get(axis, place)
             origin[axis] = place
         if cutting:
-            self.base = combine(1.0, self.base, 1.0, (moved[0], moved[1], moved[2]))
+            self.base = base[0], base[1], base[2]
             self.it.put(origin=shift(*self.zero))
 
     def go_home(self, code: float, block: CncBlock) -> None:
@@ -171,9 +160,9 @@ class Origins:
         found = False
         for axis in block.list_axes():
             value = block.values[AXES[axis]] * self.state.scale
-            if course.is_unknown(axis):
-                step[axis] = 0.0 if axis in course.lost else value - position[axis]
-                found = found or axis in course.lost
+            if axis in course.unknown:
+                step[axis] = 0.0 if course.unknown[axis] else value - position[axis]
+                found = found or course.unknown[axis]
                 position[axis] = value
                 self.declared.add(axis)
             else:
@@ -189,22 +178,20 @@ class Origins:
 
     def drop(self, code: float) -> None:
         """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped."""
+        if code == 92.3 and self.kept is None:
+            raise InputError("G92.3 brings back an offset from before this program, which is not known; set it by G92")
+        self.origin, self.kept = (
+            (self.kept or NOWHERE) if code == 92.3 else NOWHERE,
+            NOWHERE if code == 92.1 else self.kept,
+        )
         if code == 92.3:
-            if self.kept is None:
-                raise InputError("G92.3 brings back an offset from before this program, which is not known; "
-                                 "set it with G92 in the file")  # fmt: skip
-            self.origin = self.kept
             self.course.unmute(DECLARED)
-        else:
-            self.origin = ZERO
-            self.kept = self.kept if code == 92.2 else ZERO
-            if self.declared:
-                self.it.note(DECLARED)
-                refusal = (
-                    f"a cut after G{code:g}, which drops the origin that G92 set where the tool stood: how it lies to "
-                    "the work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
-                )
-                self.course.mute(DECLARED, refusal)
+        elif self.declared:
+            self.it.note(DECLARED)
+            self.course.mute(DECLARED, (
+                f"a cut after G{code:g}, which drops the origin that G92 set where the tool stood: how it lies to "
+                "the work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
+            ))  # fmt: skip
         self.it.put(origin=shift(*self.zero))
 
     def move_in_machine(self, block: CncBlock) -> None:
@@ -221,52 +208,35 @@ class Origins:
             point[axis] = place - self.origin[axis] - self.shifted[axis]
         target = (point[0], point[1], point[2])
         self.it.contour.refuse_open()
-        if not named:
-            return
-        if cuts:
+        if cuts and named:
             course.line(target, named, self.it.motion.feed(math.dist(target, course.position)))
-        else:
+        elif named:
             course.rapid(target, named)
-
-
-class Layers:
-    """Put frames in force on top of the program's origin."""
-
-    def __init__(self, it: Interpreter, origins: Origins) -> None:
-        self.it, self.origins = it, origins
-        self.mirrors: dict[int, float] = {}
-        self.turned_to_plane = False
 
     @property
     def plane_axis(self) -> Point | None:
         """Axis of the tilted plane in force, None without one."""
         return self.it.frames["plane"].turn(UP) if self.it.tilted else None
 
-    def _find_centre(self, block: CncBlock, letters: str = AXES) -> Point:
+    def _find_centre(self, block: CncBlock, axes: Sequence[int] = (0, 1, 2)) -> Point:
         """Return the centre of a rotation or scale: coordinates of the block, the tool's place where there is none."""
-        course, state, values = self.it.course, self.it.state, block.values
-        centre = list(course.position)
-        for axis, letter in enumerate(AXES):
-            if letter in values and letter in letters:
-                if state.incremental:
-                    raise InputError("the centre of a rotation or scale in G91 has two meanings, state it in G90")
-                centre[axis] = values[letter] * state.scale
-            elif letter in letters and course.is_unknown(axis):
-                raise InputError(f"a rotation or scale about the tool's place, whose {letter} is not known; state it")
-        return combine(1.0, (centre[0], centre[1], centre[2]), 1.0, self.origins.zero)
+        centre, named = list(self.course.position), set(block.list_axes()).intersection(axes)
+        if named and self.state.incremental:
+            raise InputError("the centre of a rotation or scale in G91 has two meanings, state it in G90")
+        for axis in axes:
+            if axis in named:
+                centre[axis] = block.values[AXES[axis]] * self.state.scale
+            elif axis in self.course.unknown:
+                raise InputError(f"a rotation or scale about the tool's place, whose {AXES[axis]} is not known")
+        return combine(1.0, (centre[0], centre[1], centre[2]), 1.0, self.zero)
 
     def rotate(self, block: CncBlock) -> None:
         """Carry out G68: a turn by R degrees in the plane in force, counter-clockwise."""
-        values, plane = block.values, self.it.state.plane
-        if self.it.tilted and not values.keys().isdisjoint("IJK"):
-            raise InputError("G68 in space within a tilted plane is not read; post-process without it")
-        if "R" not in values or not values.keys().isdisjoint("IJK"):
-            raise InputError("G68 has no angle R in the plane, other forms of it are not read; post-process without it")
-        if self.it.state.incremental:
-            raise InputError("G68 in G91 has two meanings, state it in G90")
-        axis = DEEP_AXIS[plane]
-        centre = self._find_centre(block, "".join(letter for letter in AXES if letter != AXES[axis]))
-        self.it.put(rotation=turn_about(centre, rotate(axis, values["R"])))
+        plane = self.state.plane
+        if "R" not in block.values or block.has(frozenset("IJK")) or self.state.incremental:
+            raise InputError("G68 is read with an angle R in the plane, in G90; post-process other forms of it")
+        centre = self._find_centre(block, PLANE_AXES[plane])
+        self.it.put(rotation=turn_about(centre, rotate(DEEP_AXIS[plane], block.values["R"])))
 
     def scale(self, block: CncBlock) -> None:
         """Carry out G51: P scales all axes, I J K each its own; whole numbers from 100 on count in thousandths."""
@@ -281,16 +251,13 @@ class Layers:
 
     def mirror(self, code: float, block: CncBlock) -> None:
         """Carry out G51.1 (mirror about X.. Y.. Z..) and G50.1 (take mirrors back)."""
-        named, zero = block.list_axes(), self.origins.zero
-        for axis in named if code == 51.1 or named else list(self.mirrors):
+        for axis in block.list_axes() or (list(self.mirrors) if code == 50.1 else []):
+            self.mirrors.pop(axis, None)
             if code == 51.1:
-                self.mirrors[axis] = block.values[AXES[axis]] * self.it.state.scale + zero[axis]
-            else:
-                self.mirrors.pop(axis, None)
-        at = [self.mirrors.get(axis, 0.0) for axis in range(3)]
-        sense = [-1.0 if axis in self.mirrors else 1.0 for axis in range(3)]
-        centre, senses = (at[0], at[1], at[2]), (sense[0], sense[1], sense[2])
-        self.it.put(mirror=scale_about(centre, senses) if self.mirrors else None)
+                self.mirrors[axis] = block.values[AXES[axis]] * self.state.scale + self.zero[axis]
+        x, y, z = (self.mirrors.get(axis, 0.0) for axis in range(3))
+        i, j, k = (-1.0 if axis in self.mirrors else 1.0 for axis in range(3))
+        self.it.put(mirror=scale_about((x, y, z), (i, j, k)) if self.mirrors else None)
 
     def tilt(self, block: CncBlock) -> None:
         """Carry out G68.2: origin X Y Z, and I J K as Euler angles z x' z'', or with P1 as turns about fixed X Y Z."""
@@ -301,7 +268,7 @@ class Layers:
         order = ((2, k), (1, j), (0, i)) if form == 1.0 else ((2, i), (0, j), (2, k))
         turn = rotate(*order[0]).then(rotate(*order[1])).then(rotate(*order[2]))
         x, y, z = (values.get(letter, 0.0) * self.it.state.scale for letter in AXES)
-        self.it.put(plane=shift(x, y, z).then(turn_about(self.origins.zero, turn)), rotation=None)
+        self.it.put(plane=shift(x, y, z).then(turn_about(self.zero, turn)), rotation=None)
         self.turned_to_plane = False
 
     def turn_to_plane(self, code: float, *, stays: bool) -> None:
@@ -329,32 +296,27 @@ def change_frame(it: Interpreter, word: str, block: CncBlock) -> None:
     values, kind, scale = block.values, word.removeprefix("A"), it.state.scale
     if unknown := values.keys() - {"X", "Y", "Z", "RPL"}:
         raise InputError(f"{word} with {min(unknown)} is not read, expected X Y Z")
-    numbers = [values.get(letter, 0.0) for letter in AXES]
+    x, y, z = (values.get(letter, 0.0) for letter in AXES)
     if kind == "TRANS":
-        step = shift(*(number * scale for number in numbers))
-    elif kind == "ROT":
-        step = _find_rotation(it, values, numbers)
+        step = shift(x * scale, y * scale, z * scale)
+    elif kind == "ROT" and "RPL" in values:  # in the plane
+        if len(values) > 1:
+            raise InputError("RPL beside rotations about axes is not read")
+        step = rotate(DEEP_AXIS[it.state.plane], values["RPL"])
+    elif kind == "ROT":  # about Z, then the new Y, then the new X
+        if any((x, y, z)[axis] for axis in PLANE_AXES[it.state.plane]) and not it.tilted:
+            it.note("ROT tilts the coordinates; the tool axis stays until rotary axes or CYCLE800 turn it")
+        step = rotate(2, z).then(rotate(1, y)).then(rotate(0, x))
     elif kind == "SCALE":
         factors = [values.get(letter, 1.0) for letter in AXES]
         if len(set(factors)) > 1 or not 1e-6 < abs(factors[0]) < 1e6:
             raise InputError(f"{word} with different factors of its axes is not read")
-        step = stretch(factors[0], factors[0], factors[0])
+        step = scale_about(NOWHERE, (factors[0], factors[0], factors[0]))
     else:
-        step = stretch(*(-1.0 if letter in values else 1.0 for letter in AXES))
+        i, j, k = (-1.0 if letter in values else 1.0 for letter in AXES)
+        step = scale_about(NOWHERE, (i, j, k))
     it.contour.refuse_open()
     it.put(program=it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
-
-
-def _find_rotation(it: Interpreter, values: dict[str, float], numbers: list[float]) -> Frame:
-    """Return a rotation: in the plane (RPL), or about Z, then the new Y, then the new X."""
-    deep = DEEP_AXIS[it.state.plane]
-    if "RPL" in values:
-        if len(values) > 1:
-            raise InputError("RPL beside rotations about axes is not read")
-        return rotate(deep, values["RPL"])
-    if any(numbers[axis] for axis in range(3) if axis != deep) and not it.tilted:
-        it.note("ROT tilts the coordinates; the tool axis stays until rotary axes or CYCLE800 turn it")
-    return rotate(2, numbers[2]).then(rotate(1, numbers[1])).then(rotate(0, numbers[0]))
 
 
 def swivel(it: Interpreter, arguments: Sequence[float]) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
@@ -14,99 +12,16 @@ from compplan.toolpath.readers.options import CamTable
 UP: Point = (0.0, 0.0, 1.0)
 #: Sets of letters whose order on a machine goes without saying: a table's C sits on its tilt, a head's tilt on its C.
 TILTS = frozenset("AB")
-
-
-class RotaryError(InputError):
-    """Tell what is not known of the machine that turns A B C."""
-
-
-@dataclass(frozen=True)
-class RotaryMachine:
-    """Hold the rotary axes of a machine: letters and senses of those that turn the tool (head) and the part (table).
-
-    The one that carries the others comes first; positive turns by the right hand where the sense is 1. The first axis
-    of the table passes through `centre` in the part frame with all axes at 0, the second stands by `offset` from it,
-    and the axes of the head meet at `pivot` above the tip. [mm]
-    """
-
-    head: tuple[tuple[str, float], ...] = ()
-    table: tuple[tuple[str, float], ...] = ()
-    centre: Point | None = None
-    offset: Point = (0.0, 0.0, 0.0)
-    pivot: float | None = None
-
-    def point_tool(self, angles: Mapping[str, float]) -> Point:
-        """Return the tool axis in the part frame: T^-1 H z, angles in degrees.
-
-        Head H = R1 R2 and table T = R1 R2, each the axis that carries the other first.
-        """
-        axis = UP
-        for letter, sense in self.head[::-1]:
-            axis = _turn(letter, sense * angles.get(letter, 0.0), axis)
-        for letter, sense in self.table:
-            axis = _turn(letter, -sense * angles.get(letter, 0.0), axis)
-        return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
-
-    def place(self, angles: Mapping[str, float]) -> Frame:
-        """Return where positions of the machine stand in the part frame (no control of the tip), angles in degrees."""
-        placed = Frame()
-        if any(angles.get(letter) for letter, _ in self.head):
-            if self.pivot is None:
-                raise RotaryError("pivot_mm = the distance from the tool tip to where the rotary axes meet")
-            swing = combine(1.0, UP, -1.0, RotaryMachine(self.head).point_tool(angles))
-            placed = Frame(origin=combine(self.pivot, swing, 0.0, swing))
-        if any(angles.get(letter) for letter, _ in self.table):
-            if self.centre is None:
-                raise RotaryError("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
-            centre = self.centre
-            for letter, sense in self.table:
-                turn = rotate("ABC".index(letter), -sense * angles.get(letter, 0.0))
-                placed = turn_about(centre, turn).then(placed)
-                centre = combine(1.0, centre, 1.0, self.offset)
-        return placed
-
-
-def _turn(letter: str, angle: float, vector: Point) -> Point:
-    """Return a vector turned about the axis of a rotary letter by the right hand; angle in degrees."""
-    sine, cosine = math.sin(math.radians(angle)), math.cos(math.radians(angle))
-    x, y, z = vector
-    if letter == "A":
-        return x, cosine * y - sine * z, sine * y + cosine * z
-    if letter == "B":
-        return cosine * x + sine * z, y, cosine * z - sine * x
-    return cosine * x - sine * y, sine * x + cosine * y, z
-
-
-def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
-    """Return the machine that the user states, of the letters that the file turns.
-
-    Axes stand in order, the one that carries the other first; in a head_table the first is the head's.
-    """
-    used, kind, missing = sorted(set(letters)), options.rotary, ""
-    order = list(options.axes.rotary_axes or (used[::-1] if kind == "head" else used))
-    unnamed = [letter for letter in used if letter not in {axis[-1] for axis in order}]
-    if unnamed:
-        missing = f"rotary_axes with {unnamed[0]}, which the file turns"
-    elif options.axes.rotary_axes is None and (
-        set(used) >= TILTS or (kind == "head_table" and len(used) == 2 and "C" not in used)
-    ):
-        example = "C" if kind == "table" else "B"
-        missing = f'rotary_axes = ["A", "{example}"], the axis that carries the other (or the head\'s) first'
-    elif kind == "head_table" and len(order) == 1:
-        missing = 'rotary = "head" or "table": one axis alone is not both'
-    if missing:
-        raise RotaryError(f"of rotary axes {', '.join(used)}, which carries the other is not known; state {missing}")
-    signed = [(axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in order]
-    head = {"head": len(order), "head_table": 1}.get(kind or "", 0)
-    centre, offset = options.axes.rotary_centre_mm, options.axes.rotary_offset_mm
-    return RotaryMachine(
-        tuple(signed[:head]), tuple(signed[head:]), None if centre is None else (centre[0], centre[1], centre[2]),
-        (offset[0], offset[1], offset[2]), options.axes.pivot_mm,
-    )  # fmt: skip
+#: Letters of axes, the one that carries the other first, and their senses: 1 turns by the right hand.
+Axes = tuple[tuple[str, float], ...]
 
 
 class Rotary:
-    """Hold how the rotary axes of a program stand, and what they turn."""
+    """Hold how the rotary axes of a program stand, and what they turn: the tool (head), the part (table), or both.
+
+    The first axis of the table passes through `rotary_centre_mm` in the part frame with all axes at 0, the second
+    stands by `rotary_offset_mm` from it, and the axes of the head meet at `pivot_mm` above the tip.
+    """
 
     def __init__(self, options: CamTable) -> None:
         self.options = options
@@ -116,7 +31,7 @@ class Rotary:
         #: Whether the work offset turns with the table.
         self.dynamic = False
         self._turned: frozenset[str] = frozenset()
-        self._machine: RotaryMachine | None = None
+        self._axes: tuple[Axes, Axes] = (), ()
 
     @property
     def turned(self) -> bool:
@@ -139,31 +54,77 @@ class Rotary:
         return " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items() if angle)
 
     @property
-    def machine(self) -> RotaryMachine:
-        """The machine that turns the axes which the program has turned so far."""
+    def axes(self) -> tuple[Axes, Axes]:
+        """The axes of head and table that the user states, of the letters that the program has turned so far."""
         turned = self._turned.union(letter for letter, angle in self.angles.items() if angle)
-        if self._machine is None or turned != self._turned:
-            self._machine, self._turned = build_machine(self.options, turned), turned
-        return self._machine
+        if turned != self._turned:
+            self._axes, self._turned = self._order_axes(sorted(turned)), turned
+        return self._axes
+
+    def _order_axes(self, used: list[str]) -> tuple[Axes, Axes]:
+        """Return the axes of head and table; in a head_table the first one is the head's."""
+        kind, stated, missing = self.options.rotary, self.options.axes.rotary_axes, ""
+        order = list(stated or (used[::-1] if kind == "head" else used))
+        unnamed = [letter for letter in used if letter not in {axis[-1] for axis in order}]
+        if unnamed:
+            missing = f"rotary_axes with {unnamed[0]}, which the file turns"
+        elif stated is None and (set(used) >= TILTS or (kind == "head_table" and len(used) == 2 and "C" not in used)):
+            example = "C" if kind == "table" else "B"
+            missing = f'rotary_axes = ["A", "{example}"], the axis that carries the other (or the head\'s) first'
+        elif kind == "head_table" and len(order) == 1:
+            missing = 'rotary = "head" or "table": one axis alone is not both'
+        if missing:
+            raise InputError(f"of {', '.join(used)}, which carries the other is not known; state {missing}")
+        signed = tuple((axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in order)
+        head = {"head": len(order), "head_table": 1}.get(kind or "", 0)
+        return signed[:head], signed[head:]
 
     def point_tool(self, angles: Mapping[str, float] | None = None) -> Point:
-        """Return the tool axis in the part, for these angles or for those in force."""
+        """Return the tool axis in the part frame, T^-1 H z, for these angles [deg] or for those in force.
+
+        Head H = R1 R2 and table T = R1 R2, each the axis that carries the other first.
+        """
         angles = self.angles if angles is None else angles
-        return self.machine.point_tool(angles) if any(angles.values()) and not self.ignored else UP
+        if self.ignored or not any(angles.values()):
+            return UP
+        head, table = self.axes
+        axis = swing(head, angles)
+        for letter, sense in table:
+            axis = rotate("ABC".index(letter), -sense * angles.get(letter, 0.0)).turn(axis)
+        return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
 
     def place(self) -> Frame:
         """Return where X Y Z of the machine stand in the part, without control of the tip."""
+        placed, stated, angles = Frame(), self.options.axes, self.angles
         if not self.turned or self.unknown or self.ignored or self.spatial:
-            return Frame()
-        machine = self.machine
-        if self.dynamic:
-            machine = replace(machine, centre=(0.0, 0.0, 0.0), offset=(0.0, 0.0, 0.0))
-        try:
-            return machine.place(self.angles)
-        except RotaryError as fault:
-            words = " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items())
-            raise RotaryError(
-                f"{words} without control of the tip (G43.4, TRAORI, M128): X Y Z are positions of the machine; "
-                f"state {fault.message}, or tip_control = true if they are the tip in the part frame, in NAME.toml "
-                "of [cam] machine"
-            ) from None
+            return placed
+        head, table = self.axes
+        if any(angles.get(letter) for letter, _ in head):
+            if stated.pivot_mm is None:
+                raise self._ask_for("pivot_mm = the distance from the tool tip to where the rotary axes meet")
+            step = combine(1.0, UP, -1.0, swing(head, angles))
+            placed = Frame(origin=combine(stated.pivot_mm, step, 0.0, step))
+        if any(angles.get(letter) for letter, _ in table):
+            if stated.rotary_centre_mm is None and not self.dynamic:
+                raise self._ask_for("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
+            x, y, z = stated.rotary_centre_mm if stated.rotary_centre_mm and not self.dynamic else (0.0, 0.0, 0.0)
+            i, j, k = (0.0, 0.0, 0.0) if self.dynamic else stated.rotary_offset_mm
+            for number, (letter, sense) in enumerate(table):
+                turn = rotate("ABC".index(letter), -sense * angles.get(letter, 0.0))
+                placed = turn_about(combine(1.0, (x, y, z), number, (i, j, k)), turn).then(placed)
+        return placed
+
+    def _ask_for(self, missing: str) -> InputError:
+        """Return the error that the place of the tip is not known."""
+        return InputError(
+            f"{self.words} without control of the tip (G43.4, TRAORI, M128): X Y Z are positions of the machine; state "
+            f"{missing}, or tip_control = true if they are the tip in the part frame, in NAME.toml of [cam] machine"
+        )
+
+
+def swing(head: Axes, angles: Mapping[str, float]) -> Point:
+    """Return the tool axis that a head turns to, angles in degrees."""
+    axis = UP
+    for letter, sense in head[::-1]:
+        axis = rotate("ABC".index(letter), sense * angles.get(letter, 0.0)).turn(axis)
+    return axis

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import operator
 import re
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from compplan.errors import InputError
@@ -16,9 +16,12 @@ from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 #: Greatest number of variables.
 MOST_VARIABLES = 10_000
 HEAD = re.compile(r"\s*[O:]\s*0*(\d+)\b(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)", re.IGNORECASE)
-SEQUENCE = re.compile(r"\s*(?:/\d?\s*)?N\s*0*(\d+)", re.IGNORECASE)
-LOOP_END = re.compile(r"\s*(?:N\d+\s*)?END\s*([1-9])", re.IGNORECASE)
-LOOP = re.compile(r"\s*(?:N\d+\s*)?(?:WHILE\b.*)?DO\s*([1-9])", re.IGNORECASE)
+#: Lines that others jump to: blocks by their number, ends and beginnings of loops.
+LABELS = {
+    "N": re.compile(r"\s*(?:/\d?\s*)?N\s*0*(\d+)", re.IGNORECASE),
+    "END": re.compile(r"\s*(?:N\d+\s*)?END\s*([1-9])", re.IGNORECASE),
+    "DO": re.compile(r"\s*(?:N\d+\s*)?(?:WHILE\b.*)?DO\s*([1-9])", re.IGNORECASE),
+}
 #: Control of the flow on a line in capitals, its number taken off.
 WHILE = re.compile(r"(?:WHILE\s*(\[.*\])\s*)?DO\s*([1-9])\s*$")
 END_LOOP = re.compile(r"END\s*([1-9])\s*$")
@@ -70,12 +73,16 @@ GRAMMAR = Grammar(
 )  # fmt: skip
 
 
-@dataclass
-class Variables:
-    """Hold the variables of a program: locals #1 to #33 of each call, and those that all programs share."""
+class Macros:
+    """Carry out the macro words of a G-code program, and hold its variables."""
 
-    shared: dict[str, float] = field(default_factory=dict)
-    local: list[dict[str, float]] = field(default_factory=lambda: [{}])
+    def __init__(self, flow: Flow) -> None:
+        self.flow = flow
+        #: Variables that all programs share; locals #1 to #33 of each call.
+        self.shared: dict[str, float] = {}
+        self.local: list[dict[str, float]] = [{}]
+        #: Line that a jump goes to.
+        self.next: int | None = None
 
     def _home(self, name: str) -> dict[str, float]:
         """Return where a variable is kept."""
@@ -135,16 +142,6 @@ class Variables:
                 parts.append(f"{found.group(1)}{-value if found.group(2) == '-' else value:.12f} ")
         return "".join([*parts, line[place:]])
 
-
-class MacroFlow:
-    """Carry out the control of a G-code program."""
-
-    def __init__(self, flow: Flow) -> None:
-        self.flow = flow
-        self.variables = Variables()
-        #: Line that a jump goes to.
-        self.next: int | None = None
-
     def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
         """Find the subprograms of a file, after O1000; return the first program."""
         numbers = [(index, found.group(1)) for index, line in enumerate(lines)
@@ -153,33 +150,28 @@ class MacroFlow:
             self.flow.programs.setdefault(number, CncProgram(lines, index + 1, stop, file))
         return CncProgram(lines, 0, numbers[1][0] if len(numbers) > 1 else len(lines), file)
 
-    def _jump(self, index: int) -> None:
-        """Go on at a line; refuse to jump without end."""
-        now, passed = [*self.variables.local[-1].items(), *self.variables.shared.items()], self.flow.call.passed
-        if passed.get(self.flow.line) == now:
-            raise InputError("this jump repeats without end: no variable has changed since the last time")
-        passed[self.flow.line] = now
-        self.next = index
-
-    def _find_number(self, number: int) -> int:
-        """Return where block N number stands in this program: the first one."""
-        program = self.flow.call.program
+    def _find(self, key: str, step: int = 0) -> int:
+        """Return the first line of a key (N10), or the next one from here (END1, step 1), or the last (DO1, -1)."""
+        program, here = self.flow.call.program, self.flow.line - 1
         if program.labels is None:
             program.labels = {}
             for index in range(program.first, program.last):
-                if found := SEQUENCE.match(program.lines[index]):
-                    program.labels.setdefault(found.group(1), []).append(index)
-        if str(number) not in program.labels:
-            raise InputError(f"jump to block N{number}, which is not in this program")
-        return program.labels[str(number)][0]
+                for kind, pattern in LABELS.items():
+                    if found := pattern.match(program.lines[index]):
+                        program.labels.setdefault(kind + found.group(1), []).append(index)
+        places = program.labels.get(key, [])
+        at = (bisect_right(places, here) if step > 0 else bisect_left(places, here) - 1) if step else 0
+        if not 0 <= at < len(places):
+            raise InputError(f"a jump to {key}, which is not in this program")
+        return places[at]
 
     def run_macro(self, line: str) -> str | None:
         """Carry out the macro words of a line in capitals; return the block that is left, None without any."""
         bare = re.sub(r"^N\s*\d+\s*", "", line)
         try:
-            if self._control(bare) or (bare.startswith("#") and self.variables.assign(bare)):
+            if self._control(bare) or (bare.startswith("#") and self.assign(bare)):
                 return None
-            return self.variables.spell_out(line)
+            return self.spell_out(line)
         except (ValueError, ArithmeticError) as fault:
             raise InputError(f"{fault}, in {bare[:40]!r}") from None
 
@@ -187,10 +179,10 @@ class MacroFlow:
         """Carry out IF, GOTO, WHILE DO and END; return whether the line is one of them."""
         unread = f"program control {line[:40]!r} is not read, expected"
         if found := IF.match(line):
-            condition, used = self.variables.work_out(line[found.end() :])
+            condition, used = self.work_out(line[found.end() :])
             rest = line[found.end() + used :].strip()
             if rest.startswith("THEN"):
-                if condition and not self.variables.assign(rest[4:].strip()):
+                if condition and not self.assign(rest[4:].strip()):
                     raise InputError(f"{unread} IF [..] THEN #1 = ..")
             elif not GOTO.match(rest):
                 raise InputError(f"{unread} IF [..] GOTO or THEN")
@@ -198,28 +190,18 @@ class MacroFlow:
                 self._control(rest)
             return True
         if found := GOTO.match(line):
-            number, used = self.variables.work_out(found.group(1))
+            number, used = self.work_out(found.group(1))
             if number is None or number != int(number) or found.group(1)[used:].strip():
                 raise InputError(f"{unread} GOTO and the number of a block")
-            self._jump(self._find_number(int(number)))
+            self.next = self._find(f"N{int(number)}")
         elif found := WHILE.match(line):
-            if found.group(1) and not self.variables.work_out(found.group(1))[0]:
-                self._jump(self._find_loop(self.flow.line, 1, found.group(2)) + 1)
+            if found.group(1) and not self.work_out(found.group(1))[0]:
+                self.next = self._find("END" + found.group(2), 1) + 1
         elif found := END_LOOP.match(line):
-            self._jump(self._find_loop(self.flow.line - 2, -1, found.group(1)))
+            self.next = self._find("DO" + found.group(1), -1)
         elif line.startswith("WHILE"):
             raise InputError(f"{unread} WHILE [..] DO and a number from 1 to 9")
         return found is not None
-
-    def _find_loop(self, index: int, step: int, label: str) -> int:
-        """Return where the other end of a loop stands, END label ahead or DO label behind."""
-        program, pattern = self.flow.call.program, LOOP_END if step > 0 else LOOP
-        while program.first <= index < program.last:
-            found = pattern.match(program.lines[index])
-            if found and found.group(1) == label:
-                return index
-            index += step
-        raise InputError(f"loop {label} has no {'END' if step > 0 else 'DO'} {label} in this program")
 
     def call_number(self, values: Mapping[str, float], *, macro: bool = False, local: bool = False) -> None:
         """Carry out M98 and G65 (subprogram O number), and M97 (local: block N number of this program).
@@ -236,10 +218,10 @@ class MacroFlow:
             times, number = float(number[:-4]), str(int(number[-4:]))
         if not local and number not in programs:
             raise InputError(f"subprogram call {code} P{number}: O{number} is not in this file; write it into the file")
-        start = self._find_number(int(called)) if local else None
+        start = self._find(f"N{int(called)}") if local else None
         if macro:
             named = {str(ARGUMENTS[letter]): value for letter, value in values.items() if letter in ARGUMENTS}
-            self.variables.local.append(named)
+            self.local.append(named)
         self.flow.run_program(f"P{number}", self.flow.call.program if local else programs[number], times, start)
         if macro:
-            self.variables.local.pop()
+            self.local.pop()

@@ -1,14 +1,11 @@
-"""A block of a CNC program, its modal state (millimetres), what it switches on the machine, what a dialect gives."""
+"""A block of a CNC program, its modal state (millimetres), and what it switches on the machine."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from compplan.toolpath.readers.arcs import Point, set_level
-from compplan.toolpath.readers.cnc.flow import CncProgram
 from compplan.toolpath.readers.frames import PLANE_AXES
 from compplan.toolpath.readers.moves import MoveLog
 
@@ -32,7 +29,7 @@ class CncBlock:
     """Hold the words of a block: numbers by address (X, CR, A3, I1 ..), G codes, M codes, words without a number.
 
     Numbers of some addresses are absolute, whatever the mode, or relative to where the tool is. `calls` are names with
-    their arguments as texts, `assigned` variables: name, indices, number (None: text).
+    their arguments as texts.
     """
 
     values: dict[str, float] = field(default_factory=dict)
@@ -42,7 +39,6 @@ class CncBlock:
     relative: set[str] = field(default_factory=set)
     names: list[str] = field(default_factory=list)
     calls: list[tuple[str, list[str]]] = field(default_factory=list)
-    assigned: list[tuple[str, tuple[float, ...], float | None]] = field(default_factory=list)
 
     def has(self, addresses: frozenset[str]) -> bool:
         """Return whether the block holds one of these addresses."""
@@ -139,12 +135,6 @@ class State:
                 centre = set_level(centre, axis, number)
         return centre
 
-    def polar_now(self, place: Point, plane: int) -> Mapping[str, float]:
-        """Return radius, in the program's unit, and angle [deg] of a place about the pole."""
-        pole, (first, second) = self.pole or (0.0, 0.0, 0.0), PLANE_AXES[plane]
-        dx, dy = place[first] - pole[first], place[second] - pole[second]
-        return {"RP": math.hypot(dx, dy) / self.scale, "AP": math.degrees(math.atan2(dy, dx))}
-
 
 class Machine:
     """Let happen what M codes and the words S and T switch."""
@@ -172,7 +162,15 @@ class Machine:
             state.spindle = values["S"]
         self.switch_on(machine, line, changed=changed)
         if 4.0 in block.codes:
-            log.happen("dwell", line, value=self._read_dwell(block, line))
+            wait = max(next((values[letter] for letter in "FXU" if letter in values), 0.0), 0.0)  # in seconds
+            if "P" in values:
+                milli = values["P"] >= LEAST_MILLISECONDS
+                if milli:
+                    log.note(f"G4 P{values['P']:g} is taken in milliseconds", line)
+                wait = max(values["P"], 0.0) * (1e-3 if milli else 1.0)
+            elif "S" in values:  # in turns
+                wait = 60.0 * values["S"] / state.spindle if state.spindle > 0.0 else 0.0
+            log.happen("dwell", line, value=wait)
 
     def change_tool(self, line: int) -> None:
         """Change to the tool that is called."""
@@ -216,38 +214,3 @@ class Machine:
             if running:
                 self.log.happen(kind, line)
         self.state.turning, self.state.cooling = "", False
-
-    def _read_dwell(self, block: CncBlock, line: int) -> float:
-        """Return how long G4 waits [s]: F, X or U in seconds, S in turns, P in seconds or milliseconds."""
-        values = block.values
-        if "P" in values:
-            if values["P"] < LEAST_MILLISECONDS:
-                return max(values["P"], 0.0)
-            self.log.note(f"G4 P{values['P']:g} is taken in milliseconds", line)
-            return values["P"] * 1e-3
-        if "S" in values:
-            return 60.0 * values["S"] / self.state.spindle if self.state.spindle > 0.0 else 0.0
-        return max(next((values[letter] for letter in "FXU" if letter in values), 0.0), 0.0)
-
-
-class Dialect(Protocol):
-    """What a dialect gives its interpreter.
-
-    `tip_word` is what it calls control of the tip, where cuts that turn axes without it are not read, else ""; `frames`
-    the names of its frames, the outermost first, that of a tilted plane is "plane"; `moving` what makes a move.
-    """
-
-    tip_word: str
-    frames: tuple[str, ...]
-    silent: frozenset[float]
-    ends: frozenset[float]
-    moving: frozenset[str]
-
-    def square(self) -> Point:
-        """Return the tool axis where all rotary axes stand at 0."""
-
-    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
-        """Tell whether rotary words are those of a tilted plane, and the tool axis then."""
-
-    def run_line(self, program: CncProgram, index: int) -> int:
-        """Carry out a line; return the next one, or END."""

@@ -14,14 +14,16 @@ CODES = [
     ("G5.2", "NURBS"),
     ("G12", "pocket cycles"),
     ("G777 X5", "may move the tool"),
-    ("TRANS X5", (15.0, 0.0)),
-    ("ROT Z90", (0.0, 10.0)),
-    ('CYCLE800(1,"",0,57,5,0,0,0,0,0)', (15.0, 0.0)),
-    ("TRAORI SOFT", (10.0, 0.0)),
-    ("G2 X2 Y2 CR=2 F60", (10.0, 0.0)),
+    ("TRANS X5", "TRANS is not read and may move"),
+    ('CYCLE800(1,"",0,57,5,0,0,0,0,0)', "CYCLE800 is not read and may move"),
+    ("TRAORI", "TRAORI is not read and may move"),
 ]
 #: ... and of Sinumerik.
-WORDS = [("SOFT", (10.0, 0.0)), ("G777 X5", "may move the tool")]
+WORDS = [
+    ("SOFT", (10.0, 0.0)), ("G777 X5", "may move the tool"), ("TRANS X5", (15.0, 0.0)), ("ROT Z90", (0.0, 10.0)),
+    ('CYCLE800(1,"",0,57,5,0,0,0,0,0)', (15.0, 0.0)), ("TRAORI SOFT", (10.0, 0.0)),
+    ("G2 X2 Y2 CR=2 F60", (10.0, 0.0)),
+]  # fmt: skip
 
 
 FORMS = {
