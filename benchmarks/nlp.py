@@ -128,16 +128,9 @@ def main() -> None:
         pairs.append((found[0], found[-1]))
     if given.out is not None:
         rows = [list_cells(job, *pair) for job, pair in zip(given.jobs.split(","), pairs, strict=True)]
-        table = [
-            "In brackets: beside.",
-            "",
-            "| job | status | cycle s | band mm | CPU s |",
-            "|---" * 5 + "|",
-            *rows,
-            "",
-        ]
+        head = ["In brackets: beside.", "", "| job | status | cycle s | band mm | CPU s |", "|---" * 5 + "|"]
         commits = lines[: len(roots) + 1]
-        given.out.write_text("\n".join([*HEAD, *compare(pairs), *commits, *table]), encoding="utf-8")
+        given.out.write_text("\n".join([*HEAD, *compare(pairs), *commits, *head, *rows, ""]), encoding="utf-8")
 
 
 if __name__ == "__main__":

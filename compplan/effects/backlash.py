@@ -74,7 +74,10 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
     readings = reading.tolist()
     follower, result = (readings[0] + start * abs(width) if readings else 0.0), []
     for value in readings:
-        follower = min(max(follower, value - half), value + half)
+        if follower < value - half:
+            follower = value - half
+        elif follower > value + half:
+            follower = value + half
         result.append(follower - value)
     return np.asarray(np.sign(width) * np.array(result))
 

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any
 
 #: Modules that the command line imports on first use, parents before their children.
-SELDOM_USED = ("matplotlib", "matplotlib.pyplot", "numpy.f2py", "numpy.testing")
+SELDOM_USED = ("matplotlib", "matplotlib.pyplot", "numpy.f2py", "numpy.polynomial", "numpy.testing")
 
 
 class _Later(ModuleType):

@@ -30,7 +30,7 @@ class OutputTable(StrictTable):
     any_brand: bool = False
     templates: dict[Annotated[str, OneOf(WRITERS)], Annotated[str, Field(min_length=1)]] = Field(default_factory=dict)
     main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None
-    cell: CellTable = CellTable()
+    cell: CellTable = CellTable.model_construct()
     io: Wiring = Wiring()
 
     def bound_fit(self, tolerance: float) -> float:

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from compplan.effects.backlash import find_crossings
 from compplan.job.output import OutputTable
@@ -246,6 +245,7 @@ def _missing_pieces(found: Compensation) -> NDArray[np.int_]:
     stray, crosses = np.maximum(ways.most - ends, 0.0), find_crossings(found.command.q, q)
     stray[crosses] = np.maximum(stray, found.between.most)[crosses]
     pieces = wanted_pieces(stray, task.chord)
-    pieces = np.maximum(pieces, maximum_filter1d(np.where(crosses, pieces, 1), 2 * BESIDE + 1))
+    crossing = np.pad(np.where(crosses, pieces, 1), BESIDE, constant_values=1)
+    pieces = np.maximum(pieces, np.lib.stride_tricks.sliding_window_view(crossing, 2 * BESIDE + 1).max(axis=1))
     pieces[(task.nominal.steps < 1e-6) | task.nominal.rapid[1:] | task.lead[1:]] = 1
     return pieces

@@ -21,6 +21,8 @@ MAX_ITERATIONS = 60
 INERTIA = 1e-6
 #: Masses whose sum is less than this share of their sizes count as none.
 LEAST_SHARE = 1e-3
+#: Least ratio of two steps that the iteration is trusted to go on with.
+LEAST_RATIO = 0.01
 #: Poses nearer than this start from where the last three lead. [rad or m]
 NEIGHBOUR = 0.02
 
@@ -201,7 +203,7 @@ def solve_exact_pose(
         exact_robot: The exact model.
         q: Joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
-        tolerance: Largest change of an elastic coordinate in the last iteration. [rad or m]
+        tolerance: Largest change of the elastic coordinates that a further iteration may make. [rad or m]
         bias: Further load on each elastic coordinate, such as that of inertia. Shape (n, s). [N m or N]
 
     Returns:
@@ -243,9 +245,9 @@ def solve_exact_pose(
 def _settle(
     exact_robot: ExactRobot, data: pin.Data, rigid: Array, wrench: Array, bias: Array, theta: Array, tolerance: float
 ) -> Array:
-    """Iterate theta <- C tau(theta) until the step vanishes."""
+    """Iterate theta <- C tau(theta) until the step vanishes, or the next one would by the ratio of the last two."""
     model, configuration, elastic = exact_robot.model, rigid.copy(), exact_robot.elastic
-    step, world, straight = np.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, rigid[elastic]
+    step, world, straight = math.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, rigid[elastic]
     if exact_robot.weighs:
         exact_robot.turn_gravity(data, configuration)
     for _ in range(MAX_ITERATIONS):
@@ -255,9 +257,11 @@ def _settle(
             torque -= exact_robot.weigh(data, configuration)[elastic]
         update = exact_robot.compliance @ torque
         change = update - theta
-        step = math.sqrt(change @ change)
+        last, step = step, math.sqrt(change @ change)
         theta = update
-        if step < tolerance:
+        if step < tolerance or (
+            step < 0.5 * last < math.inf and step * max(step / last, LEAST_RATIO) < 0.1 * tolerance
+        ):
             configuration[elastic] = straight + theta
             pin.forwardKinematics(model, data, configuration)
             pin.updateFramePlacement(model, data, exact_robot.tcp)

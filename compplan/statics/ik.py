@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import ShapeError
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, Frames, build_chain, joint_jacobian, locate_frames
+from compplan.statics.sweep import CHUNK, cross, dot
 
 #: Names of the eight slots of solutions; slot = 4 * back + 2 * down + flip.
 CONFIGURATIONS: tuple[dict[str, str], ...] = tuple(
@@ -106,26 +107,57 @@ def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | Non
         ShapeError: If the arrays do not belong together.
 
     """
-    n = len(position)
-    if position.shape != (n, 3) or rotation.shape != (n, 3, 3):
-        raise ShapeError(f"poses have shapes {position.shape} and {rotation.shape}, expected (n, 3) and (n, 3, 3)")
+    _check_poses(position, rotation)
     rest = middle_of_limits(arm.robot)
-    held = np.tile(rest[arm.held], (n, 1)) if held is None else held
-    slots = np.full((n, 8, arm.chain.nq), np.nan)
-    if arm.solver is not None:
-        rows, q = _solve_closed(arm, position, rotation, held)
-    else:
-        rows, q = _solve_numerically(arm, position, rotation, held)
+    slots = np.full((len(position), 8, arm.chain.nq), np.nan)
+    rows, q = _solve_all(arm, position, rotation, np.tile(rest[arm.held], (len(position), 1)) if held is None else held)
     if len(rows):
         if not arm.exact:
             q = refine_ik(arm, q, position[rows], rotation[rows])
         frames = locate_frames(arm.chain, q)
-        fits = np.abs(frames.tcp_position - position[rows]).max(axis=1) < 1e-6
-        fits &= np.abs(frames.tcp_rotation - rotation[rows]).max(axis=(1, 2)) < 1e-6
+        fits = _fit_pose(frames, position[rows], rotation[rows])
         names = _name_slots(arm, frames)[fits]  # full turns do not change the configuration
         rows, q = rows[fits], _wrap(arm, q[fits], rest)
         slots[rows, _assign_slots(rows, names)] = q
     return slots
+
+
+def solve_nearest(arm: Arm, position: Array, rotation: Array, near: Array) -> Array:
+    """Find the solution nearest to joint positions `near` (n, nq), whose held joints it keeps; NaN where none is found.
+
+    Poses as of `solve_branches`; nearest by the joint that moves the most. Shape (n, nq). [rad or m]
+    """
+    _check_poses(position, rotation)
+    rows, q = _solve_all(arm, position, rotation, near[:, arm.held])
+    q = near[rows] + _wrap(arm, q - near[rows], np.zeros(arm.chain.nq))
+    order = np.lexsort((np.abs(q - near[rows]).max(axis=1), rows))
+    found, left = np.full(near.shape, np.nan), np.ones(len(near), bool)
+    while len(order):
+        first = np.flatnonzero(np.diff(rows[order], prepend=-1))
+        own = order[first]
+        place = rows[own]
+        trial = q[own] if arm.exact else refine_ik(arm, q[own], position[place], rotation[place])
+        fits = _fit_pose(locate_frames(arm.chain, trial), position[place], rotation[place])
+        found[place[fits]], left[place[fits]] = trial[fits], False
+        order = np.delete(order, first)
+        order = order[left[rows[order]]]
+    return found
+
+
+def _check_poses(position: Array, rotation: Array) -> None:
+    n = len(position)
+    if position.shape != (n, 3) or rotation.shape != (n, 3, 3):
+        raise ShapeError(f"poses have shapes {position.shape} and {rotation.shape}, expected (n, 3) and (n, 3, 3)")
+
+
+def _solve_all(arm: Arm, position: Array, rotation: Array, held: Array) -> tuple[NDArray[np.int_], Array]:
+    """Return waypoint and joint positions of every solution, of the nearest geometry with a closed form if any."""
+    return (_solve_numerically if arm.solver is None else _solve_closed)(arm, position, rotation, held)
+
+
+def _fit_pose(frames: Frames, position: Array, rotation: Array) -> NDArray[np.bool_]:
+    fits = np.abs(frames.tcp_position - position).max(axis=1) < 1e-6
+    return np.asarray(fits & (np.abs(frames.tcp_rotation - rotation).max(axis=(1, 2)) < 1e-6))
 
 
 def name_configuration(arm: Arm, q: Array) -> NDArray[np.int_]:
@@ -141,14 +173,21 @@ def name_configuration(arm: Arm, q: Array) -> NDArray[np.int_]:
 def _name_slots(arm: Arm, frames: Frames) -> NDArray[np.int_]:
     if len(arm.arm) < 6:
         return np.zeros(len(frames.tcp_position), int)
-    elements = arm.chain.joint_elements[arm.arm]
-    axis, origin = frames.axis[:, elements], frames.origin[:, elements]
-    back = _shoulder_side(arm, frames) * arm.front < 0
-    lateral = np.cross(axis[:, 0], np.cross(axis[:, 1], axis[:, 0])) * arm.front
-    bend = np.cross(origin[:, 2] - origin[:, 1], _wrist(axis, origin) - origin[:, 1])
-    down = np.einsum("ni,ni->n", bend, lateral) < 0
-    flip = np.einsum("ni,ni->n", np.cross(axis[:, 3], axis[:, 5]), axis[:, 4]) < 0
+    axis, origin = _place_arm(arm, frames)
+    wrist = _wrist(axis, origin)
+    back = _shoulder_side(axis, origin, wrist) * arm.front < 0
+    lateral = cross(axis[0], cross(axis[1], axis[0]))
+    bend = cross(origin[2] - origin[1], wrist - origin[1])
+    down = dot(bend, lateral) * arm.front < 0
+    flip = dot(cross(axis[3], axis[5]), axis[4]) < 0
     return np.asarray(4 * back + 2 * down + flip)
+
+
+def _place_arm(arm: Arm, frames: Frames) -> tuple[Array, Array]:
+    """Return axes and origins of the six joints, component by component. Shapes (6, 3, n)."""
+    elements = arm.chain.joint_elements[arm.arm]
+    axis, origin = (np.ascontiguousarray(part[:, elements].transpose(1, 2, 0)) for part in (frames.axis, frames.origin))
+    return axis, origin
 
 
 def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iterations: int = 12) -> Array:
@@ -206,14 +245,19 @@ def reach_tip_and_axis(
     or `every_joint` within its limits, with `draw` first a little to the middle of them as far as the rest leaves free.
     Returns joint positions, and where tip and axis are right.
     """
+    if len(q) > CHUNK:
+        parts = [slice(k, k + CHUNK) for k in range(0, len(q), CHUNK)]
+        options = {"spin_free": spin_free, "every_joint": every_joint, "draw": draw}
+        found = [reach_tip_and_axis(arm, q[part], position[part], rotation[part], **options) for part in parts]
+        return np.vstack([joints for joints, _ in found]), np.hstack([reached for _, reached in found])
     q, robot = q.copy(), arm.robot
     moved = np.arange(robot.nq) if every_joint else arm.arm
     for count in range(STEPS):
         frames = locate_frames(arm.chain, q)
-        cross, across = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2]), rotation[:, :, :2]
+        off, across = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2]), rotation[:, :, :2]
         if not spin_free:
-            cross, across = 0.5 * np.cross(frames.tcp_rotation, rotation, axis=1).sum(axis=2), rotation
-        error = np.concatenate([position - frames.tcp_position, np.einsum("nij,ni->nj", across, cross)], axis=1)
+            off, across = 0.5 * np.cross(frames.tcp_rotation, rotation, axis=1).sum(axis=2), rotation
+        error = np.concatenate([position - frames.tcp_position, np.einsum("nij,ni->nj", across, off)], axis=1)
         if np.abs(error).max() < 1e-10 and (count or not draw):
             break
         columns = joint_jacobian(arm.chain, frames)[:, :, moved]
@@ -386,7 +430,8 @@ def _front_side(arm: Arm) -> float:
     first, second = arm.chain.joint_elements[arm.arm[:2]]
     direction = np.cross(frames.axis[0, second], frames.axis[0, first])
     offset = float((frames.origin[0, second] - frames.origin[0, first]) @ direction)
-    side = offset if abs(offset) > 1e-3 else float(_shoulder_side(arm, frames)[0])
+    placed = _place_arm(arm, frames)
+    side = offset if abs(offset) > 1e-3 else float(_shoulder_side(*placed, _wrist(*placed))[0])
     return -1.0 if side < 0 else 1.0
 
 
@@ -397,18 +442,13 @@ def _wrap(arm: Arm, q: Array, rest: Array) -> Array:
 
 
 def _wrist(axis: Array, origin: Array) -> Array:
-    """Return the point of axis five that is nearest to axis four: the wrist centre of a spherical wrist."""
-    between = origin[:, 3] - origin[:, 4]
-    cosine = np.einsum("ni,ni->n", axis[:, 3], axis[:, 4])
-    along = np.einsum("ni,ni->n", between, axis[:, 4]) - cosine * np.einsum("ni,ni->n", between, axis[:, 3])
-    return origin[:, 4] + (along / np.maximum(1.0 - cosine**2, 1e-6))[:, None] * axis[:, 4]
+    """Return the point of axis five that is nearest to axis four: the wrist centre of a spherical wrist. (3, n)."""
+    between = origin[3] - origin[4]
+    cosine = dot(axis[3], axis[4])
+    along = dot(between, axis[4]) - cosine * dot(between, axis[3])
+    return np.asarray(origin[4] + along / np.maximum(1.0 - cosine**2, 1e-6) * axis[4])
 
 
-def _shoulder_side(arm: Arm, frames: Frames) -> Array:
+def _shoulder_side(axis: Array, origin: Array, wrist: Array) -> Array:
     """Return the wrist's distance from the first axis along the second joint's plane, signed; shape (n,) [m]."""
-    if len(arm.arm) < 6:
-        return np.ones(len(frames.tcp_position))
-    elements = arm.chain.joint_elements[arm.arm]
-    axis, origin = frames.axis[:, elements], frames.origin[:, elements]
-    direction = np.cross(axis[:, 1], axis[:, 0])
-    return np.asarray(np.einsum("ni,ni->n", _wrist(axis, origin) - origin[:, 0], direction))
+    return dot(wrist - origin[0], cross(axis[1], axis[0]))

@@ -22,6 +22,7 @@ from scipy.interpolate import make_interp_spline
 from compplan.robot import Array, Robot
 from compplan.robot.model import Body
 from compplan.statics.chain import Chain, build_chain, chunks, locate_frames
+from compplan.statics.sweep import cross, dot
 
 #: Directions of the four points from the centre: zero sum, second moment four times the unit matrix.
 CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
@@ -121,12 +122,12 @@ def _differentiate(place: Array, time: Array, rows: NDArray[np.int_]) -> Array:
 
 def _gather(chain: Chain, axis: Array, origin: Array, place: Array, force: Array) -> Array:
     """Return the loads of forces at the masses on the elastic coordinates. Shape (k, s)."""
-    loads = np.empty((len(force), chain.n_springs))
-    moment = np.cross(place, force)
-    for k, element in enumerate(chain.spring_elements.tolist()):
-        beyond = chain.body_element >= element
-        total = force[:, beyond].sum(axis=1)
-        if not chain.translates[element]:
-            total = moment[:, beyond].sum(axis=1) - np.cross(origin[:, element], total)
-        loads[:, k] = np.einsum("ni,ni->n", axis[:, element], total)
-    return loads
+    elements = chain.spring_elements
+    axes, origins, places, forces = (
+        [np.ascontiguousarray(part[:, :, i].T) for i in range(3)]
+        for part in (axis[:, elements], origin[:, elements], place, force)
+    )
+    beyond = (chain.body_element >= elements[:, None]).astype(float)
+    total, moment = ([beyond @ part for part in parts] for parts in (forces, cross(places, forces)))
+    turned = dot(axes, [a - b for a, b in zip(moment, cross(origins, total), strict=True)])
+    return np.where(chain.translates[elements, None], dot(axes, total), turned).T

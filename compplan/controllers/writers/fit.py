@@ -237,7 +237,7 @@ class _Track:
         if found is None:
             return False
         off, share = found
-        if off.max() > self.tolerance[a + 1 : b + 1].min() or (np.diff(share) < 0.0).any():
+        if off.max() > self.tolerance[a + 1 : b + 1].min() or (share[1:] < share[:-1]).any():
             return False
         carried = self.carried[a : b + 1]
         if carried.size and np.abs(carried - carried[0] - share[:, None] * (carried[-1] - carried[0])).max() > CARRIED:
@@ -257,7 +257,7 @@ class _Track:
     def _measure_turn(self, a: int, b: int, share: Array) -> float:
         """Return how far the tool turns beside an even turn along a move. [rad]"""
         turned = self._turn_from(a, b)
-        return float(np.linalg.norm(turned - share[:, None] * turned[-1], axis=1).max())
+        return float(shapes.sizes_of(turned - share[:, None] * turned[-1]).max())
 
     def _turn_from(self, a: int, b: int) -> Array:
         """Return rotation vectors from the orientation at a row to those up to another. Shape (b - a + 1, 3). [rad]"""
@@ -268,7 +268,7 @@ class _Track:
             w * vectors - real * self.quaternion[a, :3] + vectors @ skew,
             w * real + vectors @ [[x], [y], [z]],
         )
-        size = np.linalg.norm(imaginary, axis=1, keepdims=True)
+        size = shapes.sizes_of(imaginary)[:, None]
         angle = np.where(real < 0.0, -2.0, 2.0) * np.arctan2(size, np.abs(real))
         return np.asarray(imaginary * angle / np.maximum(size, 1e-300))
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import gaussian_filter1d
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_weights
@@ -32,7 +31,7 @@ from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureSummary, PostureTrace, summarise_costs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, reach_tip_and_axis, refine_ik, solve_branches
+from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, reach_tip_and_axis, refine_ik, solve_nearest
 from compplan.toolpath.toolpath import pick_even
 
 #: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
@@ -47,8 +46,8 @@ STILL = 1e-9
 NODE_BUDGET = 17_500
 #: A waypoint of the same configuration lies this near to the straight line between its stations. [rad]
 NEAR = 0.3
-#: Width of the filter that takes out the steps of the grid. [stations]
-SMOOTH = 1.5
+#: Standard deviation and half width of the filter that takes out the steps of the grid. [stations]
+SMOOTH, REACH = 1.5, 6
 #: Steps of the fine grid on either side of the coarse line.
 FINE_SPINS, FINE_HELD, FINE_TILTS = 5, 2, 1
 #: Waypoints of a finished line whose margin is looked at.
@@ -288,16 +287,14 @@ def trace_line(
     along, lead, lean = (_take(v, line.option) for v in (options.spin, options.lead, options.lean))
     turns = np.column_stack([np.unwrap(along), lead, lean])
     if smooth and len(stations) > 3:
-        turns = gaussian_filter1d(turns, SMOOTH, axis=0, mode="nearest")
+        bell = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / SMOOTH) ** 2)
+        around = np.pad(turns, ((REACH, REACH), (0, 0)), mode="edge")
+        turns = np.lib.stride_tricks.sliding_window_view(around, len(bell), axis=0) @ (bell / bell.sum())
     spin, lead, lean = PchipInterpolator(place[stations], turns)(place).T  # without overshoot and without kinks
     between = PchipInterpolator(place[stations], line.q)(place)
     rotation = upright = orient_tool(nominal, problem.tool_x, np.arange(len(nominal)), spin, lead, lean)
-    branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
-    away = branches - between[:, None]
-    away -= np.where(arm.robot.prismatic, 0.0, 2 * np.pi * np.round(away / (2 * np.pi)))
-    distance = np.nan_to_num(np.abs(away).max(axis=2), nan=np.inf)
-    rows, nearest = np.arange(len(nominal)), distance.argmin(axis=1)
-    followed, lost = between + away[rows, nearest], distance[rows, nearest] > NEAR
+    followed = solve_nearest(arm, nominal.position, rotation, between)
+    lost = ~(np.abs(followed - between).max(axis=1) <= NEAR)
     if lost.any():
         followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
