@@ -17,7 +17,6 @@ from pathlib import Path
 
 from benchmarks.bad_inputs.making import make_workspace
 from benchmarks.bad_inputs.tables import BadInput
-from compplan.studies.workers import die_with_parent
 
 #: What a case may take: processor and wall time [s], and memory [bytes]; the address space bounds the machine's risk.
 SECONDS, WALL, MEMORY, ADDRESSES = 60, 300, 2 * 2**30, 8 * 2**30
@@ -90,10 +89,9 @@ def run_case(case: BadInput) -> Answer:
         work = Path(name) / "work"
         make_workspace(case, work)
         before = _list_files(work)
-        started, parent = time.monotonic(), os.getpid()
+        started = time.monotonic()
         child = os.fork()
         if child == 0:
-            die_with_parent(parent)
             _run_child(case, work, Path(name))
         status, seconds, memory = _wait(child, started)
         wrote = tuple(sorted(path for path, stamp in _list_files(work).items() if before.get(path) != stamp))
