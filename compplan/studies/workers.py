@@ -36,7 +36,7 @@ MOST_WORKERS = 1024
 #: Threads of numeric libraries in a worker process.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: What the server that workers are forked from loads.
-LOADED = ["compplan.studies.study"]
+LOADED = [f"{__package__}.study"]
 #: An address of a scheduler.
 ADDRESS = re.compile(r"(tcp|tls|ws|wss)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(?P<port>\d{1,5})/?")
 #: Time to wait for the scheduler. [s]
