@@ -44,8 +44,8 @@ CHART = Chart("95 % band, mm", {
 LIMITS = (
     "Robots are models; force, lost motion and most uncertainties are assumed, and so is the band.",
     "The author of the program made the jobs; joints cannot hold their feeds everywhere. No MoveIt, no PyRoki.",
-    "`spin_frame` and `spin_small` cannot win: their tool lies along joint 6, so spin turns that joint alone. At 0, 90, 180 "
-    "and 270 deg cycle and band are equal in each configuration.",
+    "`spin_frame` and `spin_small` cannot win: their tool lies along joint 6, so spin turns that joint alone. At 0, "
+    "90, 180 and 270 deg cycle and band are equal in each configuration.",
 )
 WAYS = ("CAM posture", "graph", "graph, eased", "program", "error_band", "fast")
 PRESETS = ("error_band", "fast")
