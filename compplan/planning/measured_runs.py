@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from compplan.errors import ConvergenceError
 from compplan.planning.feed import time_run
@@ -143,6 +142,8 @@ def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynam
 
 def _widen(use: Array, time: Array, reach: float) -> Array:
     """Return the greatest value within a reach of time [s] on either side, its steps smoothed. Shape (n,)."""
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
     span = time[-1] - time[0]
     if not (span > 0.0 and reach > 0.0):
         return use
