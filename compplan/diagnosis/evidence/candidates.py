@@ -54,7 +54,7 @@ def key_of(signature: Signature) -> Key:
 
 
 def offered_signatures(at: Linearization, register: Sequence[str], excluded: Sequence[str]) -> list[Signature]:
-    """List every signature without fitted rows or periods: registration and effects."""
+    """List every signature without an unknown row or period: registration and effects."""
     offered = registration_signatures(at, register)
     for name, model in EFFECTS.items():
         if name not in excluded:

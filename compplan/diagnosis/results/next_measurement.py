@@ -1,7 +1,7 @@
 """Next measurements: poses and loads that separate ambiguous effects, and their expected information.
 
 Two hypotheses A and B, each fitted to the campaign with all other parameters free, predict further rows with means m_A,
-m_B and covariances K_A, K_B of their parameters. With noise N the expected log likelihood ratio is
+m_B and covariances K_A, K_B by parameter uncertainty. With noise N the expected log likelihood ratio is
 
     D = 1/2 (m_A - m_B)^T (N + (K_A + K_B) / 2)^-1 (m_A - m_B)
 
@@ -239,7 +239,7 @@ def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[
 
 
 def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
-    """Build candidates that continue a campaign: `FEW_ROWS` of its rows, then candidates.
+    """Build candidate rows that continue a campaign, after `FEW_ROWS` of its rows.
 
     Poses without load, then some of them under a load each.
     """

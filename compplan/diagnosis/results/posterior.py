@@ -94,9 +94,9 @@ def state_uncertainty(
 def size_named(fit: Fit, posterior: Posterior, verdict: Verdict, calibration: float) -> tuple[Verdict, Uncertainty]:
     """Set named effects to their values in the calibration, and compute their covariance.
 
-    Effects whose 95 % region contains zero are no longer named: with values v and covariance C, v^T C^-1 v below the 95
-    % point of chi-square. `posterior` is that of the calibration; `calibration` is the factor of all deviations by
-    which bands cover held-out poses.
+    Effects whose 95 % region contains zero are no longer named: v^T C^-1 v of values v and covariance C is then below
+    the 95 % point of chi-square. `posterior` is that of the calibration; `calibration` is the factor of all deviations
+    by which bands cover held-out poses.
     """
     robot, equations = fit.problem.robot, fit.search.equations
     values, findings, told = posterior.values(equations.p), [], set[int]()

@@ -37,7 +37,7 @@ class RepeatCheck:
     correlation: float | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the check as diagnosis.json holds it."""
+        """Return the check in the format of diagnosis.json."""
         return {key: round(v, 3) if isinstance(v, float) else v for key, v in asdict(self).items()}
 
     @property

@@ -54,7 +54,7 @@ class Diagnosis(Shown):
         robot: The nominal robot.
         updated: The updated robot: URDF, springs and effects. The nominal one if nothing was found.
         fit: The fit: campaign, exact effects, linearization, normal equations with all evaluated models.
-        revised: Its claims re-estimated with a term for unmodelled causes; names and shares come from this posterior.
+        revised: Effects re-estimated with a term for unmodelled causes; names and shares come from this posterior.
         verdict: Status and named effects.
         gap: Distance between model and measurements, before and after.
         candidates: Effects one by one, ranked.

@@ -94,7 +94,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict: status of contracts.md, named effects (largest share first), too improbable ones, too small ones."""
+    """Verdict: status as in diagnosis.json, named effects (largest share first), too improbable ones, too small ones."""
 
     status: str
     findings: tuple[Finding, ...]
@@ -111,7 +111,7 @@ def reach_verdict(fit: Fit, revised: RevisedProbabilities) -> Verdict:
     findings = sorted(findings, key=lambda f: -rank_number(f.explained))
     small = NAMING.nameable * structure.floor
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, revised, f))
-    # claims of an impossible size explain nothing
+    # the motion of claims of impossible size remains unexplained
     structure = replace(structure, left=structure.left or any(f.beyond for f in findings if f not in minor))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
@@ -128,7 +128,7 @@ def reach_verdict(fit: Fit, revised: RevisedProbabilities) -> Verdict:
 
 
 def unname(verdict: Verdict, told: Collection[int]) -> Verdict:
-    """Move named effects without a signature in `told`, whose size may be zero, to the doubtful ones."""
+    """Move named effects without a signature in `told`, whose size may be zero, to `doubtful`."""
     kept = tuple(f for f in verdict.findings if f.signature < 0 or f.signature in told)
     if len(kept) == len(verdict.findings):
         return verdict

@@ -126,7 +126,7 @@ def _round(
 def _offer_all(
     problem: Problem, state: FitState, at: Linearization, proposals: list[Signature]
 ) -> list[Signature]:  # fmt: skip
-    """List signatures without fitted rows or periods, and earlier proposals that are claimed.
+    """List signatures without unknown rows or periods, and earlier proposals that are claimed.
 
     A nonlinear stiffness of a joint requires a spring in the robot folder; a rigid joint gets compliance instead.
     """
