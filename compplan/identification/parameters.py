@@ -30,7 +30,8 @@ class Parameter:
     """One number to identify."""
 
     name: str  #: "joint_3" (own axis), "joint_3.rx", "joint_3.offset", "base.tx", ...
-    #: "joint" (a spring about or along a joint's axis), "spring" (any other), "geometry", "effect", "base" or "tool".
+    #: "joint" (a spring about or along a joint's axis), "spring" (any other), "geometry", "effect", "base", "tool" or
+    #: "contact".
     kind: str
     unit: str  #: rad/(N m), m/N, m, rad, 1 for a factor, or the unit of an effect's key.
     nominal: float  #: Value in the original model. [unit]

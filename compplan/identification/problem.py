@@ -59,7 +59,7 @@ class IdentifyOptions:
     #: Effects whose parameters are fitted too, by name or "name@joint" or "name@joint:form".
     effects: tuple[str, ...] = ()
     geometry: str = "auto"  #: "none", "offsets", "all", or "auto": the level that improves held-out poses.
-    #: "absolute", "difference", or "auto": differences where geometry errs and poses have several loads.
+    #: "absolute", "difference", or "auto": differences if geometry errs and poses have several loads.
     reference: str = "auto"
     #: "tukey" finds gross outliers with the richest model, removes them and fits by least squares; "huber" reduces the
     #: weight of rows far from the model; "least_squares" weighs all rows equally.

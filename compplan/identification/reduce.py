@@ -62,7 +62,7 @@ def reduce_model(
     reduced = replace(full, springs=springs, link_elasticities=(), effects=())
     chain = build_chain(full)
     loaded, bare = solve_equilibrium(chain, q, wrench), solve_equilibrium(chain, q, np.zeros(6))
-    # Unit micrometre: only the ratio of the weights matters, and deflections without load are far smaller.
+    # Unit micrometre: only the ratio of the weights matters; the motion by unloaded springs is far smaller.
     sigma = 1e-6 / np.broadcast_to(np.asarray(row_weights, float), (len(loaded.position),))
     log = make_log(
         q,

@@ -17,7 +17,7 @@ from compplan.uncertainty.assumed import assume_geometry, assume_held
 
 
 def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> Robot:
-    """Return the robot with the identified values; negative compliances become zero."""
+    """Return the robot with the identified values; added springs without positive compliance are omitted."""
     structure, values = estimate.structure, estimate.model_values
     soft = structure.soften(values)
     springs = tuple(
@@ -107,7 +107,7 @@ class IdentifiedGap:
 
 
 def measure_gap(rows: Rows, structure: FreeRobot, kept: Estimate) -> IdentifiedGap:
-    """Compute the gap of the nominal and the identified robot, absolute for every reference of the rows."""
+    """Compute the gap of the nominal and the identified robot, in absolute poses for every reference of the rows."""
     absolute, compared = replace(rows, reference="absolute"), replace(rows, reference="difference")
     everywhere, group = np.ones(len(rows), bool), rows.alike
     bare = fit_rows(structure.select([]), absolute)

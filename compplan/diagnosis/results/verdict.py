@@ -94,7 +94,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict: status as in diagnosis.json, named effects (largest share first), too improbable ones, too small ones."""
+    """Verdict: status as in diagnosis.json, named effects (largest share first), improbable ones, small ones."""
 
     status: str
     findings: tuple[Finding, ...]

@@ -95,8 +95,8 @@ class Model:
 class Search:
     """Normal equations with their prior, and a cache of evaluated models.
 
-    `log_prior` holds the log prior odds of each signature, `candidates` the numbers of those that may be claimed,
-    `start` the initial noise and background; `rigid`: whether only claims make the robot compliant.
+    `log_prior` holds the log prior odds of each signature, `candidates` the numbers of claimable signatures, `start`
+    the initial noise and background; `rigid`: whether only claims make the robot compliant.
     """
 
     equations: NormalEquations
