@@ -42,8 +42,8 @@ RARE = {"gravity_compensator": 0.15}
 
 
 REGISTRATION = "registration"
-#: Scale of frames without a prior: their standard deviation is then a metre, or a radian (theory: as good as free). [m,
-#: rad]
+#: Scale of frames without a prior: their standard deviation is then a metre, or a radian (theory: as good as free).
+#: [m, rad]
 REGISTRATION_SCALE = float(np.sqrt(1.0 / EVIDENCE.free_variance))
 Key = tuple[str, str | None, str | None, str]
 
