@@ -215,7 +215,7 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
     Residuals against the rigid robot are fitted by geometry, zeros and frames (with priors), and by a compliance
     c_j >= 0 of every joint: r = ... + sum_j c_j J_j (t_weight + t_load)_j. Reversed deviations fit with both loads
     reversed, a reversed wrench with its part reversed. Deviations negated about the loaded robot resemble another
-    compliance. Without loads, springs of the wrong sign need the same evidence against no springs as against right ones.
+    compliance. Without loads, springs of the wrong sign need the same evidence against no springs as against the right.
     """
     shapes = shape_elastics(robot, rows.campaign, register)
     if not (np.abs(shapes.weight).any() or np.abs(shapes.load).any()):
