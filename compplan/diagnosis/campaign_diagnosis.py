@@ -29,10 +29,10 @@ from compplan.measurement.pooling import pool_rows
 from compplan.measurement.registration import Registration, fitted_parts, stated_registration
 from compplan.robot import Robot
 
-#: Fewest rows that a campaign needs (theory: twice the values of the frames of base and tool, three to a row).
+#: Fewest rows of a campaign (theory: twice the values of the frames of base and tool, three to a row).
 FEWEST_ROWS = 2 * len(AXES)
-#: Poses left out are farther off than all by this where some of them alone fix a frame (assumed: what frames take of
-#: few numbers makes less than two).
+#: Ratio of held-out to fitted rms error from which a frame counts as undetermined (assumed: the few values of frames
+#: cause less than two).
 OPEN_FRAMES = 5.0
 
 
@@ -44,10 +44,10 @@ def diagnose_campaign(
 
     Args:
         robot: The nominal robot; effects of its effects.toml count as known.
-        campaign: What was measured; rows of a pose are pooled where there are very many.
-        register: Frames that no model can know, of "base" and "tool"; they are fitted in every model.
+        campaign: The measurement log; rows of a pose are pooled if there are very many.
+        register: Frames of the campaign, not the robot, of "base" and "tool"; fitted in every model.
         without: Effects to leave out of the candidates.
-        progress: Told what is being done.
+        progress: Called with the name of each step.
 
     Raises:
         InputError: If the campaign has too few rows.
@@ -72,7 +72,7 @@ def diagnose_campaign(
 
 
 def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None, ForwardModel]:
-    """Fit the registration of the nominal robot."""
+    """Fit the registration of the nominal robot; return it with the forward model."""
     state = FitState(problem.fixed, {}, None, campaign.usable)
     scene, attained = attain_state(problem, state)
     if not problem.register:
@@ -83,7 +83,7 @@ def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None
 
 
 def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict:
-    """Put conventions that were found beforehand first among the findings."""
+    """Insert conventions that were found beforehand before the other findings."""
     beforehand = problem.fixed[known:]
     found = tuple(Finding(e, MAP.most_sure, float("inf"), NAMING.most_margin, (), 1.0, -1) for e in beforehand)
     if not found:
@@ -97,7 +97,7 @@ def _conclude(
     registration: Registration | None, known: int,
     progress: Callable[[str], None],
 ) -> Diagnosis:  # fmt: skip
-    """Hold out, choose the updated robot, and collect the record."""
+    """Predict held-out poses, select the updated robot, and build the result."""
     problem, campaign = fit.problem, fit.problem.campaign
     progress("held out")
     folds = Folds(add_gear_waves(fit), make_folds(campaign))
@@ -130,12 +130,12 @@ def _conclude(
 
 
 def refuse_open_frames(inside: float, left_out: float, campaign: Campaign) -> None:
-    """Refuse rows that do not tell where instrument, target or contacts are: no folder could be judged by them.
+    """Raise an error if the poses do not determine the frames; no robot folder could be validated on them.
 
-    `inside` is what the nominal robot leaves of all rows, `left_out` of poses that no frame was fitted to. [m]
+    `inside`: rms error of the nominal robot on all rows; `left_out`: on poses excluded from the frame fit. [m]
 
     Raises:
-        InputError: If the poses left out are much farther off.
+        InputError: If the held-out error is much larger.
     """
     if left_out > OPEN_FRAMES * inside:
         raise InputError(
@@ -147,7 +147,7 @@ def refuse_open_frames(inside: float, left_out: float, campaign: Campaign) -> No
 
 
 def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate, ...]:
-    """Rank effects: named ones, then their rivals and what else explains the gap on its own."""
+    """Rank effects: named ones, then their rivals and others that explain the gap alone."""
     search, equations = fit.search, fit.search.equations
     hyper = fit.model.posterior.hyper
     found = [finding for finding in (*verdict.findings, *verdict.doubtful) if finding.signature >= 0]

@@ -1,8 +1,8 @@
 """Self-test: plant effects of known size in the poses and the noise of a campaign, and diagnose each of them.
 
-An effect is drawn as the diagnosis assumes effects to be: each name of the vocabulary as probable as another, at one of
-its places, its parameters normal with the width of its prior. Beside it every small error is drawn with the width that
-the campaign gave to its class. The exact model predicts the rows; noise and repeatability are those of the campaign.
+An effect is drawn from the prior of the diagnosis: each name of the vocabulary equally probable, at one of its places,
+its parameters normal with the width of its prior. Every small error is drawn as well, with the width fitted to its
+class. The exact model predicts the rows; noise and repeatability are those of the campaign.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
-#: Effects that are planted (assumed: as many as a minute allows on 40 poses).
+#: Number of planted effects (assumed: as many as a minute allows on 40 poses).
 PLANTED = 20
-#: Draws of an effect until a robot can have it, and turns of the vocabulary, at most (assumed: most are the first).
+#: Most draws of an effect until it is feasible, and most passes over the vocabulary (assumed: most need one).
 TRIES = 20
-#: Stated probabilities from which on the share of right ones is counted: that of a claim, and .8 (assumed).
+#: Probabilities from which on the share of right findings is counted: naming limit, and .8 (assumed).
 STATED = (CLAIMED, 0.8)
 FOUND, TIED, CONFUSED, MISSED = "found", "tied", "confused", "missed"
 
 
 @dataclass(frozen=True, eq=False)
 class PlantedEffect:
-    """An effect that was planted, and what the diagnosis named."""
+    """A planted effect and the effects that the diagnosis named."""
 
     effect: Effect
     moved: float  #: Rms motion of the target by it. [m]
     named: tuple[Finding, ...]
 
     def is_right(self, finding: Finding) -> bool:
-        """Tell whether a named effect is the planted one, or one that the campaign cannot tell from it."""
+        """Check whether a named effect is the planted one or indistinguishable from it in this campaign."""
         return self.effect.place in (finding.effect.place, *(r.place for r in finding.rivals if r.alike))
 
     @property
@@ -60,7 +60,7 @@ class PlantedEffect:
         return TIED if tied else CONFUSED if self.named else MISSED
 
     def to_json(self) -> dict[str, Any]:
-        """Return the effect as diagnosis.json holds it."""
+        """Return the effect in the format of diagnosis.json."""
         return {
             **place_table(self.effect.place), "outcome": self.outcome, "moved_rms_mm": round(1e3 * self.moved, 5),
             "parameters": {key: plain(value) for key, value in self.effect.parameters.items()},
@@ -73,14 +73,14 @@ class PlantedEffect:
 
 @dataclass(frozen=True, eq=False)
 class SelfTest:
-    """What a campaign shows of effects that are known to be there."""
+    """Diagnoses of planted effects in a campaign."""
 
     planted: tuple[PlantedEffect, ...]
-    asked: int  #: How many were to be planted.
+    asked: int  #: Requested number of effects.
     seed: int
 
     def to_json(self) -> dict[str, Any]:
-        """Return what stands under `self_test` in diagnosis.json."""
+        """Return the content of `self_test` in diagnosis.json."""
         stated = []
         for least in STATED:
             right = [one.is_right(f) for one in self.planted for f in one.named if f.probability >= least]
@@ -93,16 +93,16 @@ def run_self_test(
     diagnosis: Diagnosis, count: int = PLANTED, seed: int = SEED,
     progress: Callable[[int, float], None] = lambda done, left: None,
 ) -> SelfTest:  # fmt: skip
-    """Plant effects one at a time and diagnose each; Ctrl-C ends with those that are done.
+    """Plant effects one at a time and diagnose each; Ctrl-C returns those that are done.
 
     Args:
         diagnosis: The diagnosis of the campaign.
         count: Number of effects.
         seed: Seed of effects, small errors and noise.
-        progress: Told how many are done, and the expected seconds that are left; NaN before the first.
+        progress: Called with the number done and the expected seconds left; NaN before the first.
 
     Raises:
-        InputError: If a row holds what other instruments than a tracker saw.
+        InputError: If a row was measured by other instruments than a tracker.
     """
     fit = diagnosis.fit
     check_self_test(fit.problem.campaign)
@@ -121,7 +121,7 @@ def run_self_test(
 
 
 def check_self_test(campaign: Campaign) -> None:
-    """Refuse a log with rows of other instruments than a tracker."""
+    """Raise InputError for a log with rows of other instruments than a tracker."""
     if campaign.sights is not None:
         message = "--self-test takes logs of positions alone, without contacts, readings and distances"
         raise InputError(message, file=campaign.file)
@@ -132,7 +132,7 @@ def _choose_signatures(fit: Fit, rng: np.random.Generator) -> Iterator[int]:
     search, own = fit.search, dict[str, dict[Place, list[int]]]()
     for number in search.candidates:
         signature = search.equations.signatures[number]
-        # rows and periods that were looked for in this log are none of the vocabulary
+        # rows and periods found in this log do not belong to the vocabulary
         if signature.tried == 1 and signature.name not in fit.problem.excluded:
             own.setdefault(signature.name, {}).setdefault(signature.place, []).append(number)
     for _ in range(TRIES):
@@ -142,7 +142,7 @@ def _choose_signatures(fit: Fit, rng: np.random.Generator) -> Iterator[int]:
 
 
 def _plant(fit: Fit, number: int, rng: np.random.Generator) -> PlantedEffect | None:
-    """Plant an effect and diagnose it; None where no draw of it is one that a robot can have."""
+    """Plant an effect and diagnose it; None if no draw of it is feasible for the robot."""
     problem, equations = replace(fit.problem), fit.search.equations
     columns = equations.columns(number)
     for _ in range(TRIES):
@@ -160,7 +160,7 @@ def _plant(fit: Fit, number: int, rng: np.random.Generator) -> PlantedEffect | N
 
 
 def _draw_state(fit: Fit, number: int, rng: np.random.Generator) -> FitState:
-    """Draw an effect of some signature among small errors."""
+    """Draw an effect of a signature together with small errors."""
     equations, prior = fit.search.equations, fit.search.prior
     width = np.sqrt(prior.variance(fit.model.posterior.hyper.log_tau))
     values = rng.normal(size=equations.p) * np.where(prior.background >= 0, width, 0.0)
@@ -172,7 +172,7 @@ def _draw_state(fit: Fit, number: int, rng: np.random.Generator) -> FitState:
 
 
 def _measure(fit: Fit, attained: Attained, rng: np.random.Generator) -> Campaign:
-    """Measure what a model attains as the campaign was measured: the same rows and columns, its noise."""
+    """Simulate the measurement of a model: rows, columns and noise of the campaign."""
     campaign, noises = fit.problem.campaign, fit.noises
     rows, stay = np.arange(len(campaign)), campaign.stay
 
@@ -196,7 +196,7 @@ def _measure(fit: Fit, attained: Attained, rng: np.random.Generator) -> Campaign
 
 
 def _diagnose(problem: Problem, campaign: Campaign) -> tuple[Finding, ...]:
-    """Return what a diagnosis names beside what is taken for granted; nothing where it refuses the log."""
+    """Return the named effects without the known ones; empty if the diagnosis rejects the log."""
     try:
         found = diagnose_campaign(problem.robot, campaign, register=problem.register, without=problem.without)
     except InputError:

@@ -1,10 +1,10 @@
-"""Identify compliances, geometry and any effect of a robot from poses measured under load, with intervals.
+"""Identify compliances, geometry and other effects of a robot from poses measured under load, with intervals.
 
-In: a robot and the settled rows of a log (`compplan.measurement.fit.rows`). Out: values with covariance, what cannot be
-told apart and why, the updated robot with its uncertainty (`update`). The equation: x_i = x(p, q_i, w_i) + noise, x the
-exact loaded pose of `compplan.effects` (`forward`), p springs, parameters of effects and frames (`parameters`);
-weighted, robust Gauss-Newton (`estimate`), judged on poses left out
-(`compplan.measurement.fit.intervals`), without springs that are not surely above zero (`select_springs`).
+Input: a robot and the selected rows of a log (`compplan.measurement.fit.rows`). Output: values with covariance, the
+inseparable parameters with the reason, the updated robot with its uncertainty (`update`). The model is x_i = x(p, q_i,
+w_i) + noise: x is the exact loaded pose of `compplan.effects` (`forward`), p are springs, parameters of effects and
+frames (`parameters`). Weighted, robust Gauss-Newton (`estimate`) is validated on held-out poses
+(`compplan.measurement.fit.intervals`); springs not significantly above zero are dropped (`select_springs`).
 """
 
 from compplan.identification.estimate import Estimate, Inseparable, estimate_parameters

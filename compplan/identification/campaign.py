@@ -1,4 +1,4 @@
-"""Identify a robot from a measurement log: frames, geometry where it errs, compliances, and how far the gap shrinks."""
+"""Identify a robot from a measurement log: frames, geometry if it improves held-out poses, compliances, gap."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from compplan.uncertainty.assumed import free_base
 
 @dataclass(frozen=True)
 class Identification:
-    """What came out of a campaign."""
+    """Result of an identification."""
 
     robot: Robot  #: The updated robot.
     nominal: Robot  #: The robot before.
-    estimate: Estimate  #: Fit of every parameter that was considered, candidates included, and what cannot be told.
-    kept: Estimate  #: Fit that the updated robot holds: candidates that earned their place, none below zero.
-    geometry: str  #: "none", "offsets" or "all": what was fitted along.
-    gap: IdentifiedGap  #: How far the model lies from the measurements, before and after.
-    rows: Rows  #: Rows that were used, without outliers, and their reference.
-    outliers: tuple[int, ...]  #: Rows of the log that count as gross outliers, counted from 0.
-    notes: tuple[str, ...]  #: Sentences for the reader.
+    estimate: Estimate  #: Fit of every parameter considered, candidates included, and the inseparable parameters.
+    kept: Estimate  #: Fit in the updated robot: selected candidates, no compliance below zero.
+    geometry: str  #: Fitted geometry: "none", "offsets" or "all".
+    gap: IdentifiedGap  #: Distance between model and measurements, before and after.
+    rows: Rows  #: Rows used, without outliers, and their reference.
+    outliers: tuple[int, ...]  #: Rows of the log classified as gross outliers, counted from 0.
+    notes: tuple[str, ...]  #: Notes for the report.
 
     @property
     def registration(self) -> Registration:
@@ -52,12 +52,12 @@ def identify_campaign(
 ) -> Identification:  # fmt: skip
     """Identify a robot from a campaign; an exception raised in `progress` ends the call.
 
-    Frames are fitted first (to unloaded poses where there are enough), then along with everything else, so that the
-    intervals carry what the frames leave open. Geometry enters as far as it earns its place on held-out poses, a spring
-    that the robot lacks where its 95 % interval lies above zero; effects of the robot folder stay as they are.
+    Frames are fitted first (to unloaded poses if there are enough), then together with all other parameters, so that
+    the intervals include the uncertainty of the frames. Geometry enters if it improves held-out poses; a spring absent
+    from the robot enters if its 95 % interval lies above zero. Effects of the robot folder are held.
 
     Raises:
-        InputError: If the log holds too little, or an option names something that does not exist.
+        InputError: If the log has too few rows, or an option names something that does not exist.
     """
     progress("frames and outliers")
     chosen = IdentifyOptions() if options is None else options
@@ -96,7 +96,7 @@ def identify_campaign(
 
 
 def _describe_clustered(kept: Estimate) -> list[str]:
-    """Warn where residuals are not noise: an interval covers what the model holds, not what it lacks."""
+    """Warn if residuals are correlated: intervals cover the modelled effects only."""
     if not kept.clustered:
         return []
     return [

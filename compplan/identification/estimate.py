@@ -1,4 +1,4 @@
-"""Fit the parameters to measured rows: weighted, robust Gauss-Newton of the exact loaded equilibrium."""
+"""Fit parameters to measured rows by weighted, robust Gauss-Newton of the exact loaded equilibrium."""
 
 from __future__ import annotations
 
@@ -41,23 +41,23 @@ REFERENCES = ("absolute", "difference")
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Identified parameters and how sure they are."""
+    """Identified parameters and their uncertainty."""
 
-    parameters: tuple[Parameter, ...]  #: The structure's parameters, then those of the frames. Length p.
-    values: Array  #: Estimates; changes of the frames against the registration are zero by construction. Shape (p,).
+    parameters: tuple[Parameter, ...]  #: Parameters of the structure, then of the frames. Length p.
+    values: Array  #: Estimates; frame changes against the registration are zero by construction. Shape (p,).
     covariance: Array  #: Zero for parameters that are held. Shape (p, p).
-    free: NDArray[np.bool_]  #: Which parameters were estimated; the others are held at their nominal value. Shape (p,).
-    held: tuple[Inseparable, ...]  #: Names of what cannot be told (apart), and why.
+    free: NDArray[np.bool_]  #: Parameters that were estimated; the others are held at their nominal value. Shape (p,).
+    held: tuple[Inseparable, ...]  #: Parameters that cannot be determined (separately), and why.
     condition: float  #: Condition number of the column-scaled system of the free parameters.
     freedom: Array  #: Degrees of freedom behind each standard error [Satterthwaite1946]. Shape (p,).
-    state: RowState  #: What the fitted model says about the rows.
-    system: System  #: The linearised problem there.
+    state: RowState  #: Fitted model at the rows.
+    system: System  #: Linearised problem at the fitted model.
     weights: Array  #: Robust weight of each row. Shape (n,).
-    #: Standard deviation that the residuals show over the stated one: position, orientation, encoders. Shape (3,).
+    #: Ratio of residual to stated standard deviation: position, orientation, encoders. Shape (3,).
     noise: Array
-    #: Whether neighbouring residuals agree more than noise does; intervals then come from groups of poses.
+    #: Whether neighbouring residuals are correlated; intervals then come from groups of poses.
     clustered: bool
-    iterations: int  #: Steps that were taken.
+    iterations: int  #: Number of steps.
 
     @property
     def structure(self) -> FreeRobot:
@@ -86,7 +86,7 @@ class Estimate:
 
     @property
     def model_values(self) -> Array:
-        """Values of the structure's own parameters, without the frames."""
+        """Values of the structure's parameters, without the frames."""
         return self.state.values
 
     @property
@@ -95,7 +95,7 @@ class Estimate:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def intervals(self, level: float = 0.95) -> Array:
-        """State confidence intervals. Shape (p, 2)."""
+        """Compute confidence intervals. Shape (p, 2)."""
         tail = 0.5 + level / 2
         reach = stdtrit(self.freedom, tail) * self.standard_errors
         return np.column_stack([self.values - reach, self.values + reach])
@@ -107,12 +107,12 @@ def estimate_parameters(
 ) -> Estimate:  # fmt: skip
     """Estimate the free parameters of a structure from every row of a log; loss, reference and sigma as in `Rows`.
 
-    The `parts` of the registration are fitted along; base frame and TCP are known if it is left out.
+    The `parts` of the registration are fitted too; without a registration, base frame and TCP are known.
 
     Raises:
-        InputError: If no parameter can be told, or there are fewer rows than parameters.
+        InputError: If no parameter can be identified, or there are fewer rows than parameters.
         UnknownNameError: If a loss or a reference does not exist.
-        ConvergenceError: If the iteration does not settle.
+        ConvergenceError: If the iteration does not converge.
     """
     if reference not in REFERENCES:
         raise UnknownNameError("reference", reference, list(REFERENCES))
@@ -127,8 +127,8 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     compliance to first order, x = J (sum_k c_k E_k) J^T w [Klimchik2018; Dumas2011], so that few steps suffice.
 
     Raises:
-        InputError: If no parameter can be told, or there are fewer rows than parameters.
-        ConvergenceError: If the iteration does not settle.
+        InputError: If no parameter can be identified, or there are fewer rows than parameters.
+        ConvergenceError: If the iteration does not converge.
     """
     parameters = (*structure.parameters, *frame_parameters(rows.registration, rows.turned))
     state = attain_fit(structure, structure.nominal, rows, rows.registration)
@@ -167,9 +167,9 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
 def leave_poses_out(
     rows: Rows, estimate: Estimate, free: NDArray[np.bool_] | None = None, system: System | None = None
 ) -> HeldOutRows:
-    """Refit without each block of poses, weights and noise of the estimate held, and predict it.
+    """Refit without each block of poses and predict that block; weights and noise of the estimate are held.
 
-    Parameters `free` (p,) and linearised problem `system` are the estimate's if left out. Under the rows' reference
+    Parameters `free` (p,) and linearised problem `system` default to the estimate's. With the rows' reference
     "difference", rows of a pose are compared with each other only.
     """
     return predict_left_out(
@@ -179,14 +179,14 @@ def leave_poses_out(
 
 
 def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparable, ...]) -> None:
-    """Refuse poses that tell nothing, or less than there are parameters."""
+    """Raise InputError if no parameter is identifiable, or if there are no more values than parameters."""
     if len(free) and not free.any():
         raise InputError(f"nothing can be identified: {'; '.join(item.sentence for item in held[:3])}")
     if system.known.sum() <= free.sum():
         raise InputError(f"{system.known.sum()} measured values for {free.sum()} parameters, expected more; add poses")
 
 
-#: Held at its nominal value first: what refines rather than the joints and frames themselves.
+#: Order in which inseparable parameters are held at nominal values: refinements before joints and frames.
 PREFERENCE = {
     "spring": 1, "effect": 2, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6, "contact": 7,
 }  # fmt: skip
@@ -194,9 +194,9 @@ PREFERENCE = {
 
 @dataclass(frozen=True)
 class Inseparable:
-    """A parameter that is held at its nominal value, those that move the measured pose in the same way, and why.
+    """A parameter held at its nominal value, the parameters that it cannot be separated from, and the reason.
 
-    `together_with` is empty if it cannot be determined at all.
+    `together_with` is empty if the parameter cannot be determined at all.
     """
 
     held: str
@@ -205,14 +205,14 @@ class Inseparable:
 
     @property
     def sentence(self) -> str:
-        """Say it in one sentence."""
+        """Description in one sentence."""
         if not self.together_with:
             return f"{self.held} cannot be determined at all: {self.reason}"
         return f"{self.held} cannot be determined apart from {' and '.join(self.together_with)}: {self.reason}"
 
 
 def find_inseparable(information: Array, parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
-    """Find a largest set of parameters that the data tell apart; the rest has to be held. Shape (p,)."""
+    """Find a largest set of parameters that the data can separate; the rest has to be held. Shape (p,)."""
     sizes = np.array([parameter.size for parameter in parameters])
     kinds = ["offset" if parameter.name.endswith(".offset") else parameter.kind for parameter in parameters]
     return find_free(information, sizes, [PREFERENCE[kind] for kind in kinds])
@@ -221,7 +221,7 @@ def find_inseparable(information: Array, parameters: Sequence[Parameter]) -> NDA
 def explain_held(
     log: Campaign, state: RowState, information: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_]
 ) -> tuple[Inseparable, ...]:
-    """Name every parameter that is held, what it cannot be determined apart from, and why."""
+    """List the held parameters, the parameters that each cannot be separated from, and the reason."""
     sizes = np.array([parameter.size for parameter in parameters])
     found = []
     for k, mates in find_mates(information, sizes, free):
@@ -235,7 +235,7 @@ def explain_held(
 
 
 def _loads_are_vertical(load: Array) -> bool:
-    """Tell whether every external load is a vertical force without a moment (the frame's z being vertical)."""
+    """Check whether every external load is a vertical force without a moment (z of the frame is vertical)."""
     across = np.abs(load[:, [0, 1, 3, 4, 5]]).max(initial=0.0)
     return bool(across < 1e-9 * max(np.abs(load[:, 2]).max(initial=0.0), 1e-300))
 

@@ -1,4 +1,4 @@
-"""What the effects' forward model says about measured rows, and how that changes with the parameters."""
+"""Predict measured rows with the forward model of the effects; differentiate by the parameters."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from compplan.measurement.registration import Registration, campaign_gap, campai
 from compplan.robot import Array
 from compplan.statics.chain import Frames, load_elements
 
-#: Elastic coordinates are settled to this while a fit goes on. [rad or m]
+#: Tolerance of the elastic coordinates during a fit. [rad or m]
 SETTLED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class RowState:
-    """A structure with some values at the n rows of a fit."""
+    """A structure with given values at the n rows of a fit."""
 
     structure: FreeRobot  #: Robot and parameters.
-    values: Array  #: Their values. Shape (p,).
+    values: Array  #: Values of the parameters. Shape (p,).
     frames: Registration  #: Frames of the campaign.
-    #: The robot with all effects, at the rows; at the whole log where an effect remembers other rows.
+    #: The robot with all effects, at the rows; at the complete log if an effect depends on preceding rows.
     scene: ForwardModel
-    attained: Attained  #: What the scene comes to.
-    index: NDArray[np.int_]  #: The rows of the fit in the scene. Shape (n,).
+    attained: Attained  #: Loaded equilibrium of the scene.
+    index: NDArray[np.int_]  #: Indices of the fitted rows in the scene. Shape (n,).
 
     @property
     def position(self) -> Array:
@@ -58,7 +58,7 @@ class RowState:
 
     @cached_property
     def link_side(self) -> NDArray[np.bool_]:
-        """Tell which rows carry link-side readings. Shape (n,)."""
+        """Rows with link-side readings. Shape (n,)."""
         return self.scene.campaign.link_controlled[self.index]
 
     @cached_property
@@ -69,10 +69,10 @@ class RowState:
 
 
 def attain_fit(structure: FreeRobot, values: Array, rows: Rows, frames: Registration) -> RowState:
-    """Solve the loaded equilibrium of a structure with some values at the rows of a fit.
+    """Solve the loaded equilibrium of a structure with given values at the rows of a fit.
 
     Raises:
-        ConvergenceError: If the equilibrium does not settle.
+        ConvergenceError: If the equilibrium is not found.
     """
     effects = [*structure.known, *structure.effects(values)]
     whole = any(effect.name not in ("joint_offset", "link_geometry") for effect in effects)
@@ -83,13 +83,13 @@ def attain_fit(structure: FreeRobot, values: Array, rows: Rows, frames: Registra
 
 
 def pose_residuals(rows: Rows, state: RowState) -> Array:
-    """Take measured minus predicted, position then rotation vector, measuring axes; [m, rad]. Shape (n, 6)."""
+    """Compute measured minus predicted, position then rotation vector, measuring axes; [m, rad]. Shape (n, 6)."""
     position = campaign_gap(rows.taken, state.position, state.frames) @ state.frames.base[:3, :3].T
     return np.hstack([position, campaign_turn(rows.taken, state.rotation)])
 
 
 def encoder_residuals(rows: Rows, state: RowState) -> Array | None:
-    """Compare link-side minus motor-side readings with what the gears yield [Klimchik2018, eqs. 7-8]; None without."""
+    """Compare link-side minus motor-side readings with gear deflections [Klimchik2018, eqs. 7-8]; None without."""
     if rows.encoder is None:
         return None
     attained = state.attained
@@ -102,18 +102,18 @@ def encoder_residuals(rows: Rows, state: RowState) -> Array | None:
 
 
 def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
-    """Differentiate the measured pose and the encoders' difference by every parameter, those of the frames last.
+    """Differentiate measured pose and encoder difference by every parameter, those of the frames last.
 
-    dx/dc_k = J_k tau_k, effects by their signatures; the change of tau with theta is left out (it is of the order of
-    load by buckling load), which changes the steps of Gauss-Newton but not where a consistent fit ends. Shapes (n, 6,
-    p), linear rows first, measuring axes, and (n, nq, p).
+    dx/dc_k = J_k tau_k; effects by their signatures. The change of tau with theta is neglected (of the order of load by
+    buckling load): it changes the steps of Gauss-Newton, not the solution of a consistent fit. Shapes (n, 6, p), linear
+    rows first, measuring axes, and (n, nq, p).
     """
     structure, n = state.structure, len(rows)
     pose = np.zeros((n, 6, len(structure.parameters)))
     encoder = np.zeros((n, structure.robot.nq, len(structure.parameters)))
     chain, own = state.attained.chain, own_springs(state.scene.robot)
     motion = element_twists(state.attained, state.attained.chain.spring_elements, state.attained.target)[state.index]
-    # actuators that are controlled by their link side do not yield
+    # actuators controlled by their link-side encoder do not deflect
     motion = motion * ~(state.link_side[:, None] & chain.actuator)[:, None, :]
     seen = {spring.coordinate: spring for spring in own.values() if spring.actuator}
     for k, parameter in enumerate(structure.parameters):
@@ -163,9 +163,9 @@ def _add_effects(state: RowState, pose: Array, encoder: Array) -> None:
 
 
 def frame_parameters(frames: Registration, turned: bool) -> tuple[Parameter, ...]:
-    """List the parameters of the frames that are fitted: small changes of pose against where they stand.
+    """List the parameters of the fitted frames: small changes of pose against the registration.
 
-    `turned` tells whether orientation is measured; without it a tool is a point.
+    `turned`: whether orientation is measured; without it a tool is a point.
     """
     return tuple(
         Parameter(f"{label}.{axis}", part, unit := "m" if axis[0] == "t" else "rad", 0.0, TYPICAL_SIZE[unit])

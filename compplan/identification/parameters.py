@@ -1,7 +1,7 @@
-"""What is identified: one vector of named numbers - springs, and whatever effects have parameters.
+"""Parameters to identify: one vector of named numbers, springs and parameters of effects.
 
-A spring's compliance enters linearly; everything else is an effect of the vocabulary, geometry among them, and enters
-through its own exact forward model.
+A spring's compliance enters linearly. All other parameters, geometry included, belong to effects and enter through the
+exact forward model of their effect.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from compplan.robot import Array, Robot, Spring
 from compplan.robot.springs import is_own, label_spring, number_twins, spring_slides
 from compplan.statics.chain import Chain, build_chain
 
-#: Typical sizes by what a parameter does: the yardstick for "cannot be told at all" where the nominal value is zero
-#: (assumed from robots of the literature: 1e-6 rad/(N m), 1e-8 m/N).
+#: Typical sizes by unit: scale for identifiability where the nominal value is zero (assumed from robots of the
+#: literature: 1e-6 rad/(N m), 1e-8 m/N).
 TYPICAL_SIZE = {"rad/(N m)": 1e-6, "m/N": 1e-8, "1": 1.0, "m": 1e-3, "rad": 1e-3}
 
 
@@ -30,26 +30,26 @@ class Parameter:
     """One number to identify."""
 
     name: str  #: "joint_3" (own axis), "joint_3.rx", "joint_3.offset", "base.tx", ...
-    #: "joint" (a spring about or along a joint's own axis), "spring" (any other), "geometry", "effect", "base" or
-    #: "tool".
+    #: "joint" (a spring about or along a joint's axis), "spring" (any other), "geometry", "effect", "base", "tool" or
+    #: "contact".
     kind: str
-    unit: str  #: rad/(N m), m/N, m, rad, 1 for a factor, or that of an effect's key.
-    nominal: float  #: Value in the model before. [unit]
-    size: float  #: Typical size, by which near-singular directions are judged. [unit]
-    spring: int = -1  #: Number of its spring in the structure's robot, or -1.
+    unit: str  #: rad/(N m), m/N, m, rad, 1 for a factor, or the unit of an effect's key.
+    nominal: float  #: Value in the original model. [unit]
+    size: float  #: Typical size, the scale for near-singular directions. [unit]
+    spring: int = -1  #: Index of its spring in the structure's robot, or -1.
     form: Signature | None = None  #: Signature of its effect, without motions, or None.
-    item: int = 0  #: Which of the signature's parameters it is.
+    item: int = 0  #: Index among the signature's parameters.
 
     def coordinate(self, robot: Robot) -> int:
-        """Return the elastic coordinate whose compliance it is, -1 for none."""
+        """Return the index of the elastic coordinate with this compliance, -1 for none."""
         return spring_coordinates(robot)[self.spring] if self.spring >= 0 else -1
 
 
 @dataclass(frozen=True)
 class FreeRobot:
-    """A robot and the parameters that are free in it."""
+    """A robot with free parameters."""
 
-    robot: Robot  #: The robot, with a spring of compliance zero where one is to be identified.
+    robot: Robot  #: The robot, with a spring of zero compliance where one is to be identified.
     parameters: tuple[Parameter, ...]  #: The parameters. Length p.
     spring_labels: tuple[str, ...]  #: Name of each spring of `robot`.
 
@@ -60,7 +60,7 @@ class FreeRobot:
 
     @property
     def nominal(self) -> Array:
-        """Values in the model before. Shape (p,)."""
+        """Values in the original model. Shape (p,)."""
         return np.array([parameter.nominal for parameter in self.parameters])
 
     @cached_property
@@ -70,17 +70,17 @@ class FreeRobot:
 
     @cached_property
     def known(self) -> tuple[Effect, ...]:
-        """Effects of the robot's folder, which stay as they are."""
+        """Effects of the robot folder, which are held."""
         return robot_effects(self.robot)
 
     @property
     def forms(self) -> tuple[Signature, ...]:
-        """Signatures of the effects that have parameters here."""
+        """Signatures of the effects with free parameters."""
         found = {p.form.column_names: p.form for p in self.parameters if p.form is not None}
         return tuple(found.values())
 
     def soften(self, values: Array) -> Robot:
-        """Return the robot with the compliances of some values, below zero too."""
+        """Return the robot with given compliances, which may be negative."""
         springs = list(self.robot.springs)
         for parameter, value in zip(self.parameters, values, strict=True):
             if parameter.spring >= 0:
@@ -88,7 +88,7 @@ class FreeRobot:
         return replace(self.robot, springs=tuple(springs))
 
     def effects(self, values: Array) -> list[Effect]:
-        """Return the effects with some values."""
+        """Return the effects with given values."""
         found = []
         for form in self.forms:
             own = np.zeros(len(form.keys))
@@ -99,7 +99,7 @@ class FreeRobot:
         return found
 
     def select(self, keep: Iterable[str]) -> FreeRobot:
-        """Keep the parameters of these names free; the others stay at their nominal values."""
+        """Keep the named parameters free; the others are held at their nominal values."""
         wanted = set(keep)
         return replace(self, parameters=tuple(p for p in self.parameters if p.name in wanted))
 
@@ -111,12 +111,12 @@ def build_structure(
     add: Sequence[Spring] = (),
     forms: Sequence[Signature] = (),
 ) -> FreeRobot:
-    """Choose what is free in a robot.
+    """Select the free parameters of a robot.
 
     Args:
         robot: The nominal robot.
-        springs: Names of the springs to identify ("joint_3", "joint_3.rx"); left out: every spring of the robot,
-            those in `add` included.
+        springs: Names of the springs to identify ("joint_3", "joint_3.rx"); by default every spring of the robot and
+            of `add`.
         add: Springs that the robot does not have yet.
         forms: Signatures of effects whose parameters are free (`geometry_forms`, `effect_forms`).
 
@@ -142,7 +142,7 @@ def build_structure(
 
 
 def _effect_parameter(robot: Robot, form: Signature, item: int) -> Parameter:
-    """Name a parameter of an effect; zeros and origins have names of their own."""
+    """Build a parameter of an effect; zeros and origins have short names."""
     key = form.keys[item]
     unit = key.partition("#")[0].rpartition("_")[2].replace("ratio", "1")
     if form.name == "joint_offset":

@@ -1,4 +1,4 @@
-"""What is to be fitted to a campaign: options, the structure they ask for, and which springs of it are kept."""
+"""Options and structure of an identification, and selection of its springs."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from compplan.robot.springs import label_spring, link_springs, missing_springs, 
 
 @dataclass(frozen=True)
 class IdentifySettings:
-    """Numbers of the choices that an identification makes."""
+    """Thresholds of an identification."""
 
-    #: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.
+    #: Least ratio of absolute noise to noise of differences of one pose from which differences are preferred.
     quieter: float = 1.5
-    #: Fewest unloaded poses from which frames are fitted on their own.
+    #: Fewest unloaded poses from which frames are fitted to these alone.
     unloaded_poses: int = 10
     #: Fewest poses from which geometry is fitted.
     geometry_poses: int = 30
-    #: Rows that Tukey's loss weighs less than this are gross outliers, as long as they are no more than this share.
+    #: Rows with a smaller weight in Tukey's loss are gross outliers, if they are not more than `most_outliers` of all.
     outlier_weight: float = 0.05
     most_outliers: float = 0.05
-    #: Standard errors by which geometry has to shrink the held-out score, and that a spring which the robot lacks has
-    #: to be above zero; about one in 700 by chance for each.
+    #: Standard errors by which geometry has to reduce the held-out score, and by which a spring absent from the robot
+    #: has to exceed zero; about one in 700 by chance for each.
     least_ratio: float = 3.0
 
 
@@ -47,28 +47,28 @@ IDENTIFY = IdentifySettings()
 
 @dataclass(frozen=True)
 class IdentifyOptions:
-    """What `identify_campaign` fits, and how."""
+    """Options of `identify_campaign`."""
 
     register: tuple[str, ...] = ()  #: Frames to fit first: "base", "tool".
-    #: Springs to identify: None for those of the robot and, as candidates, an own spring for each joint that has none;
-    #: otherwise their names.
+    #: Springs to identify, by name. None: those of the robot and, as candidates, a spring about the axis of each joint
+    #: without one.
     springs: tuple[str, ...] | None = None
-    add: tuple[str, ...] = ()  #: Springs ("joint_3.rx") that the model is given besides.
-    #: Whether own-axis springs beyond the link-side encoders are candidates too (double encoders).
+    add: tuple[str, ...] = ()  #: Springs ("joint_3.rx") added to the model.
+    #: Whether joint-axis springs beyond the link-side encoders are candidates too (double encoders).
     link_side: bool = False
     #: Effects whose parameters are fitted too, by name or "name@joint" or "name@joint:form".
     effects: tuple[str, ...] = ()
-    geometry: str = "auto"  #: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
-    #: "absolute", "difference", or "auto": differences where geometry errs and poses have several loads.
+    geometry: str = "auto"  #: "none", "offsets", "all", or "auto": the level that improves held-out poses.
+    #: "absolute", "difference", or "auto": differences if geometry errs and poses have several loads.
     reference: str = "auto"
-    #: "tukey" finds gross outliers with the richest model, leaves them out and fits by least squares; "huber" weighs
-    #: rows far from the model less; "least_squares" takes all rows as they are.
+    #: "tukey" finds gross outliers with the richest model, removes them and fits by least squares; "huber" reduces the
+    #: weight of rows far from the model; "least_squares" weighs all rows equally.
     loss: str = "tukey"
 
 
 @dataclass(frozen=True)
 class IdentifyProblem:
-    """Everything that the fits of one campaign share."""
+    """Common input of all fits of a campaign."""
 
     robot: Robot
     options: IdentifyOptions
@@ -81,7 +81,7 @@ class IdentifyProblem:
         return self.rows.reference == "difference"
 
     def forms(self) -> list[Signature]:
-        """List the signatures of geometry and of the effects that the options ask for, at the nominal robot."""
+        """List the signatures of geometry and requested effects at the nominal robot."""
         if self.geometry == "none" and not self.options.effects:
             return []
         scene = build_model(self.robot, self.rows.campaign, registration=self.rows.registration)
@@ -90,7 +90,7 @@ class IdentifyProblem:
         return [*geometry_forms(at, self.geometry), *effect_forms(at, self.options.effects)]
 
     def structure(self) -> FreeRobot:
-        """Build the structure of everything that is considered."""
+        """Build the structure of all candidates."""
         robot, options = self.robot, self.options
         demanded = tuple(read_spring(robot, name) for name in options.add)
         present = replace(robot, springs=(*robot.springs, *demanded))
@@ -104,7 +104,7 @@ class IdentifyProblem:
         return build_structure(robot, springs=springs, add=added, forms=self.forms())
 
     def demanded(self, structure: FreeRobot) -> list[str]:
-        """List the parameters that need not earn their place: those of the nominal model, and what was asked for."""
+        """List the parameters kept without a test: those of the nominal model, and requested ones."""
         asked = {label_spring(spring) for spring in self.robot.springs}
         asked |= {*self.options.add, *(self.options.springs or ())}
         return [p.name for p in structure.parameters if p.name in asked or p.kind not in ("joint", "spring")]
@@ -115,7 +115,7 @@ class IdentifyProblem:
 
 
 def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Registration:
-    """Find the frames to start from: fitted to unloaded poses, read from the robot folder, or known."""
+    """Find the initial frames: fitted to unloaded poses, read from the robot folder, or known."""
     parts = fitted_parts(campaign, parts)
     stated = folder_registration(robot)
     known = None if stated is None else match_targets(stated, campaign)
@@ -131,7 +131,7 @@ def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Re
 
 
 def check_options(options: IdentifyOptions) -> None:
-    """Refuse choices that do not exist.
+    """Raise an error for choices that do not exist.
 
     Raises:
         UnknownNameError: If a loss, a geometry or a reference does not exist.
@@ -144,11 +144,11 @@ def check_options(options: IdentifyOptions) -> None:
 
 
 def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[int, ...], list[str]]:
-    """Leave gross outliers out, as the richest model sees them; a poorer one would take what it lacks for outliers.
+    """Remove gross outliers of the richest model; a poorer model would mistake unmodelled effects for outliers.
 
     Returns:
-        The problem without them, to be fitted by least squares; the rows left out; and sentences on it. More rows than
-        `most_outliers` are structure that no model here holds: none is left out then, and the loss becomes Huber's.
+        The problem without them, to be fitted by least squares; the removed rows; and notes. If more than
+        `most_outliers` of the rows are outlying, no model here fits them: all are kept, with Huber's loss.
     """
     options, rows = problem.options, problem.rows
     if options.loss != "tukey":
@@ -167,7 +167,7 @@ def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[in
 
 
 def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
-    """Fit as much geometry as earns its place on held-out poses."""
+    """Select the level of geometry that improves held-out poses."""
     wanted = problem.options.geometry
     if wanted != "auto" or problem.options.reference == "difference":
         return replace(problem, geometry="none" if wanted == "auto" else wanted)
@@ -183,12 +183,12 @@ def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
 
 
 def held_out_score(problem: IdentifyProblem, estimate: Estimate) -> Array:
-    """Score a fit on held-out poses, in stated standard deviations. Shape (poses,)."""
+    """Compute the held-out score of a fit, in stated standard deviations. Shape (poses,)."""
     return leave_poses_out(problem.rows, replace(estimate, noise=np.ones(BLOCKS))).score
 
 
 def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[str]]:
-    """Compare poses with themselves under other loads where geometry errs more than that costs."""
+    """Select differences under other loads if these are much less noisy than absolute poses."""
     wanted, rows = problem.options.reference, problem.rows
     apart = replace(rows, reference="difference", registration=replace(rows.registration, parts=()))
     differences = replace(problem, geometry="none", rows=apart)
@@ -212,10 +212,10 @@ def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[st
 
 
 def select_springs(problem: IdentifyProblem, structure: FreeRobot, full: Estimate) -> Estimate:
-    """Drop springs one by one, the least sure first, and fit again [Johra2022].
+    """Drop springs one by one, the least significant first, and refit [Johra2022].
 
-    Dropped are compliances below zero, and candidates that are less than `least_ratio` standard errors above it.
-    `full` is the fit of all parameters of the structure; what the data cannot tell of them is held.
+    Compliances below zero are dropped, and candidates less than `least_ratio` standard errors above zero. `full` is the
+    fit of all parameters of the structure; its inseparable parameters are held.
     """
     asked = set(problem.demanded(structure))
     names = [name for name, free in zip(full.names, full.free, strict=True) if free and name in structure.names]

@@ -1,4 +1,4 @@
-"""Fit a reduced model, one spring a joint, to a full one."""
+"""Fit a reduced model with one spring per joint to a full model."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from compplan.statics.elastic import solve_equilibrium
 
 @dataclass(frozen=True)
 class ReducedModel:
-    """A reduced robot, and how well it stands for the full one."""
+    """A reduced robot and its difference from the full robot."""
 
-    robot: Robot  #: The reduced robot: one own-axis spring a commanded joint.
-    #: Compliance of each commanded joint; zero where it cannot be told. Shape (nq,). [rad/(N m) or m/N]
+    robot: Robot  #: The reduced robot: one spring about each commanded joint's axis.
+    #: Compliance of each commanded joint; zero if it cannot be identified. Shape (nq,). [rad/(N m) or m/N]
     compliance: Array
-    estimate: Estimate  #: The fit, with what could not be told and why.
+    estimate: Estimate  #: The fit, with the parameters that cannot be identified and the reasons.
     residual: Array  #: Full minus reduced pose. Shape (n, 6). [m, rad]
     deflection: Array  #: Deflection of the full model at the same rows. Shape (n, 6). [m, rad]
 
@@ -38,7 +38,7 @@ def reduce_model(
     row_weights: ArrayLike = 1.0,
     typical: Sequence[float] | None = None,
 ) -> ReducedModel:
-    """Fit joint compliances that stand for a full model (joints, links, base) [Mamedov2018].
+    """Fit joint compliances that approximate a full model (joints, links, base) [Mamedov2018].
 
     Minimises sum_i w_i^2 (|dp_i|^2 + (rotation_weight)^2 |dr_i|^2) between the exact loaded poses of both models.
 
@@ -48,10 +48,10 @@ def reduce_model(
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (6,). [N, N m]
         rotation_weight: Weight of a rotation against a translation; None compares positions alone. [m/rad]
         row_weights: Weight of each row. Scalar or shape (n,).
-        typical: Compliances to start from; those of the full robot's own springs if left out. Shape (nq,).
+        typical: Initial compliances; by default those of the full robot's springs about joint axes. Shape (nq,).
 
     Raises:
-        InputError: If no joint compliance can be told from these poses and loads.
+        InputError: If no joint compliance can be identified from these poses and loads.
         ShapeError: If an array does not have the shape above.
     """
     own = {spring.joint: spring.compliance for spring in full.springs if spring.axis == "own"}
@@ -62,7 +62,7 @@ def reduce_model(
     reduced = replace(full, springs=springs, link_elasticities=(), effects=())
     chain = build_chain(full)
     loaded, bare = solve_equilibrium(chain, q, wrench), solve_equilibrium(chain, q, np.zeros(6))
-    # A micrometre as unit: only the ratio of the weights matters, and what no load reaches is far below it.
+    # Unit micrometre: only the ratio of the weights matters; the motion by unloaded springs is far smaller.
     sigma = 1e-6 / np.broadcast_to(np.asarray(row_weights, float), (len(loaded.position),))
     log = make_log(
         q,

@@ -1,4 +1,4 @@
-"""Put what was identified into a robot: springs, links and effects, and how surely each of them is known."""
+"""Update a robot with identified springs, links and effects, and their uncertainty."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from compplan.uncertainty.assumed import assume_geometry, assume_held
 
 
 def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> Robot:
-    """Return a robot that holds the identified values; no compliance is below zero."""
+    """Return the robot with the identified values; added springs without positive compliance are omitted."""
     structure, values = estimate.structure, estimate.model_values
     soft = structure.soften(values)
     springs = tuple(
@@ -34,16 +34,16 @@ def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> Robot:
 def identified_uncertainty(
     robot: Robot, kept: Estimate, gap: IdentifiedGap, *, difference: bool, sigma: float, source: str
 ) -> Uncertainty:
-    """State how surely an identified robot is known; `sigma`: of the position measurement per axis. [m]
+    """Compute the uncertainty of an identified robot; `sigma`: of the position measurement per axis. [m]
 
-    Compliances and effects keep the covariance of the fit, the frames fitted along. What held-out poses leave beyond
-    the instrument is unexplained; under differences of one pose it is that of the deflections.
+    Compliances and effects have the covariance of the fit that includes the frames. The held-out error beyond the
+    instrument's noise is unexplained; with reference "difference" it is that of the deflections.
     """
     unknowns, picked = _name_unknowns(kept.structure, kept)
     named, factor = spread_unknowns(unknowns, kept.covariance[np.ix_(picked, picked)])
     held = assume_held(robot, named)
     if difference:
-        # differences of one pose under several loads tell nothing of zeros and lengths
+        # differences of one pose under several loads contain no information on zeros and lengths
         held += assume_geometry(robot)
     root = np.eye(len(factor) + sum(len(unknown.keys) for unknown in held))
     root[: len(factor), : len(factor)] = factor
@@ -59,15 +59,15 @@ def identified_uncertainty(
 
 
 def find_unexplained(left: float, sigma: float, *, difference: bool) -> float:
-    """Return what is left of a root mean square distance (3D) beyond an instrument's sigma per axis. [m].
+    """Return the part of a root mean square distance (3D) that exceeds an instrument's sigma per axis. [m].
 
-    A difference of two measurements has their noise twice.
+    A difference of two measurements has twice the noise variance.
     """
     return float(np.sqrt(max(left**2 - 3.0 * sigma**2 * (2.0 if difference else 1.0), 0.0)))
 
 
 def _name_unknowns(structure: FreeRobot, kept: Estimate) -> tuple[list[Unknown], list[int]]:
-    """Name the free parameters as unknowns of the vocabulary, without sizes; also return their numbers."""
+    """Convert the free parameters to unknowns without sizes; also return their indices."""
     found: list[Unknown] = []
     picked: list[int] = []
     for number, parameter in enumerate(structure.parameters):
@@ -95,19 +95,19 @@ def _name_unknowns(structure: FreeRobot, kept: Estimate) -> tuple[list[Unknown],
 
 @dataclass(frozen=True)
 class IdentifiedGap:
-    """Rms of the 3D distance over the rows that are no outliers. [m]"""
+    """Rms of the 3D distance over the rows that are not outliers. [m]"""
 
     before: float  #: Nominal robot, frames fitted.
     after: float  #: Identified robot.
-    held_out_before: float  #: As before; frames from the other blocks.
-    held_out_after: float  #: As after, from models that never saw the rows.
-    #: Deflection of a pose under its loads, nominal; None where no pose has several loads.
+    held_out_before: float  #: Nominal robot; frames fitted to the other blocks.
+    held_out_after: float  #: Identified robot; models fitted to the other blocks.
+    #: Deflection of a pose under its loads, nominal; None if no pose has several loads.
     under_load_before: float | None
-    under_load_after: float | None  #: The same, identified, held out.
+    under_load_after: float | None  #: The same for the identified robot, held out.
 
 
 def measure_gap(rows: Rows, structure: FreeRobot, kept: Estimate) -> IdentifiedGap:
-    """Measure the gap of the nominal and the identified robot, in absolute poses whatever the rows' reference."""
+    """Compute the gap of the nominal and the identified robot, in absolute poses for every reference of the rows."""
     absolute, compared = replace(rows, reference="absolute"), replace(rows, reference="difference")
     everywhere, group = np.ones(len(rows), bool), rows.alike
     bare = fit_rows(structure.select([]), absolute)
@@ -120,7 +120,7 @@ def measure_gap(rows: Rows, structure: FreeRobot, kept: Estimate) -> IdentifiedG
     def held_out(estimate: Estimate, own: Rows = absolute) -> float:
         free = estimate.free.copy()
         if own is compared:
-            # Frames and geometry do not show in differences of one pose.
+            # Frames and geometry cancel in differences of one pose.
             free &= np.array([p.kind in ("joint", "spring") for p in estimate.parameters], bool)
         return distance_rms(leave_poses_out(own, replace(estimate, weights=kept.weights), free).residual, everywhere)
 

@@ -1,8 +1,8 @@
-"""Channels: what was measured minus what a model expects, with noise and with the stays that share an error.
+"""Channels: measured minus expected values, with noise and groups of rows that share an error.
 
-Position, orientation and link-side encoders are three channels, each weighted by its own noise. Rows of one stay (the
-robot did not move) and neighbouring samples of a path share whatever the model gets wrong there, so that they do not
-count as independent witnesses against it.
+Position, orientation and link-side encoders are three channels, each weighted by its noise. Rows of one stay (the robot
+did not move) and neighbouring samples of a path share the model error there, so that they are not independent
+observations.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from compplan.measurement.registration import (
 )
 from compplan.robot import Array
 
-#: Neighbouring samples of a path share an error: a path is cut into blocks, none shorter than this (assumed).
+#: Least number of samples in a block of a path; neighbouring samples share an error (assumed).
 SHORTEST_BLOCK = 8
 
 
@@ -38,12 +38,12 @@ class Channel:
     rows: NDArray[np.int_]  #: Rows of the campaign. Shape (r,).
     residual: Array  #: Measured minus expected, base axes. Shape (r, c). [m or rad]
     group: NDArray[np.int_]  #: Stay or path block of each row, ascending. Shape (r,).
-    noise: Noise  #: Its noise.
-    #: Direction (r, 3) in which a row tells one number, NaN where it tells all; None: all rows tell all.
+    noise: Noise  #: Noise of the channel.
+    #: Direction (r, 3) along which a row measures one value, NaN for rows that measure all; None: all rows do.
     direction: Array | None = None
 
     def take(self, keep: NDArray[np.bool_]) -> Channel:
-        """Take some of its rows. Shape of `keep`: (r,)."""
+        """Select rows. Shape of `keep`: (r,)."""
         direction = None if self.direction is None else self.direction[keep]
         return replace(
             self, rows=self.rows[keep], residual=self.residual[keep], group=self.group[keep], direction=direction
@@ -51,7 +51,7 @@ class Channel:
 
     @cached_property
     def told(self) -> Array:
-        """How many numbers each row tells. Shape (r,)."""
+        """Number of values measured by each row. Shape (r,)."""
         width = np.full(len(self.rows), float(self.residual.shape[1]))
         if self.direction is not None:
             width[np.isfinite(self.direction).all(axis=1)] = 1.0
@@ -59,7 +59,7 @@ class Channel:
 
     @cached_property
     def axes(self) -> Array:
-        """Projector on what each row tells: of all c axes, or of its direction. Shape (r, c, c)."""
+        """Projector on the measured components of each row: all c axes, or its direction. Shape (r, c, c)."""
         every = np.tile(np.eye(self.residual.shape[1]), (len(self.rows), 1, 1))
         if self.direction is None:
             return every
@@ -85,7 +85,7 @@ def block_index(campaign: Campaign) -> NDArray[np.int_]:
 
 
 def group_poses(campaign: Campaign) -> NDArray[np.int_]:
-    """Number the poses of rows at rest, whenever they were met, and the blocks of paths, below zero. Shape (n,)."""
+    """Number the poses of rows at rest, repeated poses alike, and the blocks of paths, below zero. Shape (n,)."""
     return np.where(campaign.on_path, -1 - block_index(campaign), campaign.pose)
 
 
@@ -97,7 +97,7 @@ def position_residual(campaign: Campaign, scene: ForwardModel, attained: Attaine
 def build_channels(
     scene: ForwardModel, attained: Attained, use: NDArray[np.bool_], noises: dict[str, Noise]
 ) -> tuple[Channel, ...]:
-    """Compare the measurements of a scene's campaign with what the scene comes to, in the rows to use, shape (n,)."""
+    """Compute the residuals of all channels of a solved scene in the rows to use, shape (n,)."""
     campaign, block = scene.campaign, block_index(scene.campaign)
     use = use & campaign.usable
     rows = np.flatnonzero(use)
@@ -134,17 +134,17 @@ def build_channels(
 def estimate_noises(
     campaign: Campaign, attained: Attained, repeatability: float | None = None, frames: Registration | None = None
 ) -> dict[str, Noise]:
-    """Estimate the noise of every channel from all that the campaign and the robot folder tell.
+    """Estimate the noise of every channel from the campaign and the robot folder.
 
-    `attained` only removes what moves between neighbouring samples and between visits; `repeatability` is what the
-    robot folder states, per axis [m].
+    `attained` only removes motion between neighbouring samples and between visits; `repeatability` is that of the robot
+    folder, per axis [m].
     """
     use = campaign.usable
     noises = {}
     gap = np.where(use[:, None], campaign_gap(campaign, attained.position, frames), np.nan)
     direction = campaign_directions(campaign, attained.position, frames)
     if direction is not None:
-        # one number in three axes: as much an axis as the number has
+        # one value in three axes: scaled to its variance per axis
         gap[np.isfinite(direction).all(axis=1)] *= np.sqrt(3.0)
     if campaign.sights is not None and len(campaign.sights.known):
         mean = float(np.sqrt(np.mean(campaign.sights.known.sigma**2)))

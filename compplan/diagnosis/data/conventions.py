@@ -1,6 +1,6 @@
-"""Conventions: ways of counting joints that put a robot centimetres off, found before anything is fitted.
+"""Conventions: joint signs, zeros and couplings that shift a robot by centimetres, found before any fit.
 
-A coupling left out, a joint counted backwards or from another zero is no small error: it is named, not fitted.
+A missing coupling, a reversed joint or a shifted zero is not a small error: it is named, not fitted.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import stated_registration
 from compplan.robot import Array, Robot, load_robot
 
-#: A gap of this size calls for a wrong convention (assumed). [m]
+#: Gap from which a wrong convention is searched for (assumed). [m]
 SUSPICIOUS = 5e-3
-#: What explains a gap leaves less than this share of it (assumed: a third is never a matter of taste).
+#: Largest ratio of remaining to original gap for an explanation (assumed: a third is decisive).
 CONVINCING = 0.3
-#: Share of the rows that lies within what is called the gap (assumed: a wrong coupling shows in the sweep of one joint
-#: of seven alone, and one row in ten may be gross).
+#: Quantile of the distances that is called the gap (assumed: a wrong coupling shows in the sweep of one joint of seven
+#: alone, and one row in ten may be a gross error).
 WITHIN = 0.9
 #: Longest step of the search for a ratio or a zero (assumed). [-, or rad]
 LONGEST_STEP = 0.3
-#: Shipped robots whose controllers count otherwise than their URDFs: joint 3 against the horizontal, axes backwards.
+#: Shipped robots with other joint conventions than their URDFs: joint 3 against the horizontal, axes reversed.
 BRANDS = ("fanuc_m10ia", "kuka_kr240", "kuka_kr270")
 
 
@@ -63,13 +63,13 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
 def typical_gap(
     robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect], within: float = WITHIN
 ) -> float:
-    """Return the distance between measured and expected that a share of the rows keep, frames fitted if asked. [m]"""
+    """Return the `within` quantile of the distance between measured and expected; `register` frames fitted. [m]"""
     distance: Array = np.linalg.norm(campaign.position - expect_targets(robot, campaign, register, effects), axis=1)
     return float(np.quantile(distance, within))
 
 
 def expect_targets(robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect]) -> Array:
-    """Return where the targets should be measured, frames fitted where asked. Shape (n, 3). [m]"""
+    """Return the expected positions of the targets, `register` frames fitted. Shape (n, 3). [m]"""
     stated = None if register else stated_registration(campaign)
     attained = solve_model_poses(apply_effects(build_model(robot, campaign, registration=stated), effects))
     if not register:
@@ -101,7 +101,7 @@ def size_convention(
 
 
 def sizeless(robot: Robot) -> Iterator[Effect]:
-    """List couplings and shifted zeros whose size is unknown."""
+    """List couplings and shifted zeros of unknown size."""
     joints = robot.actuated
     for index, joint in enumerate(joints):
         for other in (index - 1, index + 1, index - 2, index + 2):
@@ -112,7 +112,7 @@ def sizeless(robot: Robot) -> Iterator[Effect]:
 
 
 def hypotheses(robot: Robot) -> Iterator[Effect]:
-    """List couplings with the joint before, joints counted backwards, and zeros shifted by a quarter or half turn."""
+    """List couplings with neighbouring joints, reversed joints, and zeros shifted by a quarter or half turn."""
     joints = robot.actuated
     for index, joint in enumerate(joints):
         for other in (index - 1, index + 1, index - 2, index + 2):
@@ -127,9 +127,9 @@ def hypotheses(robot: Robot) -> Iterator[Effect]:
 
 
 def list_countings(robot: Robot) -> list[tuple[str, tuple[Effect, ...]]]:
-    """List controllers that count otherwise than a URDF does, and the conventions that undo each.
+    """List controllers whose joint convention differs from a URDF's, and the effects that convert each.
 
-    They are the robot folder's own and those of shipped robots of as many joints. With c the controller's joints and q
+    They are those of the robot folder and of shipped robots with as many joints. With c the controller's joints and q
     the URDF's, c = M q + z: q = M^-1 c - M^-1 z.
     """
     own = [robot] if robot.folder is not None and (robot.folder / "controller.toml").is_file() else []
@@ -155,7 +155,7 @@ def list_countings(robot: Robot) -> list[tuple[str, tuple[Effect, ...]]]:
 
 
 def name_counting(robot: Robot, effects: Sequence[Effect]) -> str:
-    """Name the controller that counts as conventions say, in either direction of a coupled axis; "" for none."""
+    """Name the controller with these conventions, for either direction of a coupled axis; "" if there is none."""
     told = {_say(effect) for effect in effects if effect.name == "joint_coupling"}
     if not told:
         return ""
@@ -163,6 +163,6 @@ def name_counting(robot: Robot, effects: Sequence[Effect]) -> str:
 
 
 def _say(effect: Effect) -> str:
-    """Write a convention without the direction of a coupling, which is the URDF's own matter."""
+    """Format a convention without the direction of a coupling, which depends on the URDF alone."""
     table = {key: abs(value) if key == "ratio" else value for key, value in effect.parameters.items()}
     return repr((effect.joint, sorted((k, round(v, 6) if isinstance(v, float) else v) for k, v in table.items())))

@@ -1,12 +1,12 @@
-"""Noise: what a perfect model of the robot would leave, from everything that a campaign and its robot folder tell.
+"""Noise: expected residuals of a perfect model, estimated from a campaign and its robot folder.
 
-A row of a stay differs from its neighbours by the instrument; a stay differs from the next one at the same pose by what
-the robot does not repeat. With instrument variance v and repeatability variance r, per axis, rows of one stay scatter
-by v, means of n rows of stays at one pose by r + v / n, and a campaign of single rows by v + r.
+Rows of a stay scatter by the instrument; stays at the same pose scatter by the repeatability, too. With instrument
+variance v and repeatability variance r, per axis, rows of one stay scatter by v, means of n rows of stays at one pose
+by r + v / n, and a campaign of single rows by v + r.
 
-Each variance rests on degrees of freedom, those of a sum on Welch and Satterthwaite's formula
-(v + r)^2 / (v^2 / a + r^2 / b) [Satterthwaite1946]. The evidence holds the noise to its estimate by the chi-square
-likelihood of those degrees of freedom, so that it can take no gap that repeats say is none of its own.
+Each variance has degrees of freedom, a and b; those of a sum follow Welch and Satterthwaite's formula,
+(v + r)^2 / (v^2 / a + r^2 / b) [Satterthwaite1946]. The evidence contains the chi-square likelihood of the noise with
+these degrees of freedom: a fit cannot attribute to noise an error that repeated measurements exclude.
 """
 
 from __future__ import annotations
@@ -22,38 +22,38 @@ from compplan.measurement.campaign import FORCE_NOISE, Campaign
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.robot import Array
 
-#: Standard deviations per axis where nothing tells them (assumed: a laser tracker at some metres). [m, rad, rad]
+#: Default standard deviations per axis (assumed: a laser tracker at some metres). [m, rad, rad]
 ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
 
 
-#: Source of a noise that was found from visits to the same pose.
+#: Source of a noise that was estimated from visits to the same pose.
 REPEATED_POSES = "scatter of poses measured again"
 
 
 @dataclass(frozen=True)
 class NoiseSettings:
-    """Numbers of the estimate of noise and outliers."""
+    """Thresholds and priors of noise and outliers."""
 
-    #: Where more rows stand out than may: only those beyond the others by this factor (assumed).
+    #: If too many rows are outlying: factor beyond the others from which a row is an outlier (assumed).
     beyond: float = 2.0
-    #: Instrument variances of two sources disagree where they differ by more than this factor (assumed).
+    #: Largest ratio of instrument variances of two sources that agree (assumed).
     disagree: float = 1.8
-    #: Repeatability per axis where nothing tells it (assumed: 30 to 120 um stated by makers are three standard
-    #: deviations of a distance).
+    #: Default repeatability per axis (assumed: 30 to 120 um stated by makers are three standard deviations of a
+    #: distance).
     assumed_repeatability: float = 2e-5
-    #: Poses that come back worse than the instrument reads by this factor have play, drift or creep, which are causes
-    #: (assumed: 15 to 40 um of robots beside 15 to 40 um of trackers).
+    #: Largest ratio of scatter between visits to instrument noise that counts as repeatability; a larger one is caused
+    #: by backlash, drift or creep (assumed: 15 to 40 um of robots, 15 to 40 um of trackers).
     repeats_like: float = 1.5
-    #: No noise is known better than this many degrees of freedom tell (assumed: instruments differ by 7 % over a room).
+    #: Most degrees of freedom of a noise (assumed: instruments differ by 7 % over a room).
     most_witnesses: float = 200.0
-    #: Mean number of rows a stay up to which a stay's own error cannot be told from the noise of its row (assumed).
+    #: Mean number of rows per stay up to which a stay's error is not separated from row noise (assumed).
     single_rows: float = 1.3
-    #: Rows further off than this many standard deviations are outliers (theory: one row in 10^6 by
-    #: chance); at most this share of the rows (assumed: the contract says 2 %).
+    #: Standard deviations beyond which a row is an outlier (theory: one row in 10^6 by chance); at most this share of
+    #: the rows (assumed: the contract says 2 %).
     outlying: float = 5.5
     most: float = 0.03
-    #: Degrees of freedom of what is stated (assumed: good to a tenth), of a stated repeatability (to a sixth), and of
-    #: what is assumed (to a factor of two).
+    #: Degrees of freedom of a stated noise (assumed: good to a tenth), of a stated repeatability (to a sixth), and of
+    #: an assumed value (to a factor of two).
     stated: float = 60.0
     stated_repeatability: float = 20.0
     assumed: float = 4.0
@@ -64,29 +64,29 @@ NOISE = NoiseSettings()
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Standard deviation of a channel per axis, and how well it is known."""
+    """Standard deviation of a channel per axis, and its uncertainty."""
 
-    #: Standard deviation of a row about what its stay has in common, mean square over the rows. [m or rad]
+    #: Standard deviation of a row about its stay, mean square over the rows. [m or rad]
     sigma: float
-    witnesses: float  #: Degrees of freedom that it rests on.
-    source: str  #: What told it.
-    #: Standard deviation of what a stay has in common, the repeatability; 0 where `sigma` of single rows holds it.
+    witnesses: float  #: Degrees of freedom of the estimate.
+    source: str  #: Sources of the estimate.
+    #: Standard deviation of a stay (repeatability); 0 if `sigma` of single rows includes it.
     stay: float = 0.0
-    #: Standard deviation of each row over `sigma`; empty where all rows are alike. Shape (n,) or (0,).
+    #: Standard deviation of each row over `sigma`; empty if all rows are alike. Shape (n,) or (0,).
     spread: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def leeway(self) -> float:
-        """Factor by which the variance may exceed its estimate before chance no longer explains it."""
+        """Factor by which the variance may exceed its estimate by chance."""
         return chance_factor(self.witnesses)
 
     def spread_of(self, rows: NDArray[np.int_]) -> Array:
-        """Return the standard deviation of some rows over `sigma`. Shape (rows,)."""
+        """Return the standard deviation of given rows over `sigma`. Shape (rows,)."""
         return self.spread[rows] if len(self.spread) else np.ones(len(rows))
 
 
 def chance_factor(freedom: float) -> float:
-    """Return the factor by which a variance of so many degrees of freedom may exceed another by chance."""
+    """Return the factor by which a variance with these degrees of freedom may exceed another by chance."""
     least = 2.0 * gammaincinv(0.5 * freedom, 0.5 * (1.0 - LEVEL))
     return float(freedom / least) if freedom > 0 else np.inf
 
@@ -98,10 +98,10 @@ def estimate_noise(
 
     Args:
         campaign: The campaign.
-        gap: Measured minus expected, NaN where it does not count. Shape (n, c). [m or rad]
+        gap: Measured minus expected, NaN in unused rows. Shape (n, c). [m or rad]
         stated: Standard deviation that the log states row by row, or None. Shape (n,). [m or rad]
         name: Name of the channel.
-        repeatability: What the robot folder states, per axis, or None. [m]
+        repeatability: Repeatability of the robot folder, per axis, or None. [m]
     """
     spread = _stated_spread(stated, len(campaign))
     instrument = _instrument(campaign, gap / spread[:, None], stated, name)
@@ -114,13 +114,13 @@ def estimate_noise(
     if name != "position":
         return Noise(float(np.sqrt(variance)), witnesses, source, 0.0, plain)
     if not witnesses and count:
-        # nothing but poses met again: they tell the sum of both
+        # repeated poses alone: they show the sum of both
         return Noise(float(np.sqrt(again)), min(count, NOISE.most_witnesses), REPEATED_POSES, 0.0, plain)
     variance, source = (variance, source) if witnesses else (ASSUMED_SIGMA[name] ** 2, "assumed")
     witnesses = witnesses or NOISE.assumed
-    # of pooled rows the mean is better known than a row: what the robot repeats is weighed against a row
+    # the mean of pooled rows is less uncertain than a row; repeatability is compared with a row
     single_row = max(variance, campaign.scatter**2)
-    # beyond a stated sigma, poses that come back worse than a robot repeats drift, creep or have play: no noise
+    # scatter of repeated poses beyond stated sigma and repeatability is drift, creep or backlash, not noise
     usual = share * variance + (repeatability or NOISE.assumed_repeatability) ** 2
     odd = stated is not None and count > 0 and again > chance_factor(count) * usual
     robot, freedom, told = _repeatability(again - share * variance, 0 if odd else count, repeatability, single_row)
@@ -151,7 +151,7 @@ def _stated_spread(stated: Array | None, n: int) -> Array:
 
 
 def _instrument(campaign: Campaign, gap: Array, stated: Array | None, name: str) -> tuple[float, float, str]:
-    """Pool what repeats, paths and a stated sigma tell, as far as they agree: variance, degrees of freedom, source."""
+    """Pool repeats, paths and a stated sigma as far as they agree: variance, degrees of freedom, source."""
     told: list[tuple[str, float, float]] = []
     squares, count = _repeat_scatter(campaign, gap)
     if count > 0 and squares > 0:
@@ -163,8 +163,7 @@ def _instrument(campaign: Campaign, gap: Array, stated: Array | None, name: str)
         told.append(("sigma column", float(np.nanmean(stated[stated > 0] ** 2)), NOISE.stated))
     if not told:
         return ASSUMED_SIGMA[name] ** 2, 0.0 if name == "position" else NOISE.assumed, "assumed"
-    # what shakes on a path, or between repeats, is no noise of the instrument: sources far above the least one do not
-    # count
+    # vibration on a path or between repeats is not instrument noise: variances far above the least are excluded
     firm = [variance for _, variance, weight in told if weight >= ENOUGH_ROWS] or [told[0][1]]
     told = [source for source in told if source[1] < NOISE.disagree * min(firm) or source[2] < ENOUGH_ROWS]
     weight = sum(w for _, _, w in told)
@@ -175,7 +174,7 @@ def _instrument(campaign: Campaign, gap: Array, stated: Array | None, name: str)
 def _repeatability(
     excess: float, count: float, stated: float | None, instrument: float
 ) -> tuple[float, float, str]:  # fmt: skip
-    """Return the variance of the robot's repeatability, its degrees of freedom, and who told it ("" for nobody).
+    """Return the variance of the robot's repeatability, its degrees of freedom, and its source ("" by default).
 
     `excess` is the variance between stays at one pose beyond the instrument's [m^2], `count` its degrees of freedom.
     """
@@ -184,7 +183,7 @@ def _repeatability(
         told.append(("stated repeatability", stated**2, NOISE.stated_repeatability))
     if count:
         scatter = min(max(excess, 0.0), NOISE.repeats_like**2 * instrument)
-        # poses that do not come back drift or have play: that is a cause, where the robot is said to repeat better
+        # larger scatter than stated has a cause: drift or backlash
         if not told or scatter + instrument < NOISE.disagree * (told[0][1] + instrument):
             told.append((REPEATED_POSES, scatter, count))
     if not told:
@@ -210,7 +209,7 @@ def _repeat_scatter(campaign: Campaign, gap: Array) -> tuple[float, float]:
 def _revisit_scatter(campaign: Campaign, gap: Array) -> tuple[float, float, float]:
     """Return variance between visits to one pose under one load, its degrees of freedom, and the mean of 1/rows.
 
-    Visits next to each other in time are compared, so that a slow drift does not count.
+    Only visits next to each other in time are compared, so that a slow drift does not count.
     """
     rows = np.flatnonzero(~campaign.on_path & np.isfinite(gap).all(1))
     if len(rows) < 2:
@@ -233,14 +232,14 @@ def _revisit_scatter(campaign: Campaign, gap: Array) -> tuple[float, float, floa
 
 
 def group_repeats(campaign: Campaign, rows: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Number the poses of some rows, equal ones of one target under one load alike. Shape (rows,)."""
+    """Number the poses of given rows; rows with equal pose, target and load share a number. Shape (rows,)."""
     load = np.round(campaign.wrench[rows] / max(LIKE_LOAD * campaign.load_scale, FORCE_NOISE)).astype(int)
     key = np.column_stack([campaign.pose[rows], campaign.target_index[rows], load])
     return np.asarray(np.unique(key, axis=0, return_inverse=True)[1].reshape(-1))
 
 
 def _no_gross_pairs(total: Array) -> NDArray[np.bool_]:
-    # so many medians of the squares of three normal numbers
+    # limit over the median of the sum of squares of three normal numbers
     return np.asarray(total <= NOISE.outlying**2 / chdtri(3, 0.5) * max(float(np.median(total)), 1e-30))
 
 
@@ -261,7 +260,7 @@ def _path_roughness(campaign: Campaign, gap: Array) -> tuple[float, float]:
 
 
 def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
-    """Find rows whose gap (n, 3) stands far out of all others, before any effect is known."""
+    """Find rows with a gap (n, 3) far beyond all others, before any effect is fitted."""
     length = np.linalg.norm(np.where(campaign.usable[:, None], gap, 0.0), axis=1)
     usable = length[campaign.usable]
     if len(usable) < ENOUGH_ROWS:
@@ -271,9 +270,9 @@ def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
 
 
 def find_outliers(campaign: Campaign, residual: Array, sigma: float, considered: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Find rows among those considered, shape (n,), that stand out of the scatter `sigma` that a model leaves. [m]
+    """Find outliers among considered rows, shape (n,); `sigma`: scatter of the residuals of a model. [m]
 
-    Where more rows stand out than gross errors can be, they are structure, and only those beyond all others are
+    If more rows are outlying than gross errors can be, most belong to structure; only those far beyond all others are
     outliers.
     """
     length = np.where(considered & campaign.usable, np.linalg.norm(np.nan_to_num(residual), axis=1), 0.0)

@@ -1,8 +1,8 @@
-"""Questions before physics: mistakes of a log or of a robot folder that no effect should be bent to explain.
+"""Plausibility checks on a measurement log and robot model, before any fit.
 
-Units, mirrored axes, rows out of step, a frame or a target that nobody stated, deviations or loads with the wrong sign,
-a wrench about another point, a clock that is off: each is looked for by the figure that shows it, and asked about in
-one sentence. What a wrong convention of counting explains (`conventions`) is no question: it is named.
+Checked are units, mirrored axes, rows out of step, an unstated frame or target, deviations or loads with the wrong
+sign, a wrench about another point, and clocks that differ. Each check compares a figure with its limit and asks one
+question. Wrong joint conventions (`conventions`) are named instead.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from compplan.robot.mounting import mounted_tool
 from compplan.statics.chain import build_chain, jacobian, load_elements, locate_frames
 from compplan.statics.elements import ELASTIC_AXES
 
-#: A gap above this is no effect of the vocabulary: centimetres are frames, tools, units or conventions (assumed). [m]
+#: Largest gap of an effect; centimetres come from frames, tools, units or conventions (assumed). [m]
 NO_EFFECT = 20e-3
 #: Signs of weight and load under each hypothesis (theory).
 SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0), "none": (0.0, 0.0)}
@@ -37,14 +37,14 @@ SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0),
 
 @dataclass(frozen=True)
 class CheckSettings:
-    """Numbers of the plausibility checks."""
+    """Thresholds of the plausibility checks."""
 
-    #: The sign test: log likelihood ratio of the wrong sign, a stay counted as one number (theory: odds of 20,000 to
-    #: 1), and the share of the squares that springs of the wrong sign may leave (assumed: they have to be what is
-    #: there).
+    #: The sign test: least log likelihood ratio of the wrong sign, a stay counted as one value (theory: odds of 20,000
+    #: to 1), and largest share of the squares left by springs of the wrong sign (assumed: they have to explain the
+    #: residuals).
     sure_of_sign: float = 10.0
     wrong_sign: float = 0.5
-    #: A clock that is further off than this is no lag of a controller (assumed). [s]
+    #: Largest lag of a controller; a larger time shift is a clock error (assumed). [s]
     clock: float = 0.1
 
 
@@ -52,7 +52,7 @@ CHECKS = CheckSettings()
 
 
 class QuestionRows(NamedTuple):
-    """Rows that the questions are asked of, and the TCP that the nominal robot predicts. Shapes (n, 3), (n, 3, 3)."""
+    """Checked rows with the nominal TCP predictions. Shapes (n, 3), (n, 3, 3)."""
 
     campaign: Campaign
     position: Array
@@ -61,14 +61,14 @@ class QuestionRows(NamedTuple):
 
 @dataclass(frozen=True)
 class Question:
-    """Something to ask before anything is fitted: what it is about, and a sentence with the figure that shows it."""
+    """A question about an implausible input: its subject, and a sentence with the figure that shows it."""
 
     about: str
     sentence: str
 
 
 def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str] = ()) -> list[Question]:
-    """Return questions that have to be settled before a gap is explained, the most basic first."""
+    """Return questions to be answered before a gap is explained, the most basic first."""
     sighted = ask_sights(robot, campaign, register)
     if sighted:
         return [sighted]
@@ -82,7 +82,7 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
     known, parts = list(robot_effects(robot)), tuple(register)
     far = typical_gap(robot, rows.campaign, parts, known) > NO_EFFECT
     conventions = find_conventions(robot, campaign, parts) if far else ()
-    # springs pushed the wrong way are no matter where joints are counted wrongly
+    # the sign of springs is undefined while joint conventions are wrong
     sign = None if conventions else ask_sign(robot, rows, register)
     found = [ask_moment_point(robot, rows), sign, ask_clock(robot, rows, register)]
     questions = [question for question in found if question]
@@ -96,7 +96,7 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
 
 
 def build_rows_model(robot: Robot, campaign: Campaign) -> QuestionRows:
-    """Take the rows that hold joints and position, thinned, with what the nominal robot predicts."""
+    """Select rows with joints and position, thinned, and compute the predictions of the nominal robot."""
     index = np.flatnonzero(campaign.usable & campaign.measured)
     part = replace(campaign.take(index[:: max(1, len(index) // SAMPLE)]), link=None, motor=None, sights=None)
     attained = solve_model_poses(build_model(robot, part))
@@ -104,7 +104,7 @@ def build_rows_model(robot: Robot, campaign: Campaign) -> QuestionRows:
 
 
 def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Question | None:
-    """Ask about rows of other instruments that do not go together: labels, units, directions, a tool unknown."""
+    """Check rows of other instruments for consistency: labels, units, directions, an unknown tool."""
     if campaign.sights is None or not campaign.sights.seen.any():
         return None
     attained = solve_model_poses(apply_effects(build_model(robot, campaign), robot_effects(robot)))
@@ -163,7 +163,7 @@ def ask_step(rows: QuestionRows) -> Question | None:
 
 
 def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
-    """Ask for the target or a registration where one makes the gap small."""
+    """Ask for the target or a registration if one makes the gap small."""
     gap = float(np.median(np.linalg.norm(rows.campaign.position - rows.position, axis=1)))
     target_known = rows.campaign.target_offset is not None
     for parts in (("tool",), ("base",), ("base", "tool")):
@@ -190,7 +190,7 @@ def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
 
 
 def ask_moment_point(robot: Robot, rows: QuestionRows) -> Question | None:
-    """Tell whether the moments are those of a force at the TCP, taken about the flange."""
+    """Check whether the moments are those of a force at the TCP about the flange."""
     chain = build_chain(robot)
     lever = -np.einsum("nij,j->ni", rows.rotation, np.linalg.inv(mounted_tool(robot))[:3, 3])
     force, moment = rows.campaign.wrench[:, :3], rows.campaign.wrench[:, 3:]
@@ -210,13 +210,12 @@ def ask_moment_point(robot: Robot, rows: QuestionRows) -> Question | None:
 
 
 def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Question | None:
-    """Compare springs that yield to weights and loads with springs that push against them.
+    """Compare springs that deflect with weights and loads to springs that deflect against them.
 
     Residuals against the rigid robot are fitted by geometry, zeros and frames (with priors), and by a compliance
     c_j >= 0 of every joint: r = ... + sum_j c_j J_j (t_weight + t_load)_j. Reversed deviations fit with both loads
-    reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot look
-    like another compliance. Without loads, springs of the wrong sign have to be as sure beside none as beside right
-    ones.
+    reversed, a reversed wrench with its part reversed. Deviations negated about the loaded robot resemble another
+    compliance. Without loads, springs of the wrong sign need the same evidence against no springs as against the right.
     """
     shapes = shape_elastics(robot, rows.campaign, register)
     if not (np.abs(shapes.weight).any() or np.abs(shapes.load).any()):
@@ -245,7 +244,7 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
 
 
 def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Question | None:
-    """Ask about the clock where positions on paths run ahead of the joints, or behind, by more than any lag."""
+    """Check the clock: ask if positions on paths lead or lag the joints by more than a controller's lag."""
     path = rows.campaign.on_path
     if register or path.sum() < ENOUGH_ROWS or not rows.campaign.speed[path].any():
         return None
@@ -266,7 +265,7 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
 
 
 def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
-    """Rms distance after the best placement of a point set on another, mirrored or not [Kabsch1976]. [m]"""
+    """Return the median distance after the best placement of points on others, mirrored or not [Kabsch1976]. [m]"""
     a, b = nominal - nominal.mean(axis=0), measured - measured.mean(axis=0)
     u, _, vt = np.linalg.svd(a.T @ b)
     sign = np.sign(np.linalg.det(u @ vt)) * (-1.0 if mirror else 1.0)
@@ -275,12 +274,12 @@ def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
     return float(np.sqrt(np.median(distance**2)))
 
 
-#: Errors of geometry that the sign test allows: metres, and radians (assumed).
+#: Prior deviation of geometric errors in the sign test: metres, and radians (assumed).
 GEOMETRY = 2e-3
 
 
 class ElasticShapes(NamedTuple):
-    """What the sign test fits, in units of the noise, what geometry can explain taken off; k equations.
+    """Data of the sign test, in units of the noise, geometry projected out; k equations.
 
     `residual` is measured minus rigid (k,), `weight` and `load` the deflection per unit compliance of each joint (k,
     nq).
@@ -292,7 +291,7 @@ class ElasticShapes(NamedTuple):
 
 
 def shape_elastics(robot: Robot, campaign: Campaign, register: Sequence[str]) -> ElasticShapes:
-    """State what springs of every joint would do to the rows of a campaign, its own springs left out, frames fitted."""
+    """Compute the deflections by springs of every joint at the rows; the robot's springs removed, frames fitted."""
     own = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
     frames_of = tuple(Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in ELASTIC_AXES)
     bare = replace(robot, springs=own + frames_of, link_elasticities=(), gravity=robot.real_gravity, effects=())
@@ -323,7 +322,7 @@ def shape_elastics(robot: Robot, campaign: Campaign, register: Sequence[str]) ->
 
 
 def fit_positive(shapes: ElasticShapes, weight_sign: float, load_sign: float) -> float:
-    """Fit compliances >= 0 under weights and loads of these signs; return the sum of squares that is left."""
+    """Fit compliances >= 0 under weights and loads of these signs; return the remaining sum of squares."""
     columns = weight_sign * shapes.weight + load_sign * shapes.load
     size = np.linalg.norm(columns, axis=0)
     seen = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)

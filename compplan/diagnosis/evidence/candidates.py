@@ -1,4 +1,4 @@
-"""Offers: the signatures that a search may choose from at one linearization, and how to offer an earlier one again."""
+"""Candidates: the signatures that a search selects from at one linearization, their priors, and re-evaluation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from compplan.measurement.registration import CONTACTS
 from compplan.robot import Array
 
 CLASSES = ("zeros", "lengths", "compliances", "bending", "waves", "hysteresis", "warm-up")
-#: Class and scale of the background of each effect, in units of the signature's own scale (assumed).
+#: Class and scale of the background of each effect, in units of the signature's scale (assumed).
 BACKGROUND: dict[str, tuple[str, float]] = {
     "joint_offset": ("zeros", 0.05),
     "link_geometry": ("lengths", 0.1),
@@ -31,18 +31,18 @@ BACKGROUND: dict[str, tuple[str, float]] = {
     "backlash": ("hysteresis", 0.1),
     "thermal_drift": ("warm-up", 0.15),
 }
-#: An error that moves the target by this many noise floors is what a robot has that is calibrated as well as it can be
-#: measured: the scale of the classes; the campaign decides their size (assumed).
+#: Noise floors by which an error of a well calibrated robot moves the target: scale of the classes; the campaign
+#: determines their size (assumed).
 NO_CAUSE = 0.5
 #: Probability that an effect of the vocabulary is present at all (assumed alike for all of them).
 PRESENT = 0.06
-#: Effects that fewer robots can have at all: an arm has a balancer or has none, and its maker's model then holds it
+#: Factor of that probability for effects that few robots can have: an arm with a balancer has it in the maker's model
 #: (assumed).
 RARE = {"gravity_compensator": 0.15}
 
 
 REGISTRATION = "registration"
-#: Scale of the frames that are fitted freely: with their variance a metre, or a radian (theory: as good as free).
+#: Scale of frames without a prior: their standard deviation is then a metre, or a radian (theory: as good as free).
 #: [m, rad]
 REGISTRATION_SCALE = float(np.sqrt(1.0 / EVIDENCE.free_variance))
 Key = tuple[str, str | None, str | None, str]
@@ -54,19 +54,19 @@ def key_of(signature: Signature) -> Key:
 
 
 def offered_signatures(at: Linearization, register: Sequence[str], excluded: Sequence[str]) -> list[Signature]:
-    """List every signature that needs no search for rows or periods: registration and effects."""
+    """List every signature without an unknown row or period: registration and effects."""
     offered = registration_signatures(at, register)
     for name, model in EFFECTS.items():
         if name not in excluded:
             offered += list(model.signatures(at))
     if "joint_stiffness" in excluded:
-        # a law of deflection with a linear part is a joint's stiffness under another name
+        # a nonlinear stiffness with a linear part contains a joint's stiffness
         offered = [s for s in offered if not (s.name == "stiffness_nonlinearity" and linear_in_disguise(s.keys))]
     return offered
 
 
 def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Signature]:
-    """Return the columns of frames that are fitted freely: the base, and the tool of each target."""
+    """Return the columns of frames without a prior: the base, and the tool of each target."""
     found = []
     scale = np.full(6, REGISTRATION_SCALE)
     keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
@@ -86,7 +86,7 @@ def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Sig
 
 
 def _contact_signatures(at: Linearization) -> list[Signature]:
-    """Return the columns of the places of contacts: a place that moves is a point that moves the other way."""
+    """Return the columns of contact places; a shift of a place moves the measured point in the opposite direction."""
     sights, frames = at.campaign.sights, at.scene.registration
     if sights is None or frames is None:
         return []
@@ -101,12 +101,12 @@ def _contact_signatures(at: Linearization) -> list[Signature]:
 
 
 def proposed_signatures(signatures: Sequence[Signature]) -> list[Signature]:
-    """Return those whose row or period was looked for in what a model left over."""
+    """Return the signatures whose row or period was found in the residuals of a model."""
     return [s for s in signatures if s.tried > 1]
 
 
 def propose_again(at: Linearization, proposals: list[Signature], wanted: set[Key]) -> list[Signature]:
-    """Recompute earlier proposals whose keys are `wanted` at a new linearization."""
+    """Recompute earlier proposals with keys in `wanted` at a new linearization."""
     found: list[Signature] = []
     for old in proposals:
         if key_of(old) not in wanted:
@@ -125,7 +125,7 @@ def propose_again(at: Linearization, proposals: list[Signature], wanted: set[Key
 
 
 def in_background(signature: Signature) -> bool:
-    """Tell whether a signature is part of the background: one form of each place is enough."""
+    """Check whether a signature is part of the background, which contains one form of each place."""
     if signature.name not in BACKGROUND:
         return False
     if signature.name == "link_geometry":
@@ -140,7 +140,7 @@ def in_background(signature: Signature) -> bool:
 
 
 def build_prior(equations: NormalEquations, free: Sequence[int], excluded: Sequence[str] = ()) -> Prior:
-    """Give every column its background."""
+    """Assign the background class and scale to every column."""
     classes, spread, unbound = np.full(equations.p, -1), np.zeros(equations.p), np.zeros(equations.p, bool)
     for number, signature in enumerate(equations.signatures):
         columns = equations.columns(number)

@@ -1,13 +1,12 @@
-"""Evidence: how probable a campaign is under a set of effects, a background of small errors, and noise.
+"""Evidence: probability of a campaign given a set of effects, a background of small errors, and noise.
 
 With whitened columns Phi of prior variance D and observations y,
 
     y ~ N(0, V),   V = N + Phi D Phi^T,   log p(y) = -1/2 (log det V + y^T V^-1 y) + const
 
-N is the noise of each channel (variance v in units of its estimate) plus an error that the rows of a stay share
-(lambda^2 v), which stands for whatever no signature explains [Bishop2006, ch. 3; Rasmussen2006, ch. 2]. D is small for
-the background, where tau scales a whole class of errors, and large for claimed effects. Noise and background are fitted
-to the campaign.
+N is the noise of each channel (variance v in units of its estimate) plus an error common to the rows of a stay
+(lambda^2 v), which covers unmodelled errors [Bishop2006, ch. 3; Rasmussen2006, ch. 2]. D is small for the background,
+where tau scales a class of errors, and large for claimed effects. Noise and background are fitted to the campaign.
 """
 
 from __future__ import annotations
@@ -28,27 +27,26 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class EvidenceSettings:
-    """Numbers of the evidence."""
+    """Settings of the evidence."""
 
-    #: Logarithms of the smallest and largest background, shared error and error without a name that are fitted, and of
-    #: the smallest noise over its estimate (assumed: far beyond what any campaign has shown).
+    #: Log range of fitted background, shared error and unmodelled error, and lower limit of noise over its estimate
+    #: (assumed: far beyond the values of any campaign).
     log_range: tuple[float, ...] = (-4.0, 5.0)
-    #: Logarithm of the largest background: more is no robot that was ever adjusted (assumed).
+    #: Logarithm of the largest background (assumed: a larger one is that of a robot never adjusted).
     most_tau: float = 3.0
     #: Scale of the half-Cauchy prior of a class's background (assumed).
     tau_scale: float = 0.7
-    #: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them
-    #: (assumed).
+    #: Spread of log tau among the classes of one robot, which resemble each other in size (assumed).
     tau_spread: float = 0.6
-    #: Log evidence has settled when a step gains less than this (assumed: far below what decides).
+    #: Convergence: least gain in log evidence of a step (assumed: far below decisive differences).
     settled: float = 0.005
-    #: Logarithm of the shared error and of the backgrounds that a fit begins with (assumed: a fifth of their scale).
+    #: Initial logarithm of the shared error and of the backgrounds (assumed: a fifth of their scale).
     start: float = -1.5
-    #: Likely error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
+    #: Typical error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
     likely: float = 0.3
-    #: Steps of a fit of noise and background that begins from the start, at most (assumed).
+    #: Most steps of a fit of noise and background from their start (assumed).
     first_steps: int = 40
-    #: Variance of columns that every model fits freely, in units of their scale (assumed: as good as free).
+    #: Variance of columns without a prior, in units of their scale (assumed: as good as free).
     free_variance: float = 1000000.0
 
 
@@ -57,14 +55,14 @@ EVIDENCE = EvidenceSettings()
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Which columns are active, and how large they may be."""
+    """Active columns and their prior variances."""
 
     background: NDArray[np.int_]  #: Class of each column's background, -1 for none. Shape (p,).
     spread: Array  #: Background standard deviation of each column at tau = 1, in units of its scale. Shape (p,).
-    free: NDArray[np.bool_]  #: Columns that every model fits freely (registration). Shape (p,).
+    free: NDArray[np.bool_]  #: Columns without a prior in every model (registration). Shape (p,).
     slab: Array  #: Variance of claimed columns, 0 where nothing is claimed. Shape (p,).
-    #: Classes that no other resembles and that may be of any size, tau in noise floors, half-Cauchy: what an unknown
-    #: cause follows. Shape (classes,), or (0,) for none.
+    #: Classes of unmodelled errors: independent of the others, any size, tau in noise floors, half-Cauchy. Shape
+    #: (classes,), or (0,) for none.
     loose: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
     def variance(self, log_tau: Array) -> Array:
@@ -74,7 +72,7 @@ class Prior:
         return np.asarray(small + self.slab + EVIDENCE.free_variance * self.free)
 
     def of(self, columns: NDArray[np.int_]) -> Prior:
-        """Return the prior of some columns alone."""
+        """Return the prior of given columns alone."""
         return Prior(self.background[columns], self.spread[columns], self.free[columns], self.slab[columns], self.loose)
 
     @cached_property
@@ -85,13 +83,13 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What the campaign says under a prior."""
+    """Posterior of a campaign under a prior."""
 
     log_evidence: float  #: Logarithm of the evidence, hyperpriors included.
     columns: NDArray[np.int_]  #: Active columns.
-    mean: Array  #: Their values, in units of their scale. Shape (active,).
+    mean: Array  #: Posterior means, in units of their scale. Shape (active,).
     hyper: Hyper  #: Noise and background.
-    covary: Callable[[], Array]  #: Works out their covariance, which many a model is never asked for.
+    covary: Callable[[], Array]  #: Computes the covariance on request, since few models need it.
 
     @cached_property
     def covariance(self) -> Array:
@@ -99,7 +97,7 @@ class Posterior:
         return self.covary()
 
     def loss_without(self, columns: NDArray[np.int_]) -> float:
-        """Return the log likelihood that is lost where these columns are set to zero, the rest refitted."""
+        """Return the log likelihood lost by setting these columns to zero, the others refitted."""
         at = np.flatnonzero(np.isin(self.columns, columns))
         mean, block = self.mean[at], self.covariance[np.ix_(at, at)]
         return 0.5 * float(mean @ np.linalg.solve(block + 1e-12 * np.trace(block) * np.eye(len(at)), mean))
@@ -112,7 +110,7 @@ class Posterior:
 
 
 def start_hyper(equations: NormalEquations, classes: int) -> Hyper:
-    """Start with the estimated noise, little shared error and little background."""
+    """Return the initial hyperparameters: estimated noise, small shared error and background."""
     c = len(equations.channels)
     return Hyper(np.zeros(c), np.full(c, EVIDENCE.start), np.full(classes, EVIDENCE.start))
 
@@ -126,9 +124,9 @@ def find_posterior(
     steps: int = EVIDENCE.first_steps,
     shared: bool = True,
 ) -> Posterior:
-    """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
+    """Compute evidence and posterior; noise and background are fitted to the campaign unless `fit` is False.
 
-    `hyper` is what they begin with, `steps` the most of the fit; `shared` tells whether rows of a stay may share an
+    `hyper` holds their initial values; `steps` limits the fit; `shared`: whether rows of a stay may share an
     error.
     """
     channels, loose, variance = equations.channels, _loose(prior, hyper), _Variance(prior)
@@ -140,7 +138,7 @@ def find_posterior(
         + [EVIDENCE.log_range if shared else (EVIDENCE.log_range[0], EVIDENCE.log_range[0])] * len(channels)
         + [EVIDENCE.log_range if own else (EVIDENCE.log_range[0], EVIDENCE.most_tau) for own in loose]
     )
-    # evidence counts from where it starts, for its digits; steps in units of likely errors
+    # evidence relative to its initial value, for its digits; steps in units of typical errors
     others = len(hyper.vector) - len(channels)
     unit = np.array([np.sqrt(2.0 / max(ch.total.count, 1)) for ch in channels] + [EVIDENCE.likely] * others)
     started: list[float] = []
@@ -160,7 +158,7 @@ def find_posterior(
     gained = [0.0]
 
     def stop_settled(intermediate_result: OptimizeResult) -> None:
-        # the optimizer's own tolerance is a share of all that is gained: after a long way it stops far too early
+        # the optimizer's tolerance is a share of the total gain: after a large gain it stops far too early
         gained.append(-intermediate_result.fun)
         if gained[-1] - gained[-2] < EVIDENCE.settled:
             raise StopIteration
@@ -177,7 +175,7 @@ def find_posterior(
 def drop_negative(
     equations: NormalEquations, prior: Prior, posterior: Posterior, bounded: NDArray[np.int_]
 ) -> tuple[Prior, Posterior]:
-    """Set columns that cannot be negative to zero where their posterior mean is, until none is; noise is held."""
+    """Set nonnegative columns with negative posterior means to zero until none is left; noise is held."""
     while True:
         wrong = bounded[posterior.values(equations.p)[bounded] < 0.0]
         if not len(wrong):
@@ -194,7 +192,7 @@ def _conclude(prior: Prior, channels: Sequence[ChannelProducts], done: SolvedCol
 
 
 class _Variance:
-    """Prior variance of the active columns, as noise and background change."""
+    """Prior variance of the active columns as a function of the background."""
 
     def __init__(self, prior: Prior) -> None:
         active = prior.active
@@ -217,7 +215,7 @@ class _Variance:
 
 
 def _most_noise(channel: ChannelProducts) -> float:
-    """Return the logarithm of the largest noise worth trying: all that was observed, and a factor e."""
+    """Return the logarithm of the largest noise to try: all that was observed, and a factor e."""
     return float(np.log(max(channel.total.square / max(channel.total.count, 1), 1.0)) + 1.0)
 
 
@@ -234,7 +232,7 @@ def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple
 
 
 def _loose(prior: Prior, hyper: Hyper) -> NDArray[np.bool_]:
-    """Tell which classes are loose. Shape (classes,)."""
+    """Return which classes are loose (unmodelled errors). Shape (classes,)."""
     return prior.loose if len(prior.loose) else np.zeros(len(hyper.log_tau), bool)
 
 
@@ -243,9 +241,9 @@ def _hyperprior(
 ) -> tuple[float, Array]:  # fmt: skip
     """Return log prior of noise and background, and its gradient.
 
-    Noise has the chi-square likelihood of the degrees of freedom that its estimate rests on. Shared errors and
-    backgrounds are half-Cauchy, and the classes of one robot resemble each other (assumed: an error as large as the
-    noise, a background as large as its class's scale, is no surprise).
+    Noise has the chi-square likelihood with the degrees of freedom of its estimate. Shared errors and backgrounds are
+    half-Cauchy, and the classes of one robot resemble each other (assumed: an error as large as the noise and a
+    background as large as its class's scale are common).
     """
     witnesses = np.array([ch.witnesses for ch in channels])
     factor = np.exp(-hyper.log_noise)
@@ -262,13 +260,13 @@ def _hyperprior(
     return float(value), gradient
 
 
-#: Sizes that an effect may have, in units of its prior scale; each is as probable as the others (assumed).
+#: Sizes of an effect in units of its prior scale; each is as probable as the others (assumed).
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 40.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Gain:
-    """What claiming a signature would add to the log evidence, and at which of `SIZES`."""
+    """Increase of the log evidence by claiming a signature, and the best of `SIZES`."""
 
     signature: int
     log_evidence: float
@@ -276,7 +274,7 @@ class Gain:
 
 
 def find_gains(equations: NormalEquations, posterior: Posterior, candidates: list[int]) -> list[Gain]:
-    """Compute what each candidate would add to the log evidence, noise and background held."""
+    """Compute the gain of each candidate in log evidence, noise and background held."""
     gram, against, _, _ = combine_normal_equations(equations, posterior.hyper)
     cross = gram.take(posterior.columns, axis=1)
     left = against - cross @ posterior.mean
@@ -296,12 +294,12 @@ def find_gains(equations: NormalEquations, posterior: Posterior, candidates: lis
 
 @lru_cache(maxsize=1)
 def combine_normal_equations(equations: NormalEquations, hyper: Hyper) -> tuple[Array, Array, float, float]:
-    """Combine the channels of all normal equations; a search asks again and again at the same noise."""
+    """Combine the channels of all normal equations; cached, since a search repeats this at the same noise."""
     return combine_channels(equations.channels, hyper)
 
 
 def _rate_blocks(blocks: Array, left: Array, positive: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return gain and best size of signatures of k columns each, `positive` ones of one column that is not negative.
+    """Return gain and best size of signatures of k columns each; `positive`: of one nonnegative column.
 
     Shapes (m, k, k), (m, k), (m,) -> (m,), (m,).
     """

@@ -4,8 +4,8 @@ With the products G = Phi^T N^-1 Phi and a = Phi^T N^-1 y, and D the prior varia
 
     S = (1/D + G)^-1,    m = S a,    log p(y) = -1/2 (log det N + log det(1 + D G) + y^T N^-1 y - a^T m)
 
-The noise N of a channel is v within a stay and v (1 + n lambda^2) for the mean of n rows, so that G is a sum of
-products that do not depend on it (compplan.diagnosis.evidence.normal_equations), each with a weight that does:
+The noise N of a channel is v within a stay and v (1 + n lambda^2) for the mean of n rows. G is therefore a sum of
+products that do not depend on N (compplan.diagnosis.evidence.normal_equations), with weights that do:
 
     1/v of all rows,    -1/v n lambda^2 / (1 + n lambda^2) of the means of n rows
 
@@ -36,21 +36,21 @@ class Hyper:
 
     @property
     def vector(self) -> Array:
-        """All of it, side by side."""
+        """All hyperparameters in one vector."""
         return np.concatenate([self.log_noise, self.log_shared, self.log_tau])
 
     def with_vector(self, vector: Array) -> Hyper:
-        """Return the hyperparameters that a vector holds."""
+        """Return the hyperparameters in a vector."""
         c = len(self.log_noise)
         return Hyper(vector[:c].copy(), vector[c : 2 * c].copy(), vector[2 * c :].copy())
 
 
 @dataclass(frozen=True, eq=False)
 class ProductWeights:
-    """How products K enter the evidence.
+    """Weights of K products in the evidence.
 
-    `channel` is that of each, `size` the rows of the stays whose means they are of (0 for all rows of a channel with
-    longer stays), `whole` 1 for products of all rows of a channel and 0 for means beside them, `count` that of values.
+    `channel` is the channel of each, `size` the rows of its stays (0 for all rows of a channel with longer stays),
+    `whole` 1 for products of all rows of a channel and 0 for further means, `count` the number of values.
     """
 
     channel: NDArray[np.int_]
@@ -83,7 +83,7 @@ class ManyRows:
     square: Array
 
     def solve(self, variance: Array, hyper: Hyper) -> SolvedColumns:
-        """Solve at one noise, for one prior variance of the columns. Shape (a,)."""
+        """Solve for given noise and prior variance of the columns. Shape (a,)."""
         weight = self.weights.weigh(hyper.log_noise, hyper.log_shared)
         deviation = np.sqrt(variance)
         p = len(deviation)
@@ -103,8 +103,8 @@ class ManyRows:
 class SolvedColumns:
     """The solution at one noise and background.
 
-    `weight` is that of the products (K,), `lower` the factor of 1 + R G R with the columns' deviations R (a,), `mean`
-    their values and `pull` a - G m (a,); `value` is the log likelihood, without constant.
+    `weight` holds the weights of the products (K,), `lower` the factor of 1 + R G R with the columns' deviations R
+    (a,), `mean` the posterior means and `pull` a - G m (a,); `value` is the log likelihood, without constant.
     """
 
     rows: ManyRows
@@ -117,7 +117,7 @@ class SolvedColumns:
     pull: Array
 
     def covary(self) -> Callable[[], Array]:
-        """Return what works out the covariance of the columns; it does not hold the products. Shape (a, a)."""
+        """Return a function that computes the covariance of the columns without the products. Shape (a, a)."""
         lower, deviation = self.lower, self.deviation
         return lambda: mirror_lower(_covariance_triangle(lower, deviation))
 
@@ -127,7 +127,7 @@ class SolvedColumns:
         Shapes (channels,), (channels,), (a,).
         """
         rows, weights, hyper = self.rows, self.rows.weights, self.hyper
-        # second moment of the columns, a triangle twice standing for both
+        # second moment of the columns; twice a triangle replaces both
         triangle = _covariance_triangle(self.lower, self.deviation)
         own = np.diag(triangle)
         moment = np.outer(self.mean, self.mean)
@@ -184,7 +184,7 @@ def factorize(matrix: Array) -> Array:
         lower, failed = dpotrf(tried.T, lower=1, clean=1)
         if not failed:
             return np.asarray(lower)
-        # a rounding of all entries first, then a hundred times as much each time
+        # jitter: rounding of all entries first, then a hundred times as much each time
         jitter *= 100.0
         tried = matrix + jitter * float(np.trace(matrix)) * np.eye(len(matrix))
     raise ConvergenceError("the evidence of a model cannot be computed, its columns are degenerate", residual=jitter)
@@ -206,7 +206,7 @@ def invert_factor(lower: Array) -> Array:
 
 
 def mirror_lower(triangle: Array) -> Array:
-    """Return the symmetric matrix with a lower triangle above which there are zeros. Shape (p, p)."""
+    """Return the symmetric matrix of a lower triangle with zeros above. Shape (p, p)."""
     full = triangle + triangle.T
     full[np.diag_indices_from(full)] *= 0.5
     return np.asarray(full)

@@ -1,7 +1,7 @@
-"""Normal equations: all that a campaign says about every signature, as inner products.
+"""Normal equations: inner products of all signatures and observations of a campaign.
 
-Once they are there, the evidence of any set of effects under any noise and background costs a small Cholesky factor,
-and no row of the campaign is touched again.
+With these products, the evidence of any set of effects under any noise and background needs only a small Cholesky
+factor; rows of the campaign are not read again.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from compplan.effects.signature import Signature
 from compplan.measurement.observations import along
 from compplan.robot import Array
 
-#: Sizes of groups that are told apart (assumed: a half more each, which changes the weight of a mean by little).
+#: Rounded sizes of groups (assumed: steps of a half, which change the weight of a mean little).
 TYPICAL = np.array([1, 2, 3, 4, 6, 9, 14, 22, 34, 52, 80, 120])
 
 
@@ -33,7 +33,7 @@ class Products:
     square: float  #: Observations with themselves.
 
     def take(self, columns: NDArray[np.int_]) -> Products:
-        """Take some columns."""
+        """Select columns."""
         return Products(self.count, self.gram[np.ix_(columns, columns)], self.against[columns], self.square)
 
 
@@ -46,10 +46,10 @@ class ChannelProducts:
     #: Products of the group means (times the root of its size) by group size; `total` itself where every group is a
     #: single row.
     means: dict[int, Products]
-    witnesses: float  #: Degrees of freedom that the noise rests on.
+    witnesses: float  #: Degrees of freedom of the noise estimate.
 
     def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
-        """Take some columns."""
+        """Select columns."""
         total = self.total.take(columns)
         means = {size: total if own is self.total else own.take(columns) for size, own in self.means.items()}
         return ChannelProducts(self.name, total, means, self.witnesses)
@@ -59,7 +59,7 @@ class ChannelProducts:
 class NormalEquations:
     """All products of a campaign with a list of signatures; p columns."""
 
-    signatures: tuple[Signature, ...]  #: The signatures, without their motions: these are in the designs.
+    signatures: tuple[Signature, ...]  #: The signatures without their motions, which are in the designs.
     index: tuple[NDArray[np.int_], ...]  #: Columns of each signature; signatures may share columns.
     names: tuple[str, ...]  #: Name of each column.
     scale: Array  #: Scale of each column's parameter. Shape (p,).
@@ -71,7 +71,7 @@ class NormalEquations:
 
     @property
     def p(self) -> int:
-        """Count the columns."""
+        """Number of columns."""
         return len(self.names)
 
     def columns(self, signature: int) -> NDArray[np.int_]:
@@ -87,7 +87,7 @@ class NormalEquations:
         return self.join_columns(number for number, s in enumerate(self.signatures) if s.name in names)
 
     def left(self, values: Array) -> list[Array]:
-        """Return what parameters leave in each channel, in units of the noise, to first order."""
+        """Return the residuals of each channel for given parameters, in units of the noise, to first order."""
         used = np.flatnonzero(values)
         return [y - design[..., used] @ values[used] for design, y in zip(self.designs, self.observed, strict=True)]
 
@@ -95,7 +95,7 @@ class NormalEquations:
 def build_normal_equations(
     channels: Sequence[Channel], signatures: Sequence[Signature], values: dict[str, float]
 ) -> NormalEquations:
-    """Multiply everything with everything, observations referred to zero parameters.
+    """Compute the inner products of all columns and observations, the latter referred to zero parameters.
 
     `values` are the current values of parameters (SI) by column, which are added back.
     """
@@ -121,7 +121,7 @@ def build_normal_equations(
 
 
 def extend_normal_equations(equations: NormalEquations, signatures: Sequence[Signature]) -> NormalEquations:
-    """Return normal equations with further signatures behind the old ones, zero in the current model."""
+    """Return normal equations with further signatures appended, zero in the current model."""
     index, names, scale, picked = _number_columns(signatures, list(equations.names))
     fresh = [_design(channel, signatures, picked) for channel in equations.source]
     designs = [np.concatenate([old, new], axis=-1) for old, new in zip(equations.designs, fresh, strict=True)]
@@ -143,7 +143,7 @@ def extend_normal_equations(equations: NormalEquations, signatures: Sequence[Sig
 def select_rows(
     equations: NormalEquations, rows: NDArray[np.bool_], columns: NDArray[np.int_]
 ) -> tuple[ChannelProducts, ...]:
-    """Return the products over some rows of the campaign, shape (n,), and some columns only."""
+    """Return the products over given rows of the campaign, shape (n,), and given columns only."""
     result = []
     for channel, design, observed in zip(equations.source, equations.designs, equations.observed, strict=True):
         keep = rows[channel.rows]
@@ -161,7 +161,7 @@ def typical_size(sizes: NDArray[np.int_]) -> NDArray[np.int_]:
 
 
 def representable_forms(equations: NormalEquations, special: int) -> set[int]:
-    """List forms at the joint of one that have more parameters and hold all that this one can be."""
+    """List forms at the same joint that have more parameters and contain the given form."""
     narrow, joint = equations.columns(special), equations.signatures[special].joint
 
     def multiply(rows: NDArray[np.int_], columns: NDArray[np.int_]) -> Array:
@@ -180,7 +180,7 @@ def representable_forms(equations: NormalEquations, special: int) -> set[int]:
 
 
 def project_out(gram: Array, nuisance: NDArray[np.int_]) -> Array:
-    """Return the products of all columns with some of them projected out of all. Shape (p, p)."""
+    """Project given columns out of the products of all columns. Shape (p, p)."""
     if not len(nuisance):
         return gram
     block = gram[np.ix_(nuisance, nuisance)]
@@ -192,7 +192,7 @@ def project_out(gram: Array, nuisance: NDArray[np.int_]) -> Array:
 def _number_columns(
     signatures: Sequence[Signature], names: list[str]
 ) -> tuple[list[NDArray[np.int_]], list[str], list[float], list[tuple[int, int]]]:
-    """Number the columns, shared ones once. Returns index, names, scales and (signature, parameter) of the new ones."""
+    """Number the columns, shared ones once; return index, names, scales and (signature, parameter) of new ones."""
     number = {name: k for k, name in enumerate(names)}
     index, scale, picked = [], [], []
     for count, signature in enumerate(signatures):
@@ -227,7 +227,7 @@ def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[
 
 
 def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProducts | None = None) -> ChannelProducts:
-    """Multiply columns with columns and observations; blocks that `old` holds already are taken from there."""
+    """Multiply columns with columns and observations; blocks in `old` are reused."""
     design, observed, told = turn_along(channel, design, observed)
     total = _products(design, observed, None if old is None else old.total, told)
     means: dict[int, Products] = {}
@@ -251,7 +251,7 @@ def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProd
 
 
 def turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Turn rows that tell one number so that it is their first; return as well which values were told. Shape (r, c)."""
+    """Rotate rows that measure one value so that it is first; also return which values are measured. Shape (r, c)."""
     told = np.ones(observed.shape, bool)
     if channel.direction is None:
         return design, observed, told
@@ -265,7 +265,7 @@ def turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array,
 
 
 def _products(design: Array, observed: Array, old: Products | None, told: NDArray[np.bool_]) -> Products:
-    # a model without parameters has no columns, and then no shape says how many values there are
+    # without parameters there are no columns, and the shape does not contain the number of values
     flat, y = design.reshape(observed.size, design.shape[-1]), observed.reshape(-1)
     if old is None:
         return Products(int(told.sum()), flat.T @ flat, flat.T @ y, float(y @ y))

@@ -1,4 +1,4 @@
-"""Proposals: forms with a row or a period that a list cannot hold, looked for in what a model leaves over."""
+"""Proposals: effects with an unknown row or period, found in the residuals of a model."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ from compplan.measurement.observations import along
 from compplan.robot import Array
 
 Waves = NDArray[np.complex128]
-#: Least range of a joint that waves are looked for in (assumed). [rad or m]
+#: Least joint range for a search for waves (assumed). [rad or m]
 LEAST_RANGE = 0.3
 
 
 @dataclass(frozen=True)
 class ProposalSettings:
-    """Numbers of the search for rows and periods."""
+    """Settings of the search for rows and periods."""
 
-    #: Rows proposed for each kind of shift, and waves of a joint that may always be tried (assumed).
+    #: Rows proposed for each kind of shift, and least number of waves to try at a joint (assumed).
     proposed: int = 2
-    #: Cycles per turn that are looked at, whole ones and those between (assumed: gears of arms turn 50 to 170 times,
-    #: and a strain wave gear errs twice a turn of its motor).
+    #: Most cycles per turn, integers and values between (assumed: gears of arms turn 50 to 170 times, and a strain wave
+    #: gear errs twice a turn of its motor).
     most_cycles: float = 200.0
-    #: What holds a shift that the rows on one side do not fix at zero, in squares of the noise (assumed).
+    #: Regularisation of shifts that the rows on one side do not determine, in squares of the noise (assumed).
     hold: float = 1e-2
-    #: Frequencies lie this part of a turn over the range apart, and two waves at least as far (theory: a wave's own
-    #: width is one turn, a quarter loses little).
+    #: Spacing of frequencies, and least distance of two waves, in turns over the range (theory: the width of a wave is
+    #: one turn, a quarter loses little).
     between: float = 0.25
-    #: n waves together count as at most so many tried: this to the power of n + 2 (assumed: not all were).
+    #: Upper limit of the number of tried sets of n waves: this to the power of n + 2 (assumed: not all were).
     tried_a_wave: int = 10
     #: Least cycles per turn, or per metre (assumed).
     least_cycles: float = 0.5
@@ -58,7 +58,7 @@ PROPOSALS = ProposalSettings()
 def propose_shifts(at: Linearization, channels: Sequence[Channel], left: Sequence[Array]) -> list[Signature]:
     """Propose shifts of frame and tool at the rows where a step explains most.
 
-    `left` is what the model leaves in each channel, in units of the noise. Shape (r, c) each.
+    `left` holds the residuals of the model in each channel, in units of the noise. Shape (r, c) each.
     """
     starts = np.flatnonzero(np.r_[False, np.diff(at.campaign.stay) > 0])
     kinds = ((frame_shift, base_twists(at) * BASE_SCALE), (tool_shift, tool_twists(at) * TOOL_SCALE))
@@ -88,7 +88,7 @@ def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array
         if channel.direction is not None:
             columns = along(channel.direction, columns)
         length = np.linalg.norm(rest, axis=1)
-        # a single row far off is no shift
+        # bound the influence of single outlying rows
         far = np.quantile(length, LEVEL)
         rest = rest * np.minimum(1.0, far / np.maximum(length, 1e-12))[:, None]
         gram[channel.rows] += np.einsum("nik,nil->nkl", columns, columns)
@@ -139,9 +139,9 @@ def propose_waves(
 
 
 def wave_grid(spread: float, slides: bool) -> tuple[Array, Array]:
-    """Return the cycles per turn (per metre) to look at, close enough that no wave falls between.
+    """Return the cycles per turn (per metre) to evaluate, dense enough for every wave.
 
-    Whole cycles, and cycles that lie evenly apart.
+    Integer cycles, and evenly spaced cycles.
     """
     turns = spread if slides else spread / (2 * np.pi)
     step = PROPOSALS.between / turns
@@ -152,8 +152,8 @@ def wave_grid(spread: float, slides: bool) -> tuple[Array, Array]:
 class _Spectrum:
     """Sums of a signal times all waves of a grid.
 
-    Evenly apart, f_jk = f_0 + (j B + k) s, all waves are products of two short lists, exp(i (f_0 + j B s) x) and
-    exp(i k s x), and so their sums are a product of two small matrices.
+    For an even grid f_jk = f_0 + (j B + k) s, all waves are products of two short lists, exp(i (f_0 + j B s) x) and
+    exp(i k s x); their sums are a product of two small matrices.
     """
 
     def __init__(self, angle: Array, spread: float, slides: bool) -> None:
@@ -188,7 +188,7 @@ def _turn(phase: Array) -> Waves:
 def _projected(
     at: Linearization, channels: Sequence[Channel], left: Sequence[Array], own: list[Array] | None, index: int
 ) -> tuple[Array, Array]:
-    """Project what is left on the motion of one joint: pull J^T e and weight J^T J of every row, noise units."""
+    """Project the residuals on the motion of one joint: pull J^T e and weight J^T J of every row, noise units."""
     n = len(at.campaign)
     pull, weight = np.zeros(n), np.zeros(n)
     for number, (channel, rest) in enumerate(zip(channels, left, strict=True)):
@@ -211,7 +211,7 @@ def _projected(
 def _match_waves(
     angle: Array, pull: Array, weight: Array, spectrum: _Spectrum, slides: bool, most: int
 ) -> list[float]:  # fmt: skip
-    """Pick waves one after the other, all refitted after each, while they are worth it."""
+    """Select waves one by one, refitting all after each, while the gain exceeds chance."""
     picked: list[float] = []
     grid, total = spectrum.grid, float(weight.sum())
     smooth, rest = _take_out_line(angle, pull, weight)
@@ -235,10 +235,10 @@ def _match_waves(
 
 
 def find_series(angle: Array, pull: Array, weight: Array, grid: Array, slides: bool) -> float:
-    """Return the cycles of the wave with overtones that has the largest evidence, all as large as the largest sine.
+    """Return the cycles of the wave with overtones of largest evidence; all sizes equal that of the largest sine.
 
-    `pull` is what is left, projected on the joint's motion, `weight` the square of that motion, both over the joint's
-    `angle`, shape (n,); `grid` holds the cycles to look at.
+    `pull` is the residual projected on the joint's motion, `weight` the square of that motion, both over the joint's
+    `angle`, shape (n,); `grid` holds the cycles to evaluate.
     """
     _, rest = _take_out_line(angle, pull, weight)
     overtones = enumerate(OVERTONES)
@@ -255,7 +255,7 @@ def find_series(angle: Array, pull: Array, weight: Array, grid: Array, slides: b
 
 
 def _take_out_line(angle: Array, pull: Array, weight: Array) -> tuple[Array, Array]:
-    """Return a level and a slope over the angle, and what is left without them. Shapes (n, 2), (n,)."""
+    """Return a constant and a slope over the angle, and the residual without them. Shapes (n, 2), (n,)."""
     smooth = np.column_stack([np.ones_like(angle), angle - angle.mean()])
     return smooth, pull - weight * (smooth @ _weighted_fit(smooth, pull, weight))
 

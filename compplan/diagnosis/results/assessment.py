@@ -1,10 +1,9 @@
-"""Assessment: what a calibration engineer takes from a diagnosis: numbers to enter, and the accuracy of poses.
+"""Assessment: corrections to enter into a controller, and pose accuracy, for calibration engineers.
 
-Values are those of the robot folder that is delivered; their intervals hold 95 %, from the posterior of its parameters.
-What a campaign cannot tell apart is shared out by the size that small errors have in this robot, and has wide
-intervals. The pose accuracy of ISO 9283 is the distance between where a pose was commanded and the mean of where it was
-attained [ISO9283]. A pose is a stay (poses met again count on their own), or a block of a path; `after` is predicted by
-models that never saw it.
+Values are those of the delivered robot folder; their 95 % intervals come from the posterior of its parameters.
+Parameters that a campaign cannot separate share an error by their prior sizes, and have wide intervals. The pose
+accuracy of ISO 9283 is the distance between a commanded pose and the mean of the attained poses [ISO9283]. A pose is a
+stay (repeated poses count separately), or a block of a path; `after` is predicted by models fitted without it.
 """
 
 from __future__ import annotations
@@ -39,8 +38,8 @@ SHOWN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / np.pi)}
 class Correction:
     """One number to enter: change against the nominal robot with its 95 % interval, in `unit`, "mm" or "deg".
 
-    `effect` is one of `ENTERED`; `axis` is that of the parent link for a length, of its own frame for tool and base,
-    None for a zero; `named` tells whether the verdict names it as a cause.
+    `effect` is one of `ENTERED`; `axis` is that of the parent link for a length, of the frame itself for tool and base,
+    None for a zero; `named`: whether the verdict names the effect as a cause.
     """
 
     effect: str
@@ -54,30 +53,30 @@ class Correction:
 
     @property
     def plain(self) -> bool:
-        """Tell whether its interval excludes zero."""
+        """Whether its interval excludes zero."""
         return self.low > 0.0 or self.high < 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Return the correction as diagnosis.json holds it."""
+        """Return the correction in the format of diagnosis.json."""
         numbers = {f"{key}_{self.unit}": round(getattr(self, key), 6) for key in ("value", "low", "high")}
         return {"effect": self.effect, "joint": self.joint, "axis": self.axis, **numbers, "named": self.named}
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A frame as controllers take it, with 95 % half widths where the campaign tells them."""
+    """A frame in a controller's convention, with 95 % half widths if the campaign determines them."""
 
     #: "tool" (TCP in the controller's flange frame), "base" (robot base in the measurement frame), "target LABEL" (in
     #: the TCP frame).
     name: str
     position: Array  #: Shape (3,). [mm]
-    #: A, B, C: turns about z, the new y and the new x; None where positions do not tell them. [deg]
+    #: A, B, C: turns about z, the new y and the new x; None if positions do not determine them. [deg]
     angles: Array | None
-    half_position: Array | None  #: Half widths along the frame's own axes, or None. Shape (3,). [mm]
-    half_angles: Array | None  #: Half widths about the frame's own axes, or None. Shape (3,). [deg]
+    half_position: Array | None  #: Half widths along the axes of the frame, or None. Shape (3,). [mm]
+    half_angles: Array | None  #: Half widths about the axes of the frame, or None. Shape (3,). [deg]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the frame as diagnosis.json holds it."""
+        """Return the frame in the format of diagnosis.json."""
         table: dict[str, Any] = {"name": self.name}
         table |= {f"{key}_mm": round(float(v), 5) for key, v in zip("xyz", self.position, strict=True)}
         if self.angles is not None:
@@ -102,15 +101,15 @@ class Accuracy:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What a diagnosis is worth to a calibration engineer."""
+    """Figures of a diagnosis for a calibration engineer."""
 
     corrections: tuple[Correction, ...]  #: Zeros, lengths, tool and base to enter, with intervals.
-    frames: tuple[Pose, ...]  #: Tool and registered frames as controllers take them.
+    frames: tuple[Pose, ...]  #: Tool and registered frames in a controller's convention.
     accuracy: dict[str, Accuracy]  #: Pose accuracy "before" and, held out, "after".
     worst: list[dict[str, Any]]  #: Poses that the delivered model predicts worst: row, joints_deg_or_mm, held_out_mm.
 
     def to_json(self) -> dict[str, Any]:
-        """Return what diagnosis.json holds under `for_controllers` and `accuracy`."""
+        """Return the content of `for_controllers` and `accuracy` in diagnosis.json."""
         figures = {name: {k: round(v, 5) for k, v in asdict(one).items()} for name, one in self.accuracy.items()}
         return {
             "for_controllers": {
@@ -122,7 +121,7 @@ class Assessment:
 
 
 def assess_diagnosis(diagnosis: Diagnosis) -> Assessment:
-    """Assess the delivered robot of a diagnosis."""
+    """Compute the assessment of the delivered robot of a diagnosis."""
     spreads = _spreads(diagnosis)
     before, after, first = _stays(diagnosis)
     accuracy = {"before": _summarise(before), "after": _summarise(after)}
@@ -203,7 +202,7 @@ def list_frames(diagnosis: Diagnosis, spreads: dict[str, float]) -> tuple[Pose, 
 
 
 def _spreads(diagnosis: Diagnosis) -> dict[str, float]:
-    """Return the standard deviation of every parameter that the campaign tells, by column. [SI]"""
+    """Return the standard deviation of every parameter that the campaign determines, by column. [SI]"""
     equations, posterior = diagnosis.equations, diagnosis.delivery.posterior
     if diagnosis.delivery.kind == NOMINAL:
         return {}
@@ -217,7 +216,7 @@ def _spreads(diagnosis: Diagnosis) -> dict[str, float]:
 def _halves(
     equations: NormalEquations, name: str, form: str | None, spreads: dict[str, float]
 ) -> tuple[Array | None, Array | None]:
-    """Return half widths of a frame's position [mm] and turns [deg], None where the campaign does not tell them."""
+    """Return half widths of a frame's position [mm] and turns [deg], None if the campaign does not determine them."""
     own: dict[str, float] = {}
     for number, signature in enumerate(equations.signatures):
         if signature.name == name and form in (None, signature.form):

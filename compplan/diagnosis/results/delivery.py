@@ -1,7 +1,7 @@
-"""Delivery: the robot folder that a diagnosis writes, judged by what its model predicts of poses that it never saw.
+"""Delivery: the robot folder of a diagnosis, validated on held-out poses.
 
 The folder holds the posterior of named effects, of shifts of the tool with or without a name, and of small errors
-(`validation.calibration`); where that predicts poses left out no better than the nominal robot by more than chance, the
+(`validation.calibration`). If this predicts held-out poses no better than the nominal robot by more than chance, the
 nominal robot is written.
 """
 
@@ -31,17 +31,17 @@ NOMINAL, CALIBRATED = "nominal", "calibrated"
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """The robot folder and what it is worth."""
+    """The delivered robot folder with its validation."""
 
     kind: str  #: "nominal" or "calibrated".
     state: FitState  #: Effects, frames and rows of its exact model.
-    held: HeldOut  #: What its model predicts of rows that it never saw.
+    held: HeldOut  #: Residuals of held-out rows.
     residual: Array  #: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
-    uncertainty: Uncertainty  #: How surely it is known.
-    posterior: Posterior  #: The posterior of the calibration, which the nominal robot does not hold.
+    uncertainty: Uncertainty  #: Parameter uncertainty of the robot.
+    posterior: Posterior  #: The posterior of the calibration, which is not part of the nominal robot.
 
     def robot(self, nominal: Robot, known: int) -> Robot:
-        """Return the robot folder: the nominal robot with the effects behind the `known` first ones."""
+        """Return the delivered robot: the nominal robot with the effects after the first `known` ones."""
         folded = fold_effects(nominal, self.state.effects[known:])
         return replace(folded, uncertainty=self.uncertainty)
 
@@ -49,9 +49,9 @@ class Delivery:
 def deliver_robot(
     folds: Folds, verdict: Verdict, plain: HeldOut, nominal: FitState, good: NDArray[np.bool_]
 ) -> Delivery:  # fmt: skip
-    """Build the calibrated robot; the nominal one where that predicts no better, by enough, than it.
+    """Build the calibrated robot; return the nominal one unless the calibrated one predicts clearly better.
 
-    `plain` is what the nominal robot predicts, `nominal` its state; `good` tells rows that are no outliers. Shape (n,).
+    `plain`: held-out residuals of the nominal robot; `nominal`: its state; `good`: rows without outliers, shape (n,).
     """
     fit, problem, claims = folds.fit, folds.fit.problem, deliverable_claims(folds.fit, verdict)
     seen, fold = good[plain.rows], folds.fold[plain.rows]
@@ -59,7 +59,7 @@ def deliver_robot(
     found = calibrate(folds, claims)
     held = hold_out_calibration(folds, found)
     stated = held.correct_for_selection(fold, seen)
-    # nothing goes out whose stated error is not below the nominal one
+    # a delivered robot must have a stated error below the nominal one
     better = held.of(seen).rms < (1.0 - NEGLIGIBLE) * before.rms and stated.of(seen).rms < before.rms
     values = found.posterior.values(fit.search.equations.p)
     state = calibrated_state(fit, values, found.named) if better else nominal
@@ -72,9 +72,9 @@ def deliver_robot(
 
 
 def deliverable_claims(fit: Fit, verdict: Verdict) -> list[Claim]:
-    """List named effects, and shifts of the tool with or without a name that a robot can have.
+    """List named effects, and feasible shifts of the tool with or without a name.
 
-    Rows before and after a shift contradict each other, and no small error stands for that.
+    Rows before and after a shift contradict each other, which no small error can represent.
     """
     claims = {f.signature: f.size for f in verdict.findings if f.signature >= 0}
     beyond = {f.signature for f in verdict.doubtful if f.beyond}

@@ -1,14 +1,14 @@
-"""What to measure next: poses and loads that separate effects which a campaign leaves ambiguous, and what they tell.
+"""Next measurements: poses and loads that separate ambiguous effects, and their expected information.
 
-Two hypotheses A and B, each fitted to the campaign with everything else free, predict further rows with means
-m_A, m_B and covariances K_A, K_B of what is not known exactly. With noise N the expected log likelihood ratio is
+Two hypotheses A and B, each fitted to the campaign with all other parameters free, predict further rows with means m_A,
+m_B and covariances K_A, K_B by parameter uncertainty. With noise N the expected log likelihood ratio is
 
     D = 1/2 (m_A - m_B)^T (N + (K_A + K_B) / 2)^-1 (m_A - m_B)
 
-[Box1967; Atkinson1975: T-optimality, here with the uncertainty of both models]. Rows are picked one after the other,
-each for what it adds to those before. Candidates continue the campaign: poses within joint limits, no lower and no
-nearer to the base axis than it went, without load and under its largest loads. Whether cables and surroundings allow a
-pose is not known here.
+[Box1967; Atkinson1975: T-optimality, here with the uncertainty of both models]. Rows are selected one by one, each for
+its gain over those before. Candidates continue the campaign: poses within joint limits, no lower and no nearer to the
+base axis than in the campaign, without load and under its largest loads. Collisions with cables and surroundings are
+not checked.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from compplan.statics.chain import build_chain, locate_frames
 NOTHING = "none"
 
 
-#: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
+#: Default weight if the campaign had no load: assumed possible for any robot here. [N]
 ASSUMED_WEIGHT = 50.0
 
 
@@ -57,10 +57,9 @@ class Pair:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Rows of the candidates that separate a pair, the most telling first.
+    """Rows of the candidates that separate a pair, the most informative first.
 
-    `gain` is by how much the probability of the true explanation is expected to rise, `information` the expected log
-    likelihood ratio.
+    `gain` is the expected rise in probability of the true explanation, `information` the expected log likelihood ratio.
     """
 
     pair: Pair
@@ -70,9 +69,9 @@ class Proposal:
 
 
 def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Propose what to measure next, as `next_measurement` of diagnosis.json holds it, the most telling first.
+    """Propose the next measurements, as `next_measurement` of diagnosis.json, the most informative first.
 
-    Nothing is proposed where no positions were measured: poses at a socket or a gauge are not free to choose.
+    Nothing is proposed without measured positions: poses at a socket or a gauge cannot be chosen.
     """
     fit = diagnosis.fit
     pairs = list(find_pairs(fit, diagnosis.verdict))
@@ -86,7 +85,7 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     at = linearize_model(
         scene, solve_model_poses(scene), {effect.place: effect.parameters for effect in fit.state.effects}
     )
-    # what a stay gets wrong in common is noise to the next one
+    # the common error of a stay is noise between stays
     variance = np.exp(fit.model.posterior.hyper.log_noise) * (1.0 + np.exp(2.0 * fit.model.posterior.hyper.log_shared))
     parts = zip(predict_columns(fit, at), variance, strict=True)
     design = np.concatenate([part / np.sqrt(v) for part, v in parts], axis=1)
@@ -97,13 +96,13 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 
 def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
-    """Pair every claim with effects it cannot be told from, every unsure one with its best replacement or nothing."""
+    """Pair every claim with its indistinguishable rivals, every uncertain one with its best replacement or none."""
     search, model = fit.search, fit.model
     judged = {finding.signature: finding for finding in (*verdict.findings, *verdict.doubtful)}
     small = {finding.signature for finding in verdict.minor}
     for claim in (c for c in model.claims if c.signature not in small):
         finding = judged.get(claim.signature)
-        # claims that errors without a name explain as well are improbable
+        # claims that unmodelled errors explain as well are improbable
         probability = NAMING.refused if finding is None else finding.probability
         rivals = find_alternatives(fit, claim.signature) if finding is None else finding.rivals
         rest = search.without(model.claims, claim)
@@ -167,7 +166,7 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
 
 
 def best_proposal(pair: Pair, design: Array, loaded: NDArray[np.bool_]) -> Proposal:
-    """Find the poses that separate a pair, without load where that tells as much; no poses where none separate it.
+    """Find the poses that separate a pair, without load if nearly as informative; no poses if none separate it.
 
     `design`: columns at the candidates, shape (n, c, p); `loaded`: which of them carry a load. Shape (n,).
     """
@@ -187,12 +186,12 @@ def best_proposal(pair: Pair, design: Array, loaded: NDArray[np.bool_]) -> Propo
 
 
 def pick_poses(mean: Array, covariance: Array, rows: Array) -> tuple[list[int], float]:
-    """Pick `FEW_ROWS` poses one after the other, each for what it adds to those before it.
+    """Select `FEW_ROWS` poses one by one, each for its gain over those before.
 
     Args:
-        mean: Parameters of one model, less those of the other, each in its own place. Shape (P,).
+        mean: Parameters of one model and minus those of the other, concatenated. Shape (P,).
         covariance: Mean covariance of the two. Shape (P, P).
-        rows: Derivatives of what each pose shows, in units of its noise. Shape (k, c, P).
+        rows: Derivatives of the observations of each pose, in units of its noise. Shape (k, c, P).
 
     Returns:
         Their numbers, and the expected log likelihood ratio of all of them together.
@@ -203,12 +202,12 @@ def pick_poses(mean: Array, covariance: Array, rows: Array) -> tuple[list[int], 
 
 
 def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> float:
-    """Return by how much the probability of the true one of two explanations is expected to rise.
+    """Return the expected rise in probability of the true one of two explanations.
 
     The log likelihood ratio of the new rows is normal, of mean +-information and variance 2 information (of the
-    untempered ratio) under either explanation. `information` is divided by the temper already.
+    untempered ratio) under either explanation. `information` is already divided by the temper.
     """
-    # the middles of parts of equal probability
+    # medians of parts of equal probability
     spread = np.sqrt(2.0 * information / temper) * ndtri((np.arange(SAMPLE) + 0.5) / SAMPLE)
     first = float(expit(log_odds))
     kept = float(np.mean(expit(log_odds + information + spread)))
@@ -218,7 +217,7 @@ def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> f
 
 
 def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[str, Any]:
-    """Return a proposal as diagnosis.json holds it: poses in deg (sliding joints in mm), loads in N and N m."""
+    """Return a proposal in the format of diagnosis.json: poses in deg (sliding joints in mm), loads in N and N m."""
     robot, campaign, rows = fit.problem.robot, at.campaign, [FEW_ROWS + row for row in proposal.rows]
     unit, pair = np.where(robot.prismatic, 1e3, 180.0 / np.pi), proposal.pair
     how = "no pose within joint limits and given loads separates these; the simpler one predicts as well"
@@ -240,7 +239,7 @@ def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[
 
 
 def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
-    """Lay out candidates as the continuation of a campaign: `FEW_ROWS` of its rows, from which it goes on, then theirs.
+    """Build candidate rows that continue a campaign, after `FEW_ROWS` of its rows.
 
     Poses without load, then some of them under a load each.
     """
@@ -268,24 +267,24 @@ def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
 
 
 def draw_poses(robot: Robot, campaign: Campaign, random: np.random.Generator) -> Array:
-    """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= 40, nq)."""
+    """Draw poses within joint limits, no closer to floor and column than in the campaign. Shape (<= 40, nq)."""
     q = random.uniform(*joint_range(robot, campaign), (4 * SAMPLE, robot.nq))
     return q[keeps_clear(robot, campaign, q)][: 2 * ENOUGH_ROWS]
 
 
 def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
-    """Return the joint range that may be visited. Shapes (nq,). [rad or m]"""
+    """Return the permitted joint range of candidates. Shapes (nq,). [rad or m]"""
     seen = campaign.q[campaign.usable]
     middle = 0.5 * (seen.min(0) + seen.max(0))
     lower, upper = np.maximum(robot.lower, middle - np.pi), np.minimum(robot.upper, middle + np.pi)
     margin = NEGLIGIBLE * (upper - lower)
-    # a rail is as long as it was seen to be where the folder states no limits
+    # without limits in the folder, a rail is as long as its range in the campaign
     endless = robot.prismatic & ~(np.isfinite(robot.lower) & np.isfinite(robot.upper))
     return np.where(endless, seen.min(0), lower + margin), np.where(endless, seen.max(0), upper - margin)
 
 
 def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]:
-    """Tell which poses stand no lower and no nearer to the base axis than the campaign did. Shape (n,)."""
+    """Return which poses are no lower and no nearer to the base axis than the campaign. Shape (n,)."""
     usable = np.flatnonzero(campaign.usable)
     some = usable[:: max(1, len(usable) // SAMPLE)]
     chain = build_chain(robot)
@@ -296,7 +295,7 @@ def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]
 
 
 def given_loads(campaign: Campaign) -> list[Array]:
-    """Pick the largest loads of the campaign; a known weight where it had none."""
+    """List the largest loads of the campaign, or a known weight if it had none."""
     wrench = campaign.wrench[campaign.usable & ~campaign.unloaded]
     if not campaign.load_varies or not len(wrench):
         return [np.array([0.0, 0.0, -ASSUMED_WEIGHT, 0.0, 0.0, 0.0])]

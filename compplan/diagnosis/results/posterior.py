@@ -1,10 +1,10 @@
 """Posterior: parameter uncertainty of the updated robot, and the error that no parameter explains.
 
-The parameters of named effects and small errors are normal about their mean in the calibration, covariance S. Of those
-that the robot folder does not hold, the mean m counts as well: the second moment about the folder is S + m m^T.
+The parameters of named effects and small errors are normal about their mean in the calibration, covariance S. For
+parameters absent from the robot folder the mean m counts as well: the second moment about the folder is S + m m^T.
 
-What held-out poses show beyond noise and parameters is unexplained. A conformal step widens both until the band holds
-those poses. Intervals of named effects hold given that these, and no others, are present.
+The held-out error beyond noise and parameters is unexplained. A conformal step widens both until the band covers the
+held-out poses. Intervals of named effects hold given that these, and no others, are present.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns, spread_unknowns
 from compplan.uncertainty.assumed import free_base
 
-#: Distances over which an unexplained error may forget itself (assumed). [m]
+#: Correlation lengths of an unexplained error to choose from (assumed). [m]
 SCALES = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3)
-#: What is taken where poses are too few to tell: the middle of them. [m]
+#: Default correlation length if there are too few poses: the middle one. [m]
 SCALE = SCALES[len(SCALES) // 2]
-#: Fewest poses whose pairs tell that distance (assumed: thirty poses have four hundred pairs).
+#: Fewest poses for an estimate of the correlation length (assumed: thirty poses have four hundred pairs).
 FEWEST_POSES = 30
 
 
 def state_uncertainty(
     fit: Fit, found: Calibration, state: FitState, held: HeldOut, good: NDArray[np.bool_]
 ) -> Uncertainty:
-    """State how surely the delivered robot is known.
+    """Compute the uncertainty of the delivered robot.
 
     Args:
         fit: The fit that was calibrated.
         found: Its calibration.
-        state: What is delivered; no values for the nominal robot.
-        held: What the delivered model leaves on poses that it never saw.
-        good: Rows that are no outliers. Shape (n,).
+        state: State of the delivered robot; no values for the nominal robot.
+        held: Residuals of the delivered model on held-out poses.
+        good: Rows that are not outliers. Shape (n,).
     """
     unknowns, columns = _list_unknowns(fit, found)
     equations, posterior = fit.search.equations, found.posterior
@@ -67,7 +67,7 @@ def state_uncertainty(
     seen = good[channel.rows]
     left, told, axes = held.residual[seen], channel.told[seen], channel.axes[seen]
     excess = np.sum(left**2, axis=1) - told * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
-    # one number of a gauge or a bar shows one of three axes
+    # the value of a gauge or a bar covers one of three axes
     unexplained = float(np.sqrt(max(axes.shape[1] * excess.sum() / told.sum(), 0.0))) if len(left) else 0.0
     place = fit.at.point[channel.rows][seen]
     pose = group_poses(campaign)[channel.rows][seen]
@@ -92,11 +92,11 @@ def state_uncertainty(
 
 
 def size_named(fit: Fit, posterior: Posterior, verdict: Verdict, calibration: float) -> tuple[Verdict, Uncertainty]:
-    """Give named effects the sizes that they have in the calibration, and state their covariance.
+    """Set named effects to their values in the calibration, and compute their covariance.
 
-    Effects whose 95 % region contains zero are named no more: with values v and covariance C, v^T C^-1 v below the 95 %
-    point of chi-square. `posterior` is that of the calibration, `calibration` the factor of all deviations that makes
-    bands hold poses left out.
+    Effects whose 95 % region contains zero are no longer named: v^T C^-1 v of values v and covariance C is then below
+    the 95 % point of chi-square. `posterior` is that of the calibration; `calibration` is the factor of all deviations
+    by which bands cover held-out poses.
     """
     robot, equations = fit.problem.robot, fit.search.equations
     values, findings, told = posterior.values(equations.p), [], set[int]()
@@ -135,7 +135,7 @@ def _list_unknowns(fit: Fit, found: Calibration) -> tuple[list[Unknown], NDArray
             continue
         own = [(int(c), key) for c, key in zip(equations.columns(number), signature.keys, strict=True)]
         own = [(c, key) for c, key in own if c in (told if named else small) and c not in columns]
-        # a list is known whole or not at all
+        # a list parameter is included completely or not at all
         if own and (len(own) == len(signature.keys) or "#" not in signature.keys[0]):
             columns += [c for c, _ in own]
             keys = tuple(key for _, key in own)
@@ -144,7 +144,7 @@ def _list_unknowns(fit: Fit, found: Calibration) -> tuple[list[Unknown], NDArray
 
 
 def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
-    """Find the distance over which errors that are left (n, 3) forget themselves, from pairs of places (n, 3). [m]
+    """Find the correlation length of residuals (n, 3), from pairs of places (n, 3). [m]
 
     Least squares of r_i . r_j against a exp(-d_ij^2 / 2 l^2) over pairs of different poses, a >= 0 free.
     """
@@ -166,11 +166,11 @@ def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
 
 
 def state_change(robot: Robot, effect: Effect, sizes: Uncertainty) -> dict[str, Any]:
-    """State the intervals of an effect's parameters, which hold 95 % where the effect is present.
+    """Compute the intervals of an effect's parameters, which hold 95 % if the effect is present.
 
     Returns:
-        "interval95": lower and upper end by parameter, where one is known; and, of a joint's compliance that the model
-        knows, "change_percent": value, lower and upper end in percent of the model's.
+        "interval95": lower and upper end by parameter, where it has one; and for a joint compliance in the model
+        "change_percent": value, lower and upper end in percent of the model's.
     """
     deviation = {
         key: float(sigma)

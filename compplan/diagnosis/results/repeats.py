@@ -1,11 +1,11 @@
-"""Repeats: whether poses that were measured again scatter beyond a stated sigma, and whether they creep.
+"""Repeats: test whether repeated poses scatter beyond a stated sigma, and whether they creep.
 
-With residuals r_i of the updated robot, positions of poses measured again under the same load, and stated sigma_i,
+With residuals r_i of the updated robot at poses repeated under the same load, and stated sigma_i,
 
     sum |r_i - mean of its pose|^2 / sigma_i^2 ~ chi-square of 3 (rows - poses)
 
-where the instrument alone makes them scatter. Creep and settling grow within a stay: along the motion of one joint, in
-the direction of its last move or of its load, times log(1 + t / s), t the time since the first row of the stay.
+if they scatter by the instrument alone. Creep and settling grow within a stay: along the motion of one joint, in the
+direction of its last move or of its load, times log(1 + t / s), t the time since the first row of the stay.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ CHANCE = 0.01
 
 @dataclass(frozen=True)
 class RepeatCheck:
-    """Repeats that scatter beyond the stated sigma."""
+    """Scatter of repeats beyond the stated sigma."""
 
-    times_sigma: float  #: Their scatter over the stated sigma.
+    times_sigma: float  #: Scatter over the stated sigma.
     chance: float  #: The ratio that noise alone exceeds in one campaign in a hundred.
     values: int  #: Degrees of freedom.
-    joint: str | None = None  #: Joint whose motion they follow with the time of the stay, or None.
-    driver: str | None = None  #: "direction of approach" or "load": what gives that motion its sign.
+    joint: str | None = None  #: Joint whose motion the scatter follows with the time of the stay, or None.
+    driver: str | None = None  #: "direction of approach" or "load": determines the sign of that motion.
     correlation: float | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the check as diagnosis.json holds it."""
+        """Return the check in the format of diagnosis.json."""
         return {key: round(v, 3) if isinstance(v, float) else v for key, v in asdict(self).items()}
 
     @property
     def sentence(self) -> str:
-        """Say it in one sentence."""
+        """Description in one sentence."""
         said = f"scatter by {self.times_sigma:.2g} times the stated sigma (chance: up to {self.chance:.2g})"
         if self.joint is None:
             return said
@@ -84,7 +84,7 @@ def check_repeats(at: Linearization, residual: Array) -> RepeatCheck | None:
 
 
 def _centre(values: Array, group: NDArray[np.int_]) -> tuple[Array, int]:
-    """Take the mean of each group out of values (r, 3); return the degrees of freedom that are left, too."""
+    """Subtract the mean of each group from values (r, 3); also return the remaining degrees of freedom."""
     _, index, count = np.unique(group, return_inverse=True, return_counts=True)
     means = np.stack([np.bincount(index, values[:, k]) / count for k in range(3)], axis=1)
     return np.asarray(values - means[index]), 3 * (len(values) - len(count))

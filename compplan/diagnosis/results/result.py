@@ -1,4 +1,4 @@
-"""The result of a diagnosis: a frozen record that reports, pictures and files are made of."""
+"""The result of a diagnosis: a frozen record, the source of reports, charts and files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from compplan.robot.uncertainty import Uncertainty
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect on its own: its place, the rms that it leaves of rows left out [m], the probability that it holds."""
+    """One effect alone: its place, its rms error on held-out rows [m], and its probability."""
 
     place: Place
     held_out: float
@@ -39,34 +39,34 @@ class Candidate:
 class Gap:
     """Root mean square 3D distances, outliers left out. [m]"""
 
-    before: float  #: Nominal robot, registered where asked.
+    before: float  #: Nominal robot, registered if requested.
     after: float  #: Updated robot.
     held_out_before: float  #: Nominal robot over the rows that are held out in turn.
-    held_out_after: float  #: Updated robot, on rows that its fit never saw.
-    noise_floor: float  #: What is left of a perfect model.
+    held_out_after: float  #: Updated robot, on rows left out of its fit.
+    noise_floor: float  #: Rms distance that a perfect model leaves.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Shown):
-    """What a campaign says about a robot.
+    """Result of the diagnosis of a campaign.
 
     Attributes:
         robot: The nominal robot.
-        updated: The updated robot: URDF, springs and effects. The nominal one where nothing was found.
-        fit: The fit: campaign, exact effects, linearization, normal equations with all models that were looked at.
-        doubt: Its claims re-estimated with a term for unmodelled causes; names and shares come from this posterior.
+        updated: The updated robot: URDF, springs and effects. The nominal one if nothing was found.
+        fit: The fit: campaign, exact effects, linearization, normal equations with all evaluated models.
+        revised: Effects re-estimated with a term for unmodelled causes; names and shares come from this posterior.
         verdict: Status and named effects.
-        gap: How far the gap shrinks.
+        gap: Distance between model and measurements, before and after.
         candidates: Effects one by one, ranked.
-        residual_before: Measured minus expected by the nominal robot (registered where asked), base axes, all rows.
+        residual_before: Measured minus expected by the nominal robot (registered if requested), base axes, all rows.
             (n, 3) [m]
         residual_after: Measured minus expected by the updated robot, base axes, all rows. Shape (n, 3). [m]
         registration: Frames fitted with the updated robot, or None.
         outliers: Rows reported as outliers.
-        delivery: The robot folder that is written, which every figure belongs to.
+        delivery: The robot folder that is written, to which every figure belongs.
         equations: Normal equations of its posterior, gear waves included.
         sizes: Covariance of the parameters of the named effects, given that these are present.
-        noise: Where the noise floor comes from.
+        noise: Sources of the noise floor.
     """
 
     robot: Robot
@@ -87,7 +87,7 @@ class Diagnosis(Shown):
 
     @cached_property
     def repeats(self) -> RepeatCheck | None:
-        """Poses measured again that scatter beyond the stated sigma, outliers left out; None where none do."""
+        """Repeated poses that scatter beyond the stated sigma, outliers left out; None where none do."""
         good = self.fit.problem.campaign.usable.copy()
         good[self.outliers] = False
         return check_repeats(self.fit.at, np.where(good[:, None], self.residual_after, np.nan))
@@ -102,7 +102,7 @@ class Diagnosis(Shown):
         return np.where(campaign.measured[:, None], place, self.fit.at.point)
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the answer: what is wrong, how far the gap shrinks."""
+        """Return the summary: causes, and the gap before and after."""
         found = self.verdict.findings
         rows = []
         for finding in found[:MOST_LISTED]:
@@ -131,7 +131,7 @@ class Diagnosis(Shown):
         ]  # fmt: skip
 
     def columns(self) -> dict[str, Any]:
-        """Return a row a measured row: joints, distance before and after, whether it was left out."""
+        """Return a table of the measured rows: joints, distance before and after, outlier flag."""
         campaign = self.fit.problem.campaign
         columns: dict[str, Any] = {"run": campaign.run, **self.robot.joint_columns(campaign.q)}
         for name, residual in (("before", self.residual_before), ("after", self.residual_after)):
@@ -148,11 +148,11 @@ class Diagnosis(Shown):
                       (self.gap.noise_floor * 1e3, "measurement noise"))  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what diagnosis.json holds."""
+        """Return the content of diagnosis.json."""
         return self.to_table()
 
     def to_table(self, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Return what diagnosis.json holds; `extra` adds or replaces keys (where, next_measurement)."""
+        """Return the content of diagnosis.json; `extra` adds or replaces keys (where, next_measurement)."""
         structure = self.verdict.structure
         table: dict[str, Any] = {
             "schema": 1,
@@ -196,12 +196,12 @@ class Diagnosis(Shown):
 
 
 def place_table(place: Place) -> dict[str, str | None]:
-    """Return name, joint and axis as diagnosis.json holds them."""
+    """Return name, joint and axis in the format of diagnosis.json."""
     return {"effect": place[0], "joint": place[1], "axis": place[2]}
 
 
 def dependence_table(finding: Finding) -> dict[str, Any]:
-    """Return what an unexplained error depends on, as diagnosis.json holds it."""
+    """Return the dependence of an unexplained error in the format of diagnosis.json."""
     return {
         "joint": finding.effect.joint,
         "driver": finding.effect.axis,
@@ -211,7 +211,7 @@ def dependence_table(finding: Finding) -> dict[str, Any]:
 
 
 def finding_table(finding: Finding) -> dict[str, Any]:
-    """Return a named effect as diagnosis.json holds it."""
+    """Return a named effect in the format of diagnosis.json."""
     return {
         **place_table(finding.effect.place),
         "probability": round(finding.probability, 4),

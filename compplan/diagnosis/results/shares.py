@@ -1,14 +1,14 @@
-"""Shares: the motion that a diagnosis gives to each of its causes, as parts of the mean square gap.
+"""Shares: the motion by each cause of a diagnosis, as parts of the mean square gap.
 
 The causes are the findings of the verdict and small errors by place and kind, with the posterior of the calibration.
-With the gap y (frames that are fitted anyway taken out), the motion m_g of each part and what all parts leave,
-r = y - sum m_g, the squares that come back where one part alone is taken out are
+With the gap y (registered frames projected out), the motion m_g of each part and the residual r = y - sum m_g of all
+parts, removing one part alone raises the squares by
 
     d_g = |r + m_g|^2 - |r|^2 = m_g . (m_g + 2 r)
 
-and the parts divide what they explain together, |y|^2 - |r|^2, in proportion to them: parts that cancel each other keep
-their weight. Intervals draw the parameters from the posterior, the pose groups anew, and whether a finding is present
-from its probability: one that the campaign cannot tell from a rival elsewhere sits there half of the time.
+The squares that all parts explain, |y|^2 - |r|^2, are divided in proportion to d_g: parts that cancel each other keep
+their weight. Intervals draw parameters from the posterior, resample pose groups, and draw the presence of a finding
+from its probability: one with an indistinguishable rival elsewhere is at its place half of the time.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from compplan.robot import Array
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
 
-#: Kinds of errors by what they follow; those that follow the load are the robot's own weight where it does not vary.
+#: Kinds of errors by driver; those that follow the load are the robot's own weight if the load does not vary.
 GEOMETRY, GEARS, WEIGHT, LOAD, OTHER = "geometry", "gears", "own weight", "load", "other"
 KINDS = {
     "posture": GEOMETRY, "joint angle": GEARS, "direction of approach": GEARS, "gravity": WEIGHT, "load": LOAD,
@@ -47,7 +47,7 @@ class Share:
     high: float
 
     def to_json(self) -> dict[str, float]:
-        """Return the share as diagnosis.json holds it."""
+        """Return the share in the format of diagnosis.json."""
         return {"share": round(self.share, 4), "low": round(self.low, 4), "high": round(self.high, 4)}
 
 
@@ -55,35 +55,35 @@ class Share:
 class Part:
     """One part of the motion; r rows."""
 
-    place: str  #: Where it sits.
+    place: str  #: Place of the error.
     kind: str  #: Kind of its error, one of `KINDS` or "other".
-    follows: str  #: What its error follows.
-    probability: float  #: Probability that it is there.
-    motion: Array  #: Its motion of the target, frames taken out. Shape (3 r,). [m]
-    columns: NDArray[np.int_]  #: Its columns of the posterior's; empty where its size is held.
+    follows: str  #: Driver of its error.
+    probability: float  #: Probability that it is present.
+    motion: Array  #: Its motion of the target, frames projected out. Shape (3 r,). [m]
+    columns: NDArray[np.int_]  #: Its columns of the posterior; empty if its size is held.
     small: bool = False  #: Whether it is a small error, without a name.
 
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """A gap divided."""
+    """Shares of a gap."""
 
     #: Share of each place: joints, other parts of the cell, small errors everywhere, not explained.
     by_place: dict[str, Share]
-    by_factor: dict[str, Share]  #: Share of what follows each factor, and what is not explained.
-    noise: float  #: Share that noise explains.
+    by_factor: dict[str, Share]  #: Share of each driver, and unexplained share.
+    noise: float  #: Share of noise.
 
 
 @dataclass(frozen=True)
 class SmallErrors:
-    """A gap divided among all errors of the robot that goes out, largest first: groups of place and kind."""
+    """Shares of all errors of the delivered robot, largest first: groups of place and kind."""
 
     by_place: dict[str, Share]
     by_kind: dict[str, Share]
     groups: tuple[tuple[str, str, Share], ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return what stands under `where` in diagnosis.json."""
+        """Return the content of `where` in diagnosis.json."""
         return {
             "by_joint": {name: share.to_json() for name, share in self.by_place.items()},
             "by_kind": {name: share.to_json() for name, share in self.by_kind.items()},
@@ -92,9 +92,9 @@ class SmallErrors:
 
 
 def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> tuple[Shares, SmallErrors | None]:
-    """Divide the gap of a diagnosis among its causes, and among all errors of the robot that goes out.
+    """Divide the gap of a diagnosis among its causes, and among all errors of the delivered robot.
 
-    The second is None where the nominal robot goes out.
+    The second is None if the nominal robot is delivered.
     """
     motion = PosteriorMotion(diagnosis, np.random.default_rng(seed))
     every = list_parts(diagnosis, motion)
@@ -123,7 +123,7 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> tuple[Shares, SmallErr
 
 
 class PosteriorMotion:
-    """The gap of a diagnosis and the motion of the calibration's posterior at the rows that were fitted."""
+    """The gap of a diagnosis and the motion of the calibration's posterior at the fitted rows."""
 
     def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator) -> None:
         equations, posterior = diagnosis.equations, diagnosis.delivery.posterior
@@ -136,11 +136,11 @@ class PosteriorMotion:
         self.columns, self.mean = posterior.columns, posterior.mean
         self.design = self.take_frames(design[:, posterior.columns] * self.sigma[:, None])
         values, vectors = np.linalg.eigh(posterior.covariance)
-        # symmetric: a draw does not hang on the signs that an eigenvector happens to have
+        # symmetric root: draws do not depend on the signs of the eigenvectors
         root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
         self.draws = self.mean[:, None] + root @ rng.normal(size=(len(values), SAMPLE))
         self.first_order = self.take_frames(equations.observed[0][chosen].ravel() * self.sigma)
-        # conventions of counting, found beforehand, move the target by centimetres: what they explain is left out above
+        # conventions found beforehand move the target by centimetres; their motion is not in the first-order gap
         self.gap = self.first_order
         self.conventions = [finding for finding in diagnosis.verdict.findings if finding.signature < 0]
         if self.conventions:
@@ -153,20 +153,20 @@ class PosteriorMotion:
         self.noise = float(np.clip(diagnosis.verdict.structure.floor**2 / max(square, 1e-300), 0.0, 1.0))
 
     def follow(self, name: str) -> str:
-        """Say what an effect's error follows; without any load it is the robot's own weight that bends it."""
+        """Return the driver of an effect's error; without any load, "load" becomes "gravity"."""
         driver, campaign = driver_of(name), self.diagnosis.fit.problem.campaign
         loaded = driver != "load" or bool(campaign.is_load(campaign.wrench[campaign.usable]).any())
         return driver if loaded else "gravity"
 
     def take_frames(self, columns: Array) -> Array:
-        """Take out of motions what frames that are fitted anyway follow. Shape (3 r,) or (3 r, k). [m]"""
+        """Project registered frames out of motions. Shape (3 r,) or (3 r, k). [m]"""
         sigma = self.sigma.reshape(-1, *[1] * (columns.ndim - 1))
         return np.asarray(columns - sigma * (self.frames @ (self.frames.T @ (columns / sigma))))
 
     def part(
         self, name: str, columns: NDArray[np.int_], place: str, probability: float = 1.0, *, small: bool = False
     ) -> Part:
-        """Return the part that some columns of the normal equations make."""
+        """Return the part of given columns of the normal equations."""
         own = np.flatnonzero(np.isin(self.columns, columns))
         kind = kind_of(name, self.diagnosis.fit.problem.campaign.load_varies)
         moved = self.design[:, own] @ self.mean[own]
@@ -200,7 +200,7 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
     for finding in motion.conventions:
         place = locate_effect(finding.effect.name, finding.effect.joint)
         own = motion.part(finding.effect.name, nothing, place, finding.probability)
-        # several share alike
+        # several conventions share it equally
         parts.append(replace(own, motion=(motion.gap - motion.first_order) / len(motion.conventions)))
     taken = set[int]()
     for finding in (f for f in diagnosis.verdict.findings if f.signature >= 0):
@@ -224,7 +224,7 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
 
 
 def draw_blocks(campaign: Campaign, rng: np.random.Generator) -> NDArray[np.int_]:
-    """Put rows into groups: static rows of one pose together, rows of a path in stretches. Shape (n,)."""
+    """Group the rows for resampling: static rows of one pose together, rows of a path in sections. Shape (n,)."""
     _, pose = np.unique(campaign.pose, return_inverse=True)
     label = rng.permutation(pose.max() + 1)[pose.reshape(-1)]
     on_path = campaign.on_path
@@ -246,7 +246,7 @@ def find_interval(share: float, drawn: Array) -> Share:
 def add_up(
     names: Sequence[str], homes: Sequence[str], stated: Sequence[float], drawn: Sequence[Array], noise: float
 ) -> dict[str, Share]:
-    """Add up the shares of parts by name; what no part explains comes last.
+    """Add up the shares of parts by name; the unexplained share is last.
 
     `homes` are the names of the parts, `stated` their shares, `drawn` their drawn shares. Shape (SAMPLE,) each.
     """
@@ -261,13 +261,13 @@ def add_up(
 
 
 def _scale_to(values: Array, explained: Array) -> Array:
-    """Divide what is explained in proportion to values; negative ones count as nothing. Shapes (parts, k), (k,)."""
+    """Divide the explained share in proportion to values; negative ones count as zero. Shapes (parts, k), (k,)."""
     positive = np.maximum(values, 0.0)
     whole = np.maximum(positive.sum(axis=0), 1e-300)
     return np.asarray(positive / whole * np.clip(explained, 0.0, 1.0))
 
 
-#: Kinds of errors by what they follow; those that follow the load are the robot's own weight where it does not vary.
+#: Kinds of errors by driver; those that follow the load are the robot's own weight if the load does not vary.
 GEOMETRY, GEARS, WEIGHT, LOAD, OTHER = "geometry", "gears", "own weight", "load", "other"
 KINDS = {
     "posture": GEOMETRY, "joint angle": GEARS, "direction of approach": GEARS, "gravity": WEIGHT, "load": LOAD,

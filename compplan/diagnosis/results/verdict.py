@@ -1,4 +1,4 @@
-"""Verdict: which effects are named, how probable each is, and what is left that none of them explains."""
+"""Verdict: the named effects with their probabilities, and the unexplained rest."""
 
 from __future__ import annotations
 
@@ -30,33 +30,31 @@ from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
 from compplan.robot import Array
 
-#: An effect is named from this probability on (theory: more likely than not; the contract of diagnosis.json).
+#: Least probability of a named effect (theory: more likely than not; the contract of diagnosis.json).
 CLAIMED = 0.5
-#: Noise floors that may be left where a gap counts as explained, or as none at all (assumed: the project's own rule).
+#: Noise floors up to which a gap counts as explained, or as absent (assumed: the project's rule).
 FLOORS_LEFT = 1.5
 
 
 @dataclass(frozen=True)
 class NamingSettings:
-    """Numbers of the verdict."""
+    """Thresholds of the verdict."""
 
-    #: A gap is one of a robot that was not calibrated where lawful small errors leave this share of it (assumed: the
-    #: project's own rule).
+    #: Largest share of a gap left by calibration with small errors for the status "calibrated" (assumed: the project's
+    #: rule).
     calibrated_share: float = 0.2
-    #: Less than that is structure all the same where it gains more log evidence than chance and is as large as this
+    #: Residuals below `FLOORS_LEFT` are structure, too, if they gain more log evidence than chance and exceed this
     #: share of the noise floor (assumed: smaller errors cost a campaign nothing).
     structure_size: float = 0.5
-    #: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named
-    #: (assumed).
+    #: Least motion of the target by a named effect, over the noise floor (assumed).
     nameable: float = 0.8
-    #: What an unknown error follows is said where it carries this share of it (assumed).
+    #: Least share of an unmodelled error for which its driver is reported (assumed).
     mentioned: float = 0.4
-    #: Probability of a claim that errors without a name explain as well, and of one whose size no robot can have
-    #: (assumed).
+    #: Probability of a claim that unmodelled errors explain as well, and of one with an impossible size (assumed).
     refused: float = 1.0 - SURE
-    #: Margins beyond this are not told apart (assumed).
+    #: Largest margin; larger ones are clipped (assumed).
     most_margin: float = 1000.0
-    #: Share of the values that is left to the noise at least, however many a model takes (assumed).
+    #: Least share of the values that counts as degrees of freedom of the noise (assumed).
     left_to_noise: float = 0.5
 
 
@@ -66,37 +64,37 @@ CALIBRATED = "calibrated"
 
 @dataclass(frozen=True)
 class Finding:
-    """An effect that is named."""
+    """A named effect."""
 
     effect: Effect  #: The effect, with its parameters.
-    probability: float  #: Probability that it, or one that the campaign cannot tell from it, is present.
+    probability: float  #: Probability that it, or one indistinguishable from it, is present.
     explained: float  #: Root mean square motion of the target that it explains. [m]
-    margin: float  #: Log posterior odds against the best model without it, errors that no effect makes allowed in both.
+    margin: float  #: Log posterior odds against the best model without it, unmodelled errors in both.
     #: Effects that explain the same, best first; those with `alike` are ambiguous with it.
     rivals: tuple[AlternativeEffect, ...]
     size: float  #: Size of its prior, in units of its scale.
     signature: int  #: Number of its signature in the fit's normal equations.
-    evidence: Evidence | None = None  #: What its probability rests on.
-    beyond: str = ""  #: Why no robot of this kind can have it at this size (`validation.bounds`); empty where one can.
+    evidence: Evidence | None = None  #: Evidence for its probability.
+    beyond: str = ""  #: Why no robot of this kind can have this size (`validation.bounds`); empty if one can.
 
 
 @dataclass(frozen=True)
 class Structure:
-    """What no effect explains; root mean squares are of 3D distances [m]."""
+    """Unexplained error; root mean squares are of 3D distances [m]."""
 
-    gain: float  #: Log evidence that errors without a name gain over noise and small errors alone.
-    rms: float  #: What is left beyond the noise floor.
+    gain: float  #: Log evidence gained by unmodelled errors over noise and small errors alone.
+    rms: float  #: Residual beyond the noise floor.
     gap: float  #: Gap of the model without effects.
-    background: float  #: Motion that small errors everywhere explain.
-    explained: float  #: Motion that all named effects together explain.
+    background: float  #: Motion by small errors.
+    explained: float  #: Motion by all named effects together.
     left: bool  #: Whether it counts as structure.
     floor: float  #: Noise floor.
-    dependences: tuple[Finding, ...] = ()  #: What an error that no effect explains depends on, largest first.
+    dependences: tuple[Finding, ...] = ()  #: Drivers of the error that no effect explains, largest first.
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer: status of contracts.md, named effects (largest share first), too improbable ones, too small ones."""
+    """Verdict: status as in diagnosis.json, named effects (largest share first), improbable ones, small ones."""
 
     status: str
     findings: tuple[Finding, ...]
@@ -106,14 +104,14 @@ class Verdict:
 
 
 def reach_verdict(fit: Fit, revised: RevisedProbabilities) -> Verdict:
-    """Judge a finished fit."""
+    """Decide which effects of a finished fit are named."""
     structure = measure_structure(fit, revised)
     spurious, similar = rate_spurious_fits(fit, revised), rate_similarities(fit, revised)
     findings = [evaluate_claim(fit, revised, c, (spurious[c], similar[c]), structure) for c in revised.model.claims]
     findings = sorted(findings, key=lambda f: -rank_number(f.explained))
     small = NAMING.nameable * structure.floor
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, revised, f))
-    # what claims of a size beyond all bounds explain is left
+    # the motion of claims of impossible size remains unexplained
     structure = replace(structure, left=structure.left or any(f.beyond for f in findings if f not in minor))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
@@ -130,7 +128,7 @@ def reach_verdict(fit: Fit, revised: RevisedProbabilities) -> Verdict:
 
 
 def unname(verdict: Verdict, told: Collection[int]) -> Verdict:
-    """Move named effects whose size may be zero, with signatures that are not told, to the doubtful ones."""
+    """Move named effects without a signature in `told`, whose size may be zero, to `doubtful`."""
     kept = tuple(f for f in verdict.findings if f.signature < 0 or f.signature in told)
     if len(kept) == len(verdict.findings):
         return verdict
@@ -142,9 +140,9 @@ def unname(verdict: Verdict, told: Collection[int]) -> Verdict:
 
 
 def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
-    """Call a gap without a named cause that of a robot that was not calibrated, where lawful small errors explain it.
+    """Set the status "calibrated" for a gap without a named cause if calibration with small errors explains it.
 
-    `before` is what the nominal robot leaves on poses left out, `after` what lawful small errors leave. [m]
+    `before` is the rms held-out error of the nominal robot, `after` that with small errors. [m]
     """
     least = max(FLOORS_LEFT * verdict.structure.floor, NAMING.calibrated_share * before)
     return replace(verdict, status=CALIBRATED) if verdict.status == "unknown" and after <= least else verdict
@@ -153,7 +151,7 @@ def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
 def evaluate_claim(
     fit: Fit, revised: RevisedProbabilities, claim: Claim, checks: tuple[float, float], structure: Structure
 ) -> Finding:  # fmt: skip
-    """Compare the model with the best ones that lack a claim, among errors that no effect makes."""
+    """Compare the model with the best ones without a claim, unmodelled errors in all of them."""
     values = revised.model.posterior.values(revised.search.equations.p)
     rivals = find_alternatives(fit, claim.signature, values[: fit.search.equations.p])
     alike = {r.place for r in rivals if r.alike}
@@ -181,8 +179,8 @@ def evaluate_claim(
 def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
     """Return the log posterior odds of a set of claims against the best set without one of them; noise is held.
 
-    A form that holds the claim as a special case (a law of deflection with a linear part holds a joint's stiffness) is
-    the same with more parameters and says nothing against it.
+    A form that contains the claim as a special case (a nonlinear stiffness with a linear part contains a joint's
+    stiffness) is the same with more parameters; it is not evidence against the claim.
     """
     rest = search.without(claims, claim)
     whole = search.model(claims, hyper, fit=False)
@@ -199,7 +197,7 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
 
 
 def only_in_readings(fit: Fit, revised: RevisedProbabilities, finding: Finding) -> bool:
-    """Tell whether an effect does not move the target at all, but shows plainly in the encoders."""
+    """Check whether an effect does not move the target, but exceeds the noise of the encoders."""
     equations = fit.search.equations
     columns = equations.columns(finding.signature)
     values = revised.model.posterior.values(revised.search.equations.p)[columns]
@@ -208,7 +206,7 @@ def only_in_readings(fit: Fit, revised: RevisedProbabilities, finding: Finding) 
 
 
 def measure_structure(fit: Fit, revised: RevisedProbabilities) -> Structure:
-    """Measure what claims and small errors leave, and what it follows."""
+    """Measure the residual of claims and small errors, and its dependences."""
     equations, posterior, source = revised.search.equations, revised.model.posterior, revised.search.equations.source[0]
     values = posterior.values(equations.p)
     foreign = np.concatenate([np.zeros(0, int), *revised.members]).astype(int)
@@ -244,7 +242,7 @@ def count_used(revised: RevisedProbabilities, foreign: NDArray[np.int_]) -> floa
 
 
 def find_dependences(revised: RevisedProbabilities, structure: Structure) -> tuple[Finding, ...]:
-    """Say what the errors without a name follow, where structure is left."""
+    """Find the drivers of unmodelled errors, if structure is left."""
     if not structure.left:
         return ()
     equations = revised.search.equations
@@ -269,12 +267,12 @@ def noise_floor(fit: Fit) -> float:
     noise, scatter = fit.noises["position"], fit.problem.campaign.scatter
     factor = min(float(np.exp(fit.model.posterior.hyper.log_noise[0])), noise.leeway)
     told = fit.search.equations.source[0].told.mean()
-    # of pooled rows: what their means scatter by, and a row about its mean
+    # of pooled rows: scatter of their means, and of a row about its mean
     return float(np.sqrt(told * (factor * noise.sigma**2 + scatter**2 + noise.stay**2)))
 
 
 def motion_of(search: Search, columns: NDArray[np.int_], values: Array) -> float:
-    """Return the root mean square motion that some columns explain, over all rows. [m]"""
+    """Return the root mean square motion by given columns, over all rows. [m]"""
     if not len(columns):
         return 0.0
     equations = search.equations

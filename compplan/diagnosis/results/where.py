@@ -1,7 +1,7 @@
-"""Where a gap lies: by place and by what it follows, and over the rows.
+"""Location of a gap: by place, by driver, and over the rows.
 
-By place and factor: `shares`, with intervals that hold 95 %. By direction, run and region: how much of the sum of
-squares lies there, before and after.
+By place and factor: `shares`, with 95 % intervals. By direction, run and region: share of the sum of squares, before
+and after.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from compplan.statics.chain import build_chain, locate_frames
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
 
-#: Decimals to which rows are dealt to regions and levels: micrometres and micronewtons, far above rounding (theory).
+#: Decimals for the division of rows into regions and levels: micrometres and micronewtons, far above rounding (theory).
 RESOLVED = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Where a gap lies."""
+    """Location of a gap."""
 
     shares: Shares  #: Shares of places and factors.
-    spread: dict[str, Any]  #: How the gap spreads over the rows, as diagnosis.json holds it.
-    #: The gap divided among the errors of the robot that goes out; None where the nominal one does.
+    spread: dict[str, Any]  #: Distribution of the gap over the rows, in the format of diagnosis.json.
+    #: The gap divided among the errors of the delivered robot; None for the nominal one.
     small_errors: SmallErrors | None = None
 
     @property
@@ -40,7 +40,7 @@ class Split:
         return self.shares.by_place
 
     def to_json(self) -> dict[str, Any]:
-        """Return what stands under `where` in diagnosis.json."""
+        """Return the content of `where` in diagnosis.json."""
         shares = self.shares
         calibrated = {} if self.small_errors is None else {"calibrated": self.small_errors.to_json()}
         return {
@@ -54,7 +54,7 @@ class Split:
 
 
 def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
-    """Split the gap of a diagnosis: what its nominal robot leaves, outliers left out."""
+    """Split the gap of the nominal robot of a diagnosis, without outliers."""
     campaign = diagnosis.fit.problem.campaign
     before, after = diagnosis.residual_before, diagnosis.residual_after
     used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)
@@ -66,7 +66,7 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
 def spread_gap(
     robot: Robot, campaign: Campaign, before: Array, after: Array, used: NDArray[np.bool_]
 ) -> dict[str, Any]:
-    """Spread a gap over direction, runs and region, as diagnosis.json holds it; shapes (n, 3) [m], (n, 3), (n,)."""
+    """Divide a gap by direction, run and region, in the format of diagnosis.json; shapes (n, 3) [m], (n, 3), (n,)."""
     gap, size, left = before[used], np.sum(before[used] ** 2, axis=1), np.sum(after[used] ** 2, axis=1)
     frames = locate_frames(build_chain(robot), campaign.q[used])
     run, place = campaign.run[used], frames.tcp_position
@@ -95,7 +95,7 @@ def spread_gap(
 
 
 def cut_in_three(values: Array) -> tuple[NDArray[np.int_], list[float]]:
-    """Deal lengths to three parts of equally many; return the part of each, and the four ends. [mm]"""
+    """Divide lengths into three parts of equal count; return the part of each, and the four limits. [mm]"""
     rounded = values.round(RESOLVED)
     edges = np.quantile(rounded, np.arange(4) / 3)
     part = np.searchsorted(edges[1:-1], rounded, side="right")

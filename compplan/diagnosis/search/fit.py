@@ -1,4 +1,4 @@
-"""Fit: rounds of linearization, search and exact forward models, until nothing changes any more."""
+"""Fit: rounds of linearization, search and exact forward models until convergence."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def fit_effects(
     problem: Problem, registration: Registration | None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Fit:  # fmt: skip
-    """Find the effects of a campaign and fit them exactly, beginning with the registration's frames."""
+    """Find the effects of a campaign and fit them exactly, starting from the registration's frames."""
     state = FitState(problem.fixed, {}, registration, problem.campaign.usable)
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
@@ -61,9 +61,9 @@ def fit_effects(
     restarted = settled = False
     for number in range(SEARCH.rounds):
         progress(f"round {number + 1}")
-        # what is small has to wait until the large ones are exact: twice as many effects each round
+        # small effects are fitted after large ones are exact: twice as many effects each round
         state = replace(state, most=min(2 ** (number + 1), SEARCH.most_effects))
-        # poses met again tell the noise once the first model has taken play and drift out of them
+        # repeated poses show the noise after the first model has removed backlash and drift
         fit, proposals = _round(problem, state, noises if number > SEARCH.noise_round else None, proposals)
         noises = fit.noises
         step = descend(fit, advance_state(fit))
@@ -82,7 +82,7 @@ def fit_effects(
         if settled:
             break
     if best is None:
-        # the exact model cannot bear the least step: the campaign stays as it is
+        # even the shortest step has no equilibrium: no effect is claimed
         best = replace(fit, model=fit.search.model([], fit.search.start))
     last = register_again(best, best.state, best.state.use)
     residual = position_residual(problem.campaign, *attain_state(problem, last))
@@ -93,7 +93,7 @@ def fit_effects(
 def _round(
     problem: Problem, state: FitState, noises: dict[str, Noise] | None, proposals: list[Signature]
 ) -> tuple[Fit, list[Signature]]:  # fmt: skip
-    """Linearize at a state, search, look for rows and periods in what is left, and search again."""
+    """Linearize at a state, search, propose rows and periods from the residuals, and search again."""
     at = linearize_state(problem, state)
     if noises is None:
         noises = estimate_noises(problem.campaign, at.attained, problem.robot.repeatability, state.registration)
@@ -126,9 +126,9 @@ def _round(
 def _offer_all(
     problem: Problem, state: FitState, at: Linearization, proposals: list[Signature]
 ) -> list[Signature]:  # fmt: skip
-    """List what needs no search for rows or periods, and what claims hold of earlier proposals.
+    """List signatures without unknown rows or periods, and earlier proposals that are claimed.
 
-    The law of a joint's deflection is bent or straight where the folder has one: of a rigid joint it is compliance.
+    A nonlinear stiffness of a joint requires a spring in the robot folder; a rigid joint gets compliance instead.
     """
     own = own_springs(problem.robot)
     sprung = {problem.robot.joint_names[index] for index, spring in own.items() if spring.compliance > 0.0}
@@ -155,7 +155,7 @@ def _build_search(problem: Problem, equations: NormalEquations, start: Hyper) ->
     candidates = [n for n in range(len(equations.signatures)) if n not in free]
     robot, prior = problem.robot, build_prior(equations, free, problem.excluded)
     springs = any(spring.compliance > 0.0 for spring in robot.springs) or bool(robot.link_elasticities)
-    # where loads change, small compliances everywhere are fitted as well, and bend
+    # under varying loads, small compliances everywhere are fitted as well, and deflect
     rigid = not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
     return Search(equations, prior, log_priors(equations.signatures), candidates, start, rigid=rigid)
 
@@ -189,7 +189,7 @@ def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
 
 
 def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
-    """Fit the frames of a campaign to a state's exact model, where they are fitted at all and where that is closer."""
+    """Fit the frames of a campaign to the exact model of a state, if they are registered and the fit is closer."""
     problem = fit.problem
     if not problem.register:
         return state
@@ -200,16 +200,16 @@ def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitStat
 
 
 def exact_rms(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> float:
-    """Return the root mean square distance that the exact model leaves on some rows. [m]"""
+    """Return the root mean square distance of the exact model from the measurements, on given rows. [m]"""
     campaign = fit.problem.campaign
     return rms_length(position_residual(campaign, *attain_state(fit.problem, state))[use & campaign.usable])
 
 
 def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
-    """Shorten a step until the exact model gains by it; returns the state and its exact score, or None.
+    """Shorten a step until the exact model improves; return best state and exact score, None without an equilibrium.
 
-    The score is the log posterior with the squares that the exact model leaves in the place of those that its
-    derivatives predict. A row that was left out counts as the least that is left out, so that scores can be compared.
+    The score is the log posterior with the squared residuals of the exact model instead of those predicted by its
+    derivatives. An excluded row counts as a row at the outlier limit, so that scores are comparable.
     """
     equations, posterior = fit.search.equations, fit.model.posterior
     here = np.array([fit.state.values.get(name, 0.0) for name in equations.names]) / equations.scale
@@ -241,10 +241,10 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
 
 
 def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper) -> float:
-    """Return the squares that are left (r, c) of each channel in units of the fitted noise, shared errors included."""
+    """Return the squared residuals (r, c) of each channel in units of the fitted noise, shared errors included."""
     total = 0.0
     for channel, rest, noise, shared in zip(channels, left, hyper.log_noise, hyper.log_shared, strict=True):
-        # a gross error steers nothing
+        # the influence of a gross error is bounded
         rest = rest * np.minimum(1.0, NOISE.outlying / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
         first = np.flatnonzero(np.r_[True, np.diff(channel.group) > 0])
         sizes = np.diff(np.r_[first, len(channel.group)])

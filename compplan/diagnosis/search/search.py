@@ -1,4 +1,4 @@
-"""Search: the set of effects with the largest posterior, found by adding, exchanging and leaving out."""
+"""Search: the set of effects with the largest posterior, found by adding, exchanging and removing effects."""
 
 from __future__ import annotations
 
@@ -27,44 +27,42 @@ from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
-#: Effects that show only in what bends, and those that make a rigid robot soft (own weight on its joints does, too).
+#: Effects that require a compliance, and those that make a rigid robot compliant (as does weight on its joints).
 BENDING = ("payload", "gravity_compensator", "gravity_sag", "stiffness_nonlinearity", "wrench_bias", "wrench_scale")
 SOFT = ("joint_stiffness", "link_compliance", "base_compliance")
 #: Effects that are curves over a joint's angle.
 CURVES = ("transmission_error", "gravity_compensator")
-#: Effects that happen once in most campaigns, if at all.
+#: Effects that occur at most once in most campaigns.
 SHIFTS = ("frame_shift", "tool_shift")
 
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Numbers of the search for sets of effects."""
+    """Settings of the search for sets of effects."""
 
-    #: A fit of noise and background anew gains a set of claims this much log posterior at most (assumed: more has not
-    #: been seen).
+    #: Largest gain in log posterior by refitting noise and background (assumed: larger gains were not observed).
     close: float = 12.0
     #: Standard deviation of the logarithm of an effect's size about its scale (assumed: two thirds of all effects lie
     #: within a factor of five). [decades]
     decades: float = 0.7
     #: Log prior odds against two curves at one joint, and against each shift after the first of its kind (assumed).
     once_more: float = 10.0
-    #: Places that are tried with noise and background fitted anew: as a further claim, in exchange for one, and against
-    #: one (assumed).
-    tried: int = 4
-    #: Effects of one campaign at most (assumed: several times what any robot has).
-    most_effects: int = 24
-    #: An exchange or an addition has to gain this much log posterior (assumed: less is no reason to change a model).
-    worthwhile: float = 0.5
-    #: Rounds of linearization and search at most (assumed: most campaigns settle in five).
-    rounds: int = 8
-    #: The round whose residual tells the noise; scores are compared from the next one on (assumed: the first
-    #: model has taken play and drift out of poses met again).
-    noise_round: int = 1
-    #: What moves no observation by more than this share of its noise has settled; classes of the background that move
-    #: none are left out of the model (assumed: a hundredth of its variance).
-    settled: float = 0.1
-    #: Single background errors that move the target by less than this share of the noise are left out as well
+    #: Number of places tried with refitted noise and background: to add a claim, to replace one, and as rivals of one
     #: (assumed).
+    tried: int = 4
+    #: Most effects of one campaign (assumed: several times the effects of any robot).
+    most_effects: int = 24
+    #: Least gain in log posterior of an exchange or an addition (assumed: less does not justify a larger model).
+    worthwhile: float = 0.5
+    #: Most rounds of linearization and search (assumed: most campaigns converge in five).
+    rounds: int = 8
+    #: Round whose residuals give the noise; scores are compared from the next round on (assumed: the first model has
+    #: removed backlash and drift from repeated poses).
+    noise_round: int = 1
+    #: Convergence: largest motion of an observation over its noise. Classes of the background below it are left out of
+    #: the model (assumed: a hundredth of its variance).
+    settled: float = 0.1
+    #: Single background errors that move the target by less than this share of the noise are left out (assumed).
     idle: float = 0.03
 
 
@@ -73,7 +71,7 @@ SEARCH = SearchSettings()
 
 @dataclass(frozen=True)
 class Claim:
-    """A signature that is claimed, and at which of the sizes."""
+    """A selected effect: number of its signature, and its prior size."""
 
     signature: int
     size: float
@@ -95,10 +93,10 @@ class Model:
 
 @dataclass(eq=False)
 class Search:
-    """Normal equations with their prior, and the models that were looked at.
+    """Normal equations with their prior, and a cache of evaluated models.
 
-    `log_prior` are the log prior odds of each signature, `candidates` those that may be claimed, `start` noise and
-    background to begin with; `rigid` tells whether nothing bends but what claims make soft.
+    `log_prior` holds the log prior odds of each signature, `candidates` the numbers of claimable signatures, `start`
+    the initial noise and background; `rigid`: whether only claims make the robot compliant.
     """
 
     equations: NormalEquations
@@ -110,7 +108,7 @@ class Search:
     rigid: bool = False
 
     def without(self, claims: Sequence[Claim], *gone: Claim) -> list[Claim]:
-        """Return the claims that stand without some: on a rigid robot those go, too, that bend what these make soft."""
+        """Remove claims; on a robot that becomes rigid also remove claims that require a compliance."""
         rest = [c for c in claims if c not in gone]
         signatures = [self.equations.signatures[c.signature] for c in rest]
         if not self.rigid or any(is_soft(s) for s in signatures):
@@ -128,7 +126,7 @@ class Search:
 
     @cached_property
     def same_place(self) -> list[list[NDArray[np.int_]]]:
-        """Background columns that a claim of each signature takes the place of."""
+        """Background columns that a claim of each signature replaces."""
         by_place: dict[Place, list[NDArray[np.int_]]] = {}
         for number, signature in enumerate(self.equations.signatures):
             columns = self.equations.columns(number)
@@ -138,7 +136,7 @@ class Search:
         return [by_place.get(signature.place, []) for signature in self.equations.signatures]
 
     def model(self, claims: Sequence[Claim], hyper: Hyper, *, fit: bool = True, steps: int = STEPS) -> Model:
-        """Return the model of a set of claims, from memory if it was looked at before."""
+        """Return the model of a set of claims, from the cache if it was evaluated before."""
         key = frozenset(claims)
         if fit and key in self.cache:
             return self.cache[key]
@@ -157,13 +155,13 @@ class Search:
         return model
 
     def _count_repeated(self, claims: Sequence[Claim]) -> int:
-        """Count joints that two curves over the same angle are claimed of, and shifts after the first of each kind."""
+        """Count joints with two claimed curves over the same angle, and shifts after the first of each kind."""
         signatures = [self.equations.signatures[c.signature] for c in claims]
         kinds = [s.joint if s.name in CURVES else s.name for s in signatures if s.name in (*CURVES, *SHIFTS)]
         return len(kinds) - len(set(kinds))
 
     def _backwards(self, claims: Sequence[Claim], posterior: Posterior) -> bool:
-        """Tell whether a claim came out where its parameter cannot be: negative play, negative compliance."""
+        """Check whether a claim has an impossible parameter: negative backlash, negative compliance."""
         values = posterior.values(self.equations.p)
         for claim in claims:
             signature, columns = self.equations.signatures[claim.signature], self.equations.columns(claim.signature)
@@ -173,12 +171,12 @@ class Search:
         return False
 
     def gains(self, model: Model) -> list[Gain]:
-        """Return what further claims would add, best first; prior odds included."""
+        """Compute the gains of further claims, best first; prior odds included."""
         taken = {self.equations.signatures[number].event for number in model.signatures}
         used = {int(column) for number in model.signatures for column in self.equations.columns(number)}
         free = [n for n, event, columns in self._placed if event not in taken and used.isdisjoint(columns)]
         gains = find_gains(self.equations, model.posterior, free)
-        # a gain is a mean over sizes, of which the best carries nearly all
+        # a gain is a mean over sizes, and the best size dominates it
         odds, several = self.log_prior.tolist(), float(np.log(len(SIZES)))
         of_size = {size: log_prior_size(size) for size in SIZES}
         scored = [
@@ -193,7 +191,7 @@ class Search:
 
 
 def is_soft(signature: Signature) -> bool:
-    """Tell whether a form makes a rigid robot soft."""
+    """Check whether a form makes a rigid robot compliant."""
     return signature.name in SOFT or (signature.name == "gravity_sag" and signature.form == gravity_sag.JOINTS)
 
 
@@ -204,7 +202,7 @@ def log_prior_size(size: float) -> float:
 
 
 def search_models(search: Search, first: Sequence[Claim] = (), most: int = SEARCH.most_effects) -> Model:
-    """Find the best set of effects: rounds of a forward step, exchanges and removals, until none is worthwhile."""
+    """Find the best set of effects: rounds of additions, exchanges and removals until none is worthwhile."""
     best = search.model(first, search.start, steps=EVIDENCE.first_steps)
     concerned = set(best.claims)
     for _ in range(SEARCH.most_effects):
@@ -218,9 +216,9 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = SEARC
 
 
 def search_from_forward_selection(search: Search, found: Model, most: int) -> Model:
-    """Return the better of a found model and of one searched from a forward selection without small errors.
+    """Return the better of a found model and one searched from a forward selection without small errors.
 
-    Stepwise search ends in a local optimum, where small errors everywhere may carry what a wrong first effect leaves.
+    Stepwise search ends in a local optimum, where small errors may compensate for a wrong first effect.
     """
     bare = replace(search, prior=replace(search.prior, background=np.full_like(search.prior.background, -1)), cache={})
     first = bare.model([], search.start, steps=EVIDENCE.first_steps)
@@ -239,7 +237,7 @@ def search_from_forward_selection(search: Search, found: Model, most: int) -> Mo
 def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:
     """Return the best gain of each place, of the first `count` places.
 
-    The form that is the place's background comes along: what the background has taken already gains little on paper.
+    The form in the place's background is included: its gain is small because the background already explains it.
     """
     seen: set[Place] = set()
     result = []
@@ -255,7 +253,7 @@ def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]
 
 
 def add_claim(search: Search, model: Model) -> Model:
-    """Return the model with the claim that gains most, noise and background fitted anew; or the model itself."""
+    """Return the model with the claim that gains most, noise and background refitted; or the unchanged model."""
     best = model
     gains = distinct_places(search, search.gains(model), SEARCH.tried)
     for gain in gains:
@@ -269,7 +267,7 @@ def add_claim(search: Search, model: Model) -> Model:
 
 def _remove(search: Search, model: Model) -> Model:
     while model.claims:
-        # what a claim carries beyond its own price and what a fit anew may gain is not tried for removal
+        # claims with a gain above their prior odds and the possible gain of a refit are not tried for removal
         price = {c: SEARCH.close - search.log_prior[c.signature] - log_prior_size(c.size) for c in model.claims}
         columns = search.equations.columns
         weak = [c for c in model.claims if model.posterior.loss_without(columns(c.signature)) < price[c]]
@@ -282,7 +280,7 @@ def _remove(search: Search, model: Model) -> Model:
 
 
 def _exchange(search: Search, model: Model, concerned: Collection[Claim]) -> Model:
-    """Try to replace claims by what explains the campaign best without them, other forms of themselves included."""
+    """Try to replace claims by effects that explain the campaign better, other forms of the same place included."""
     for claim in model.claims:
         if claim not in model.claims or claim not in concerned:
             continue
@@ -300,6 +298,6 @@ def _exchange(search: Search, model: Model, concerned: Collection[Claim]) -> Mod
 
 
 def forms_of(search: Search, gains: list[Gain], claim: Claim) -> list[Gain]:
-    """Return the best forms of a claim's own place."""
+    """Return the best forms at a claim's place."""
     place = search.equations.signatures[claim.signature].place
     return [g for g in gains if search.equations.signatures[g.signature].place == place][: SEARCH.tried]

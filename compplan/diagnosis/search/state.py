@@ -1,4 +1,4 @@
-"""State: what a fit stands at, and how its parameters enter the exact model."""
+"""State of a fit, and its parameters in the exact model."""
 
 from __future__ import annotations
 
@@ -28,36 +28,36 @@ from compplan.robot.pose import apply_twist
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be diagnosed."""
+    """Input of a diagnosis."""
 
     robot: Robot  #: The nominal robot.
-    campaign: Campaign  #: What was measured.
+    campaign: Campaign  #: The measurement log.
     register: tuple[str, ...] = ()  #: Frames that are fitted in every model.
     without: tuple[str, ...] = ()  #: Effects that are left out of the candidates.
-    #: Effects that are taken for granted (a convention of counting that was found beforehand).
+    #: Effects assumed present (joint conventions that were found beforehand).
     fixed: tuple[Effect, ...] = ()
-    #: The state that was solved last: it is asked for again and again, with other frames at most.
+    #: The last solved state, reused while only frames change.
     latest: list[tuple[tuple[Effect, ...], ForwardModel, Attained]] = field(
         default_factory=list, init=False, repr=False
     )
 
     @property
     def excluded(self) -> tuple[str, ...]:
-        """Effects that are no candidates: those left out, and frames that are registered."""
+        """Effects that are not candidates: those left out, and registered frames."""
         registered = {"base": "base_frame", "tool": "tool_frame", CONTACTS: "base_frame"}
         return (*self.without, *(registered[part] for part in self.register))
 
 
 @dataclass(frozen=True, eq=False)
 class FitState:
-    """Where a fit stands."""
+    """Current effects, parameters, frames and rows of a fit."""
 
     effects: tuple[Effect, ...]  #: Effects in the exact model, background included.
     values: dict[str, float]  #: Parameters by column. [SI]
     registration: Registration | None  #: Frames of the campaign, or None.
-    use: NDArray[np.bool_]  #: Rows that are not outliers and whose approach is known. Shape (n,).
+    use: NDArray[np.bool_]  #: Rows that are not outliers and have a known approach. Shape (n,).
     claims: tuple[tuple[Key, float], ...] = ()  #: Place and form of the claims, and their sizes.
-    #: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
+    #: Standard deviation of the residuals per axis of position; 0 before the first model. [m]
     scatter: float = 0.0
     most: int = SEARCH.most_effects  #: Most effects that may be claimed.
 
@@ -66,25 +66,25 @@ class FitState:
 class Fit:
     """A finished fit."""
 
-    problem: Problem  #: What was diagnosed.
+    problem: Problem  #: Input of the diagnosis.
     state: FitState  #: Effects, frames and rows.
-    at: Linearization  #: Linearization; `state` may have gone on from there.
-    channels: tuple[Channel, ...]  #: Observations minus what the fitted model expects.
-    search: Search  #: The last search, with all the models it looked at.
-    model: Model  #: The best of them.
+    at: Linearization  #: Linearization; `state` may be later.
+    channels: tuple[Channel, ...]  #: Measured minus expected values of the fitted model.
+    search: Search  #: The last search, with all its evaluated models.
+    model: Model  #: The best model.
     noises: dict[str, Noise]  #: Noise of each channel.
     outliers: NDArray[np.int_]  #: Rows reported as outliers.
     score: float = -np.inf  #: Log posterior with the squares that the exact model leaves.
 
 
 def known_approach(campaign: Campaign, state: FitState) -> NDArray[np.bool_]:
-    """Tell which rows a model can predict: all, or with play those whose approach is known. Shape (n,)."""
+    """Return the rows that a model can predict: all, or with backlash those with a known approach. Shape (n,)."""
     play = any(key[0] == "backlash" for key, _ in state.claims)
     return ~campaign.first_visit if play else np.ones(len(campaign), bool)
 
 
 def stands(problem: Problem, state: FitState) -> bool:
-    """Tell whether the robot of a state finds its equilibrium at every row."""
+    """Check whether the robot of a state has an equilibrium at every row."""
     try:
         _, attained = attain_state(problem, state)
     except ConvergenceError:
@@ -93,7 +93,7 @@ def stands(problem: Problem, state: FitState) -> bool:
 
 
 def attain_state(problem: Problem, state: FitState) -> tuple[ForwardModel, Attained]:
-    """Put the state's effects into a scene and solve it."""
+    """Build the forward model with the state's effects and solve it."""
     for effects, scene, attained in problem.latest:
         if effects is state.effects:
             if scene.registration is not state.registration:
@@ -108,19 +108,19 @@ def attain_state(problem: Problem, state: FitState) -> tuple[ForwardModel, Attai
 
 
 def linearize_state(problem: Problem, state: FitState) -> Linearization:
-    """Put the state's effects into a scene, solve it and linearize."""
+    """Build the forward model with the state's effects, solve it and linearize."""
     scene, attained = attain_state(problem, state)
     return linearize_model(scene, attained, {effect.place: effect.parameters for effect in state.effects})
 
 
 def advance_state(fit: Fit, share: float = 1.0) -> FitState:
-    """Take the posterior mean into the exact model, or a share of the way to it from where the fit stands.
+    """Move the exact model to the posterior mean, or by a share of the step from the current state.
 
-    On the way what was claimed before and is no longer fades as everything else moves.
+    During a partial step, effects claimed before but not now fade as the others change.
     """
     equations = fit.search.equations
     prior = fit.search.prior_of(fit.model.claims)
-    # nothing bends against its load; errors that do would cancel others to first order and could not be built
+    # compliances below zero would cancel others to first order, and cannot be built
     single = equations.join_columns(n for n, s in enumerate(equations.signatures) if s.positive and len(s.scale) == 1)
     bounded = single[prior.background[single] >= 0]
     prior, posterior = drop_negative(equations, prior, fit.model.posterior, bounded)
@@ -129,7 +129,7 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
     before = {key for key, _ in fit.state.claims} if share < 1.0 else set()
     claimed = list(fit.model.signatures)
     claimed += [n for n, s in enumerate(equations.signatures) if n not in claimed and key_of(s) in before]
-    # classes of the background that hardly move anything stay out
+    # classes of the background with negligible motion are left out
     loud = np.zeros(len(CLASSES) + 1, bool)
     for label in range(len(CLASSES)):
         columns = np.flatnonzero((prior.background == label) & (vector != 0))
@@ -145,7 +145,7 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
 
 
 def build_state(fit: Fit, values: Array, claimed: Sequence[int], rest: Sequence[int]) -> FitState:
-    """Put the value of each column, shape (p,), into the exact model: claims first, then what else moves anything.
+    """Apply the value of each column, shape (p,), to the exact model: claims first, then others with noticeable motion.
 
     Where several signatures share a column, the first one's form is kept.
     """
@@ -167,13 +167,13 @@ def build_state(fit: Fit, values: Array, claimed: Sequence[int], rest: Sequence[
 
 
 def idle(equations: NormalEquations, columns: NDArray[np.int_], vector: Array, least: float = SEARCH.idle) -> bool:
-    """Tell whether errors move nothing by a share of the noise: they stay out of the model, as elsewhere they might."""
+    """Check whether errors are below a share of the noise; they are left out, since they may be large elsewhere."""
     part = vector[columns]
     return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < least for design in equations.designs)
 
 
 def move_registration(registration: Registration | None, signature: Signature, step: Array) -> Registration | None:
-    """Turn and shift the frame that a signature of the registration stands for."""
+    """Turn and shift the frame of a registration signature."""
     if registration is None:
         return None
     what, _, label = signature.form.partition(" ")

@@ -1,5 +1,5 @@
-"""Validation: how probable a claimed effect is, and how well models predict poses that they were not fitted to.
+"""Validation: calibrated probability of a claimed effect, and errors of models on held-out poses.
 
-Every claim is scored again among errors that no effect makes (`unmodelled`). Its log odds are a logistic map
-c + w . (arsinh(margin / 5), -log spurious-fit probability, -log residual similarity) (`probability`).
+Every claim is re-evaluated together with unmodelled errors (`unmodelled`). Its log odds are a logistic map c + w .
+(arsinh(margin / 5), -log spurious-fit probability, -log residual similarity) (`probability`).
 """

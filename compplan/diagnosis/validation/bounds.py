@@ -1,7 +1,7 @@
-"""Bounds: sizes of an effect that no robot of this kind can have, each with its reason.
+"""Bounds: largest sizes of effects that a robot of this kind can have, each with its reason.
 
-Where a campaign cannot distinguish an effect from others, its fitted size may exceed what weight, gears and data sheet
-allow. Such a claim is not named: what it explains has another cause.
+If a campaign cannot distinguish an effect from others, its fitted size may exceed the limits of weight, gears and data
+sheet. Such a claim is not named: its motion has another cause.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.mounting import mounted_tool
 from compplan.robot.rating import read_rating
 
-#: A joint, a link or the base plate turns by this at most under the arm's own weight and rated payload, stretched out
-#: (assumed: a fiftieth of the arm's length; the softest arms that are sold bend by less than a hundredth as a whole).
-#: [rad]
+#: Largest rotation of a joint, a link or the base plate under the weight of the stretched arm and its rated payload
+#: (assumed: a fiftieth of the arm's length; the softest arms on sale bend by less than a hundredth as a whole). [rad]
 MOST_BENT = 0.02
 
 
@@ -31,14 +30,12 @@ MOST_BENT = 0.02
 class SizeLimits:
     """Largest sizes of effects."""
 
-    #: Motion of the target by one claim over the gap: more than ten gaps are there only because others cancel them
-    #: (assumed).
+    #: Motion of the target by one claim over the gap: more than ten gaps occur only if others cancel them (assumed).
     most_motion: float = 10.0
-    #: Mass at the flange over the rated payload (assumed: arms carry a tenth more than they are sold for; where no data
-    #: sheet is there, less than they weigh).
+    #: Mass at the flange over the rated payload (assumed: arms carry a tenth more than rated; without a data sheet,
+    #: less than their mass).
     over_rating: float = 1.1
-    #: A mass at the flange has its centre behind it by this at most (assumed: the length of a wrist, with its cables).
-    #: [m]
+    #: Largest distance of a mass's centre behind the flange (assumed: the length of a wrist, with its cables). [m]
     behind: float = 0.1
 
 
@@ -46,9 +43,9 @@ LIMITS = SizeLimits()
 
 
 def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
-    """Return why a robot cannot have an effect of this size; empty where it can.
+    """Return why a robot cannot have an effect of this size; empty if it can.
 
-    `explained` is the rms motion of the target that it explains, `gap` the rms gap of the model without effects. [m]
+    `explained` is the rms motion of the target by the effect, `gap` the rms gap of the model without effects. [m]
     """
     if explained > LIMITS.most_motion * gap:
         return f"it moves the target by {1e3 * explained:.3g} mm, the gap is {1e3 * gap:.3g} mm"
@@ -71,7 +68,7 @@ def _check_payload(fit: Fit, effect: Effect) -> str:
     behind = -float(outward_axis(fit) @ payload[1:])
     if added > 0.0 and behind > LIMITS.behind * whole:
         return f"{added:.3g} kg with their centre {1e3 * behind / added:.4g} mm behind the flange, inside the arm"
-    # what is taken off was there: what is left of the tool hangs before the flange, too
+    # a mass can only be removed if it was there: the rest of the tool is in front of the flange, too
     left = -float(outward_axis(fit) @ (payload + carried)[1:])
     if added <= 0.0 and left > LIMITS.behind * whole:
         where = f"{1e3 * left / whole:.4g} mm behind the flange, inside the arm" if whole > 0.0 else "nowhere"
@@ -96,8 +93,8 @@ def _check_bending(fit: Fit, effect: Effect) -> str:
 def stretched_moment(robot: Robot, joint: str | None) -> float:
     """Return the moment of the arm's weight beyond a joint (None: the base) and of its rated payload, stretched. [N m]
 
-    g (sum_b m_b (l_b + |c_b|) + m_rated l_flange), l the length of chain from the joint to a link; 0 where neither
-    masses nor data sheet are known.
+    g (sum_b m_b (l_b + |c_b|) + m_rated l_flange), l the length of chain from the joint to a link; 0 without masses and
+    data sheet.
     """
     start = next((j.child for j in robot.joints if j.name == joint), robot.base)
     length = {start: 0.0}
@@ -111,7 +108,7 @@ def stretched_moment(robot: Robot, joint: str | None) -> float:
 
 
 def outward_axis(fit: Fit) -> Array:
-    """Return the direction in which the flange looks, in its own frame: towards the tool, else its z. Shape (3,)."""
+    """Return the outward direction of the flange in its frame: towards the tool, or its z by default. Shape (3,)."""
     tip = mounted_tool(fit.problem.robot)[:3, 3]
     length = float(np.linalg.norm(tip))
     return np.asarray(tip / length) if length > ROUNDING else np.array([0.0, 0.0, 1.0])

@@ -13,8 +13,8 @@ Tipping2001]: with the posterior m, S of x,
     g_j = 1 - S_jj / d_j,    d_j = (m_j^2 + nu (t u_j)^2) / (g_j + nu)    or, named,    d = sum m_j^2 / sum g_j
     v = sum w r^2 / (N - sum g),    w = (mu + 1) / (mu + r^2 / v)
 
-v is no smaller than what rows of one stay tell. One stay is one observation, however many rows it has. The same is
-fitted without each fold of poses, so that the folder is judged by poses that it never saw.
+v is at least the scatter of rows of one stay. One stay is one observation, regardless of its number of rows. The fit is
+repeated without each fold of poses, which validates the robot folder on held-out poses.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """Numbers of the calibration."""
+    """Settings of the calibration."""
 
-    #: Gear waves that are offered: harmonics of a turn, and the part of a period that has to be seen (assumed: teeth,
-    #: wave generator and bearings of real gears err in fewer).
+    #: Gear waves: number of harmonics of a turn, and least part of a period in the joint's range (assumed: teeth, wave
+    #: generator and bearings of real gears err in fewer).
     waves: int = 30
     seen: float = 0.5
-    #: Degrees of freedom of the sizes of small errors (assumed: as heavy a tail as has a scale), and of what is left
+    #: Degrees of freedom of the sizes of small errors (assumed: the heaviest tail with a scale), and of the residuals
     #: (assumed: usual for robust regression [Lange1989]).
     sizes: float = 2.0
     student: float = 5.0
     #: Largest prior deviation of a small error, in units of its scale (assumed: zeros of 10 mrad, lengths of 10 mm).
     largest: float = 10.0
-    #: Changes of the robust weights at most, and of the variances with each of them (assumed: most settle in half).
+    #: Most updates of the robust weights, and of the variances with each of them (assumed: most converge in half).
     reweighted: int = 30
     steps: int = 3
-    #: A fit has settled when what it explains moves by less than this share of the noise (assumed).
+    #: Convergence: motion of the fitted values over the noise (assumed).
     settled: float = 0.01
-    #: Variances of a class grow or shrink alike by this factor a step at most (assumed).
+    #: Largest common factor by which variances of a class change in a step (assumed).
     fastest: float = 4.0
-    #: Share of the observations that counts as noise at first (assumed: far too much, so that no column fits chance).
+    #: Initial share of the observations' squares that is noise (assumed: far too much, so that no column fits chance).
     first_noise: float = 0.1
-    #: A column that moves no observation by more than this share of its noise is left out (assumed).
+    #: Columns that move no observation by more than this share of its noise are left out (assumed).
     gone: float = 1e-3
-    #: From this many poses on, a fit without some of them may begin where that of all of them ends (assumed).
+    #: Fewest poses from which a fit without some of them starts at that of all poses (assumed).
     many_poses: int = 200
 
 
@@ -75,8 +75,8 @@ class StayMeans:
 
     design: Array  #: Columns. Shape (N, k).
     observed: Array  #: Values, in units of the noise of one row. Shape (N,).
-    channel: NDArray[np.int_]  #: Channel of each. Shape (N,).
-    row: NDArray[np.int_]  #: A row of the campaign that belongs to each. Shape (N,).
+    channel: NDArray[np.int_]  #: Channel of each value. Shape (N,).
+    row: NDArray[np.int_]  #: A row of the campaign in the stay of each value. Shape (N,).
     columns: NDArray[np.int_]  #: Columns of the normal equations. Shape (k,).
     #: Class of small errors, then one number for each named effect; -1 for frames, without a prior. Shape (k,).
     group: NDArray[np.int_]
@@ -84,7 +84,7 @@ class StayMeans:
     least: Array  #: Smallest variance of each channel. Shape (channels,).
 
     def take(self, kept: NDArray[np.bool_]) -> StayMeans:
-        """Take some columns. Shape of `kept`: (k,)."""
+        """Select columns. Shape of `kept`: (k,)."""
         return replace(
             self, design=self.design[:, kept], columns=self.columns[kept], group=self.group[kept],
             positive=self.positive[kept],
@@ -93,7 +93,7 @@ class StayMeans:
 
 @dataclass(frozen=True, eq=False)
 class SolvedMeans:
-    """Columns: prior variances d (k,), values (k,), Phi^T N^-1 Phi (k, k); and noise v of each channel."""
+    """Fitted columns: prior variances d (k,), values (k,), Phi^T N^-1 Phi (k, k); and noise v of each channel."""
 
     means: StayMeans
     variance: Array
@@ -102,7 +102,7 @@ class SolvedMeans:
     noise: Array
 
     def covariance(self, least: Array) -> Array:
-        """Return the covariance with prior variances of at least (k,): what poses do not show may be there."""
+        """Return the covariance with least prior variances (k,), for errors that the poses do not show."""
         deviation = np.sqrt(np.maximum(self.variance, least))
         inner = self.information * np.outer(deviation, deviation) + np.eye(len(deviation))
         return mirror_lower(invert_factor(factorize(inner))) * np.outer(deviation, deviation)
@@ -137,25 +137,25 @@ def calibrate(folds: Folds, claims: Sequence[Claim]) -> Calibration:
 
 
 def calibrated_state(fit: Fit, values: Array, named: Sequence[int]) -> FitState:
-    """Put the values of a calibration, shape (p,), into the exact model, the widest of its named effects first."""
+    """Apply the values of a calibration, shape (p,), to the exact model, the widest of its named effects first."""
     equations = fit.search.equations
     claimed = sorted(named, key=lambda n: -len(equations.columns(n)))
     return build_state(fit, values, claimed, [n for n, s in enumerate(equations.signatures) if is_calibrated(s)])
 
 
 def hold_out_calibration(folds: Folds, found: Calibration) -> HeldOut:
-    """Predict every row by the robot that a calibration without its fold makes, read from its folder."""
+    """Predict every row with the robot calibrated without its fold, as read from its folder."""
     values = dict(zip(folds.numbers, found.without_fold, strict=True))
     return folds.hold_out(lambda number: calibrated_state(folds.fit, values[number], found.named))
 
 
 def is_calibrated(signature: Signature) -> bool:
-    """Tell whether a signature is written into the robot although it is not named."""
+    """Check whether a signature is written into the robot although it is not named."""
     return signature.name in (REGISTRATION, "gravity_sag", "tool_frame") or in_background(signature)
 
 
 def add_gear_waves(fit: Fit) -> Fit:
-    """Return a fit whose normal equations hold gear waves of every harmonic; its prior has none of them."""
+    """Extend the normal equations of a fit by gear waves of every harmonic; its prior contains none of them."""
     at, equations, prior = fit.at, fit.search.equations, fit.search.prior
     known, fresh = set(equations.names), []
     for index in np.flatnonzero(~at.robot.prismatic):
@@ -207,7 +207,7 @@ def average_stays(equations: NormalEquations, claims: Sequence[Claim], noise: Ar
 def solve_means(
     means: StayMeans, rows: NDArray[np.bool_] | None = None, start: SolvedMeans | None = None
 ) -> SolvedMeans:
-    """Fit variances, noise and values to all or some of the means (N,), from a start with its columns alone."""
+    """Fit variances, noise and values to all or some of the means (N,), optionally from a start and its columns."""
     used = np.ones(len(means.observed), bool) if rows is None else rows
     means = means if start is None else start.means
     y, channel = means.observed[used], means.channel[used]
@@ -257,9 +257,9 @@ def solve_means(
 def _fit_variance(
     mean: Array, known: Array, unit2: Array, group: NDArray[np.int_], variance: Array, width2: Array
 ) -> Array:  # fmt: skip
-    """Return the prior variances (k,) after a step towards those of largest evidence; `width2` (classes,) goes along.
+    """Return the prior variances (k,) after a step towards largest evidence; `width2` (classes,) is updated in place.
 
-    First all of a class grow alike, then each by itself and the width t^2 with them.
+    First all of a class change by one factor, then each separately, with the width t^2.
     """
     nu, fitted = CALIBRATION.sizes, variance.copy()
     for number in np.unique(group[group >= 0]):
@@ -279,7 +279,7 @@ def _fit_variance(
 
 
 def _solve(design: Array, target: Array, gram: Array | None, variance: Array) -> tuple[Array, Array]:
-    """Return values and 1 - S_jj / d_j of each column; solved among the values where there is no gram. Shapes (k,)."""
+    """Return values and 1 - S_jj / d_j of each column; without a gram solved among the values. Shapes (k,)."""
     deviation = np.sqrt(variance)
     scaled = design * deviation
     if gram is not None:

@@ -1,7 +1,7 @@
 """Cross-validation: errors on poses left out of the fit, predicted by the robot as read from its folder.
 
-Registered frames belong to the campaign, not to the robot; a later campaign has its own. They are therefore fitted to
-the held-out errors of all rows at once, and the part of an error that they take because poses are few is added again.
+Registered frames belong to the campaign, not to the robot; a later campaign has other ones. They are therefore fitted
+to the held-out errors of all rows at once; errors are enlarged by the part that this fit absorbs with few poses.
 """
 
 from __future__ import annotations
@@ -47,18 +47,18 @@ class HeldOut:
         return rms_length(self.residual)
 
     def of(self, seen: NDArray[np.bool_]) -> HeldOut:
-        """Return the residuals of some of its rows. Shape of `seen`: (r,)."""
+        """Return the residuals of selected rows. Shape of `seen`: (r,)."""
         return HeldOut(self.rows[seen], self.residual[seen])
 
     def correct_for_selection(self, fold: NDArray[np.int_], seen: NDArray[np.bool_]) -> HeldOut:
-        """Return these residuals, enlarged where they may be small by chance because folds are few.
+        """Enlarge residuals that may be small by chance because there are few folds.
 
         Logarithms of the folds' mean squares m_f are nearly normal, and the true one lies below its upper 95 % limit
 
             exp(mean-square's log + t_{k-1} s sqrt(1 / k + 1 / (k - 1))),
 
         s the deviation of log m_f over k folds; the fits of the folds share most of their rows, which adds the second
-        term [NadeauBengio2003]. What is stated is at least UNDERSTATED of that limit. `seen`: rows (r,) that are no
+        term [NadeauBengio2003]. The stated error is at least UNDERSTATED of that limit. `seen`: rows (r,) that are not
         outliers.
         """
         folds = [self.of(seen & (fold == number)).rms for number in np.unique(fold[seen])]
@@ -70,12 +70,12 @@ class HeldOut:
 
 
 def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
-    """Deal blocks of neighbouring stays to folds; the same pose is always in the same fold. Shape (n,).
+    """Assign blocks of neighbouring stays to folds; the same pose is always in the same fold. Shape (n,).
 
-    So few blocks that all would be in one fold are dealt one by one, a single block by its halves.
+    If all blocks would be in one fold, they are assigned one by one, a single block by its halves.
     """
     block = block_index(campaign)
-    # a later campaign has no neighbours in this one, and of long ones blocks in a row are neighbours in place, too
+    # neighbours in time share errors, and in long campaigns neighbouring blocks are neighbours in place, too
     run = max(RUN_OF_BLOCKS, len(np.unique(block)) // ENOUGH_ROWS)
     fold = (block // run) % folds
     if not fold.any():
@@ -94,23 +94,23 @@ class Folds:
 
     @cached_property
     def pose(self) -> NDArray[np.int_]:
-        """Pose, or block of a path, of each row that is predicted. Shape (r,)."""
+        """Pose, or block of a path, of each predicted row. Shape (r,)."""
         return group_poses(self.fit.problem.campaign)[self.fit.search.equations.source[0].rows]
 
     @cached_property
     def numbers(self) -> list[int]:
-        """The folds."""
+        """Numbers of the folds."""
         return [int(number) for number in np.unique(self.fold[self.fit.search.equations.source[0].rows])]
 
     def hold_out(self, build: Callable[[int], FitState]) -> HeldOut:
-        """Predict every row by the exact model that a fit to the other folds leads to."""
+        """Predict every row with the exact model of a fit to the other folds."""
         fit, rows = self.fit, self.fit.search.equations.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
         for number in self.numbers:
             state = build(number)
             if fit.problem.register and stands(fit.problem, state):
-                # frames turn far: what their derivatives leave out is fitted exactly, to rows that the fit saw; the
-                # few rows of a contact may leave its place open without some of them, and all are fitted below anyway
+                # frames turn far and are fitted exactly, to rows of the fit; contacts use all rows, since few rows may
+                # not determine their place (frames are fitted to all below in any case)
                 own = CONTACTS in fit.problem.register
                 state = register_again(fit, state, fit.state.use & (own | (self.fold != number)))
             gap = predict_gap(fit, state)
@@ -135,7 +135,7 @@ class Folds:
 
 
 def fit_frames(fit: Fit, residual: Array, poses: int) -> Array:
-    """Return errors (r, 3) as a later campaign of many poses would show them, its own frames fitted to them. [m]"""
+    """Return errors (r, 3) as in a later campaign of many poses with its frames fitted to them. [m]"""
     if not fit.problem.register:
         return residual
     sigma = fit.search.equations.source[0].sigma
@@ -143,7 +143,7 @@ def fit_frames(fit: Fit, residual: Array, poses: int) -> Array:
 
 
 def take_out_frames(equations: NormalEquations, left: Array) -> Array:
-    """Take out of positions, shape (r, 3), what frames that are fitted anyway follow. In units of the noise."""
+    """Project the registered frames out of positions, shape (r, 3). In units of the noise."""
     frames = equations.columns_named(REGISTRATION)
     if not len(frames):
         return left
@@ -153,10 +153,10 @@ def take_out_frames(equations: NormalEquations, left: Array) -> Array:
 
 
 def free_of_frames(fit: Fit, poses: int) -> float:
-    """Return by which factor errors were larger before frames were fitted to the poses that show them.
+    """Return the ratio of errors before and after frames were fitted to the poses that show them.
 
-    Frames of f values that are fitted to n poses leave sqrt(1 - f / 3 n) of whatever is there on average; of a later
-    campaign of many poses they take next to nothing.
+    Frames of f values that are fitted to n poses leave sqrt(1 - f / 3 n) of the errors on average; in a later campaign
+    of many poses they absorb almost nothing.
     """
     if not fit.problem.register:
         return 1.0
@@ -170,7 +170,7 @@ def free_of_frames(fit: Fit, poses: int) -> float:
 def predict_gap(fit: Fit, state: FitState) -> Array | None:
     """Return measured minus predicted positions of the robot as read from its folder. Shape (n, 3). [m]
 
-    None where the folder could not be read, or its robot finds no equilibrium.
+    None if the folder cannot be read, or its robot has no equilibrium.
     """
     problem = fit.problem
     try:

@@ -1,20 +1,20 @@
-"""Probability of a claim: a logistic map of three features; and which other effects explain the same motion.
+"""Probability of a claim: a logistic map of three features; and other effects that explain the same motion.
 
-A true cause explains its whole error. A wrong effect of the same joint, frame or tool leaves part of it, and that part
-moves the target in the same directions. With m_i the motion of the target by the claim at row i, u_i its unit vector,
-r_i the residual of claims and small errors, and F the 95 % point of Fisher's F(n, (c - 1) n) for n poses and c values a
-row (three of a position),
+A true cause explains its complete error. A wrong effect of the same joint, frame or tool leaves part of it, and that
+part moves the target in the same directions. With m_i the motion of the target by the claim at row i, u_i its unit
+vector, r_i the residual of claims and small errors, and F the 95 % point of Fisher's F(n, (c - 1) n) for n poses and c
+values a row (three of a position),
 
     similarity^2 = max(sum (u_i . r_i)^2 - F / (c - 1) sum |r_i - (u_i . r_i) u_i|^2, 0) / sum |m_i|^2,
 
-the share of its motion that is left along it beyond chance: the largest of every channel in which the claim moves more
-than the noise, with and without the unmodelled errors in the residual, since these may fit the rest of a wrong effect.
+the residual along its motion beyond chance: the largest of every channel in which the claim moves more than the noise,
+with and without the unmodelled errors in the residual, since these may fit the rest of a wrong effect.
 
-A vocabulary of hundreds of effects explains part of any smooth error. Errors that no effect makes are drawn: a wave,
-step, kink or parabola of one or two quantities that the campaign varies, along a direction of the base or of the tool,
-or as a rotation of a link; the best effect explains the share e of their squares, frames and other claims fitted beside
-it. With E = (squares explained - number of parameters) / (squares that the other claims leave - noise) of a claim,
-P(e >= E) over the draws is its spurious-fit probability.
+A vocabulary of hundreds of effects explains part of any smooth error. Errors of no effect are drawn: a wave, step, kink
+or parabola of one or two quantities that vary in the campaign, along a direction of the base or of the tool, or as a
+rotation of a link; the best effect explains the share e of their squares, with frames and other claims fitted. With E =
+(squares explained - number of parameters) / (squares that the other claims leave - noise) of a claim, P(e >= E) over
+the draws is its spurious-fit probability.
 """
 
 from __future__ import annotations
@@ -42,25 +42,25 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class ProbabilitySettings:
-    """Numbers of the map from evidence to probability."""
+    """Settings of the map from evidence to probability."""
 
     #: Largest probability of a claim (assumed: one campaign in a hundred has a cause outside every model here).
     most_sure: float = 0.99
-    #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
+    #: Divisor of log odds: evidence of real campaigns is less sharp than its model (assumed).
     temper: float = 2.0
-    #: Margins beyond this count by their logarithm alone (assumed).
+    #: Margins beyond this count logarithmically (assumed).
     margin_scale: float = 5.0
-    #: Spurious-fit probabilities and similarities outside these ranges tell no more: beside a larger cause a high one
-    #: says nothing about this claim (assumed).
+    #: Ranges of spurious-fit probability and similarity, clipped outside: a high similarity may come from a larger
+    #: cause (assumed).
     spurious_range: tuple[float, float] = (NEGLIGIBLE, 0.15)
     similarity_range: tuple[float, float] = (0.1, 1.0)
-    #: Phase of a drawn error over one standard deviation of what it follows (assumed: from nearly straight to a wave
-    #: that a few dozen poses just resolve). [rad]
+    #: Phase of a drawn error over one standard deviation of its quantity (assumed: from nearly straight to a wave that
+    #: a few dozen poses just resolve). [rad]
     roughness: tuple[float, ...] = (0.5, 1.0, 2.0)
 
 
 MAP = ProbabilitySettings()
-#: The map from evidence to log odds, fitted by penalised logistic regression to claims of development campaigns and of
+#: Map from evidence to log odds, fitted by penalised logistic regression to claims of development campaigns and of
 #: parts of measured ones (assumed: that study is not kept; python -m benchmarks ablation prints the map of a suite):
 #: constant; weights of the margin (arsinh of it over its scale) and of minus the logarithms of spurious-fit probability
 #: and residual similarity. No weight may be negative. The margin accounts for the number of parameters.
@@ -73,28 +73,28 @@ class Evidence:
 
     margin: float  #: Log posterior odds against the best model without it, unmodelled errors in both.
     spurious: float  #: Spurious-fit probability (`rate_spurious_fits`).
-    similarity: float  #: Residual along the claim's own motion beyond chance, over that motion (`rate_similarities`).
+    similarity: float  #: Residual along the claim's motion beyond chance, over that motion (`rate_similarities`).
 
     def to_table(self) -> dict[str, float]:
-        """Return what diagnosis.json holds."""
+        """Return the content of diagnosis.json."""
         return {key: round(float(value), 4) for key, value in asdict(self).items()}
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs: margin, spurious-fit probability, residual similarity. Shape (3,)."""
+    """Return the features of the map: margin, spurious-fit probability, residual similarity. Shape (3,)."""
     margin = np.arcsinh(evidence.margin / MAP.margin_scale)
     spurious = np.log(np.clip(evidence.spurious, *MAP.spurious_range))
     return np.array([margin, -spurious, -np.log(np.clip(evidence.similarity, *MAP.similarity_range))])
 
 
 def calibrate_probability(evidence: Evidence) -> float:
-    """Return the probability of a claim."""
+    """Return the calibrated probability of a claim."""
     odds = CONSTANT + WEIGHTS @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MAP.most_sure))
 
 
 def rate_similarities(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, float]:
-    """Return the residual similarity of every claim."""
+    """Compute the residual similarity of every claim."""
     equations, values = revised.search.equations, revised.model.posterior.values(revised.search.equations.p)
     foreign = np.concatenate([np.zeros(0, int), *revised.members]).astype(int)
     result = dict.fromkeys(revised.model.claims, 0.0)
@@ -113,7 +113,7 @@ def rate_similarities(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, fl
 
 
 def measure_similarity(left: Array, motion: Array, pose: NDArray[np.int_]) -> float:
-    """Return the residual (r, c) along a motion (r, c) beyond chance, over the motion; 0 where nothing moves."""
+    """Return the residual (r, c) along a motion (r, c) beyond chance, over the motion; 0 without motion."""
     length = np.linalg.norm(motion, axis=1)
     moves = length > ROUNDING * length.max(initial=0.0)
     if not moves.any():
@@ -127,7 +127,7 @@ def measure_similarity(left: Array, motion: Array, pose: NDArray[np.int_]) -> fl
 
 
 def rate_spurious_fits(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, float]:
-    """Return the spurious-fit probability of every claim."""
+    """Compute the spurious-fit probability of every claim."""
     if not revised.model.claims:
         return {}
     equations = revised.search.equations
@@ -148,17 +148,17 @@ def rate_spurious_fits(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, f
         columns = equations.columns(claim.signature)
         explained = explain_squares(left, [columns], np.array([len(left) - 1]))[0, 0] - len(columns)
         share = explained / max(float(squares[-1]) - min(float(count), float(squares[-1])), 1e-12)
-        # errors that frames and other claims explain nearly whole show nothing
+        # errors explained almost completely by frames and other claims show nothing
         kept = p + np.flatnonzero(squares[p:-1] > (1.0 - LEVEL) * np.diag(gram)[p:-1])
         shares = explain_squares(left, blocks, kept) / squares[kept]
-        # k parameters explain k of the squares of anything; what is left of an error explained whole is rounding
+        # k parameters explain k of the squares of any error; the residual of a fully explained error is rounding
         best = (1.0 - (1.0 - shares) * count / np.maximum(count - values, 1.0)).max(axis=0, initial=0.0)
         result[claim] = float((np.sum(best >= min(share, 1.0 - np.sqrt(ROUNDING))) + 0.5) / (len(kept) + 1.0))
     return result
 
 
 def draw_errors(fit: Fit) -> Array:
-    """Draw errors that no effect makes, of one rms each in units of the noise. Shape (values, SAMPLE)."""
+    """Draw errors of no effect, of one rms each in units of the noise. Shape (values, SAMPLE)."""
     at, channel = fit.at, fit.search.equations.source[0]
     rows, rng = channel.rows, np.random.default_rng(SEED)
     followed = list_followed(at, rows)
@@ -184,7 +184,7 @@ def draw_errors(fit: Fit) -> Array:
 
 
 def list_followed(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
-    """List what a drawn error may follow, by kind, standardised. Shapes (r, k)."""
+    """List the standardised quantities that a drawn error may depend on, by kind. Shapes (r, k)."""
     campaign = at.campaign
     kinds = [np.nan_to_num(campaign.q), at.point, np.arange(len(campaign), dtype=float)[:, None]]
     kinds.append(np.nan_to_num(at.own_load))
@@ -211,28 +211,28 @@ def _shape(rng: np.random.Generator, phase: Array) -> Array:
 
 
 def explain_squares(gram: Array, blocks: Sequence[NDArray[np.int_]], errors: NDArray[np.int_]) -> Array:
-    """Return the squares of some columns that each block of others explains. Shape (blocks, errors)."""
+    """Return the squares of given columns that each block of others explains. Shape (blocks, errors)."""
     result = np.zeros((len(blocks), len(errors)))
     for size in {len(block) for block in blocks}:
         numbers = [n for n, block in enumerate(blocks) if len(block) == size]
         own = np.stack([blocks[n] for n in numbers])
-        # columns have unit length: what is left of one that the others hold is rounding
+        # columns have unit length: the residual of a column in the span of others is rounding
         inner = gram[own[:, :, None], own[:, None, :]] + ROUNDING * np.eye(size)
         against = gram[own[:, :, None], errors]
         result[numbers] = np.einsum("nsc,nsc->nc", against, np.linalg.solve(inner, against))
     return result
 
 
-#: Two effects cannot be told apart if one explains this share of what the other does, frames fitted to both (assumed),
+#: Two effects are indistinguishable if one explains this share of the other's motion, frames fitted to both (assumed),
 ALIKE = 0.975
-#: or if what it leaves of the other is this small: sum of squares over the campaign, in units of the noise variance
+#: or if the residual of the other is this small: sum of squares over the campaign, in units of the noise variance
 #: (theory: four standard deviations, log odds of 8).
 BELOW_NOISE = 16.0
 
 
 @dataclass(frozen=True)
 class AlternativeEffect:
-    """Another effect, of some parameters, that explains a share of the motion by a claim, frames fitted to both.
+    """Another effect that explains a share of the motion by a claim, frames fitted to both; number of its parameters.
 
     `difference` is the sum of squares that it leaves of that motion, in units of the noise variance.
     """
@@ -244,15 +244,15 @@ class AlternativeEffect:
 
     @property
     def alike(self) -> bool:
-        """Tell whether the campaign cannot tell it from the claim."""
+        """Whether the campaign cannot distinguish it from the claim."""
         return self.share >= ALIKE or self.difference < BELOW_NOISE
 
 
 def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> list[AlternativeEffect]:
-    """Compare a claim's motion with what every other effect can explain, best first.
+    """Find the effects that explain a claim's motion, and their shares, best first.
 
     The share is the squared cosine of the angle between the claim's motion and the space of the other effect, base and
-    tool frames projected out of both. `values` are those of all columns (p,); those of the fit's model where left out.
+    tool frames projected out of both. `values` are those of all columns (p,), by default those of the fit's model.
     """
     equations = fit.search.equations
     columns = equations.columns(signature)
@@ -280,12 +280,12 @@ def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[
     frames = fit.search.equations.columns_named("base_frame", "tool_frame", REGISTRATION)
     free = project_out(gram, frames)
     energy = float(values @ free[np.ix_(columns, columns)] @ values)
-    # what frames explain nearly whole counts as it is
+    # frames that explain the motion almost completely are not projected out
     return (gram, whole) if energy < NEGLIGIBLE * whole else (free, energy)
 
 
 def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
-    """Return what an effect may explain at its place: a law of deflection hardens and softens, so both its shapes."""
+    """Return the columns of an effect at its place: a nonlinear stiffness has both its shapes."""
     equations = fit.search.equations
     own = equations.signatures[number]
     if own.form not in ("quadratic", "cubic"):
@@ -301,7 +301,7 @@ def _share(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray
 
 
 def _solve_trace(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_]) -> Array:
-    """Return the values of other columns that explain most of a motion; zero where they move nothing."""
+    """Return the values of other columns that explain most of a motion; zero if they move nothing."""
     block = gram[np.ix_(other, other)]
     trace = float(np.trace(block))
     if trace <= 0:
@@ -311,7 +311,7 @@ def _solve_trace(gram: Array, columns: NDArray[np.int_], values: Array, other: N
 
 
 def is_comparable(other: Signature) -> bool:
-    """Leave out forms that were looked for, and all but one of each law, wave and balancer."""
+    """Check whether an effect is a rival: proposed forms, variants of stiffness laws, waves and balancers are not."""
     if other.name in (REGISTRATION, UNMODELLED) or other.tried > 1:
         return False
     if other.name == "stiffness_nonlinearity":

@@ -1,9 +1,9 @@
-"""Unmodelled: what a gap may depend on beyond every effect of the vocabulary.
+"""Unmodelled: dependences of a gap beyond every effect of the vocabulary.
 
-A gap whose cause is in no vocabulary depends on something all the same: on where the target is, on the load, on time,
-on another joint. Each of these is offered to the search as a smooth function with an unknown shape, beside the effects.
-It is never named as a cause and never written into a robot; it keeps effects from being bent into imitations of what
-they are not, and it says what an unknown cause looks like.
+A gap with a cause outside the vocabulary still depends on something: target position, load, time, another joint. Each
+dependence is a smooth function of unknown shape, added to the search. Such a function is never named as a cause and
+never written into a robot. It prevents effects from fitting errors that they do not cause, and it describes an unknown
+cause.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ UNMODELLED = "unmodelled"
 
 @dataclass(frozen=True)
 class UnmodelledSettings:
-    """Numbers of the shapes of unmodelled errors."""
+    """Settings of the shapes of unmodelled errors."""
 
     #: Time constants of creep (assumed). [s]
     creep_times: tuple[float, float] = (60.0, 400.0)
-    #: Time constants of what settles early, as shares of the campaign (assumed).
+    #: Time constants of errors that decay early, as shares of the campaign (assumed).
     early: tuple[float, float] = (0.02, 0.1)
     #: Degree of the curves over time, and of the fields over the workspace (assumed).
     time_degree: int = 4
     field_degree: int = 3
-    #: An instrument stands so many times farther away than the target moves (assumed): expanded about the target, what
-    #: is curved about the instrument is smaller by this from degree to degree.
+    #: Distance of an instrument over the motion of the target (assumed): terms of a field that is curved about the
+    #: instrument shrink by this from degree to degree.
     far: float = 8.0
     #: Speeds at which friction fades, over the fastest (assumed).
     fading: tuple[float, ...] = (0.05, 0.2, 0.8)
@@ -60,11 +60,11 @@ def unmodelled_signatures(fit: Fit) -> list[Signature]:
     if at.campaign.load_varies:
         found += _of_load(at)
     if at.attained.chain.n_springs:
-        # a force on the tool that changes with the place of the target
+        # a force on the tool that depends on the position of the target
         twist, encoder = at.wrench_response(_times(_shifts(at), _monomials(at, 2)[0]))
         found += _offer(None, "an unknown force that changes with the place", "curved", twist, encoder, common=True)
     if at.campaign.load_varies:
-        # links that bend about the axis of their load are an effect of the vocabulary, unless it is left out
+        # bending about the axis of the load is an effect of the vocabulary, unless excluded
         found += _of_links(at, bending="link_compliance" in fit.problem.without)
     for index in range(at.robot.nq):
         found += _of_joint(at, index)
@@ -72,7 +72,7 @@ def unmodelled_signatures(fit: Fit) -> list[Signature]:
 
 
 def describe_unmodelled(joint: str | None, driver: str) -> str:
-    """Say in words what an unmodelled error depends on."""
+    """Describe the dependence of an unmodelled error."""
     return f"an error {'' if joint is None else f'of {joint} '}that follows {driver}"
 
 
@@ -80,7 +80,7 @@ def _offer(
     joint: str | None, driver: str, form: str, twist: Array, encoder: Array | None = None,
     *, common: bool = False, weight: Array | float = 1.0,
 ) -> Iterable[Signature]:  # fmt: skip
-    """Offer columns of twist, shape (n, 6, k), scaled so that they move the target by a metre together.
+    """Build columns of twist, shape (n, 6, k), scaled so that together they move the target by a metre.
 
     A weight makes columns larger than others beforehand; `common` gives all of them the same unit.
     """
@@ -97,7 +97,7 @@ def _offer(
 
 
 def _of_position(at: Linearization) -> Iterable[Signature]:
-    """A field over the workspace: the instrument's scale, and curved ones."""
+    """Build fields over the workspace: the instrument's scale, and curved ones."""
     point = at.point
     driver = "the place of the target"
     moved = np.concatenate([np.broadcast_to(np.eye(3), (len(point), 3, 3)), point[:, :, None]], axis=2)
@@ -108,7 +108,7 @@ def _of_position(at: Linearization) -> Iterable[Signature]:
 
 
 def _of_load(at: Linearization) -> Iterable[Signature]:
-    """A deflection in step with the force in base or tool axes, forces that are read wrongly, forces nobody knows."""
+    """Build deflections proportional to the force in base or tool axes, misread forces, and unknown forces."""
     force, n = at.scene.wrench[:, :3], len(at.point)
     R = at.attained.frames.tcp_rotation
     local = np.einsum("nji,nj->ni", R, force)
@@ -141,7 +141,7 @@ def _monomials(at: Linearization, degree: int) -> tuple[Array, Array]:
 
 
 def _of_time(at: Linearization) -> Iterable[Signature]:
-    """A drift of the base and of the tool: smooth motions that are no shift."""
+    """Build drifts of the base and of the tool: smooth motions without steps."""
     curves = time_curves(at.campaign)
     base = np.stack([at.twist("base", axis) for axis in AXES], axis=-1)
     yield from _offer(None, "time", "base", _times(base, curves))
@@ -149,7 +149,7 @@ def _of_time(at: Linearization) -> Iterable[Signature]:
 
 
 def _of_links(at: Linearization, *, bending: bool) -> Iterable[Signature]:
-    """An error behind a joint that bends in step with the load on it."""
+    """Build link rotations behind a joint that are proportional to the load on it."""
     for joint in at.robot.actuated:
         loads = np.stack([at.joint_load(joint.name, axis) for axis in AXES[3:]], axis=-1)
         turn = np.stack([at.twist(joint.name, axis) for axis in AXES[3:]], axis=-1)
@@ -160,7 +160,7 @@ def _of_links(at: Linearization, *, bending: bool) -> Iterable[Signature]:
 
 
 def _of_joint(at: Linearization, index: int) -> Iterable[Signature]:
-    """An error about a joint's own axis; where there are link-side encoders they may see it or not."""
+    """Build errors about a joint's axis; link-side encoders, if there are any, may measure them or not."""
     name = at.robot.joint_names[index]
     for driver, form, shape in _own_errors(at, index):
         twist = at.motion[:, :, index, None] * shape[:, None]
@@ -173,7 +173,7 @@ def _of_joint(at: Linearization, index: int) -> Iterable[Signature]:
 
 
 def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array]]:
-    """Errors that follow angles, loads, direction, speed, or the past: driver, form, shape (n, k)."""
+    """Return errors that follow angles, loads, direction, speed, or the past: driver, form, shape (n, k)."""
     names = at.robot.joint_names
     campaign, q, load = at.campaign, np.nan_to_num(at.campaign.q), at.own_load
     typical = float(np.sqrt(np.mean(load[:, index] ** 2))) + 1e-9
@@ -235,12 +235,12 @@ class RevisedProbabilities:
 
     search: Search  #: The search whose prior holds unmodelled errors.
     model: Model  #: The remaining claims, with the posterior of all columns.
-    classes: tuple[str, ...]  #: What each loose class follows, in the order of the posterior's last `log_tau`.
+    classes: tuple[str, ...]  #: Driver of each loose class, in the order of the posterior's last `log_tau`.
     members: tuple[Indices, ...]  #: Columns of each loose class.
 
 
 def class_of(signature: Signature) -> tuple[str, str]:
-    """Return what a class follows, and "scale" for a scale error; joints share a class."""
+    """Return the driver of a signature, and "scale" for a scale error; joints share a class."""
     driver = str(signature.axis)
     if driver.startswith("the angle of"):
         driver = "the angles of other joints"
@@ -268,7 +268,7 @@ def revise_probabilities(fit: Fit) -> RevisedProbabilities:
     search = Search(equations, prior, odds, fit.search.candidates, hyper, rigid=fit.search.rigid)
     model = _search_again(search, search.model(fit.model.claims, hyper, steps=EVIDENCE.first_steps))
     if model.claims:
-        # several claims together may fit one unmodelled error: start once more without claims, classes one noise floor
+        # several claims together may fit one unmodelled error: restart without claims, classes at one noise floor
         grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
         other = _search_again(search, search.model([], grown, steps=EVIDENCE.first_steps))
         model = other if other.score > model.score + SEARCH.worthwhile else model
@@ -290,7 +290,7 @@ def _loosen(fit: Fit, equations: NormalEquations, members: Sequence[Indices]) ->
 
 
 def _search_again(search: Search, model: Model) -> Model:
-    """Remove claims that unmodelled errors explain as well, and add those whose evidence this raises."""
+    """Remove claims that unmodelled errors explain as well, and add claims that raise the evidence."""
     while True:
         here = search.model(model.claims, model.posterior.hyper, fit=False)
         best = _leave_out(search, here)
@@ -305,7 +305,7 @@ def _search_again(search: Search, model: Model) -> Model:
 
 
 def _leave_out(search: Search, model: Model) -> Model:
-    """Return the best model with one claim less, unmodelled errors fitted anew."""
+    """Return the best model with one claim less, unmodelled errors refitted."""
     loose = search.prior.loose
     hyper = model.posterior.hyper
     grown = replace(hyper, log_tau=np.where(loose, np.maximum(hyper.log_tau, 0.0), hyper.log_tau))
