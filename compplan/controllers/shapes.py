@@ -24,30 +24,30 @@ HELD = 0.01
 SHORT = 2.0
 #: Least feed that is written; every language can state it: 1 cm/min in FANUC programs. [mm/s]
 LEAST_FEED = 1.0 / 6.0
-#: Time before or after a rest in which the controller sets the speed by itself [s], and the ratio of speeds that ends it.
+#: Time before or after a rest in which the controller sets the speed itself [s], and ratio of speeds that ends it.
 RAMP, REACHED = 0.5, 1.01
 
 
 def size_of(vector: Array) -> float:
-    """Return the length of a vector, with the same digits as numpy in a fifth of its time. Shape (3,)."""
+    """Return the length of a vector, with numpy's digits in a fifth of its time. Shape (3,)."""
     return math.sqrt(vector @ vector)
 
 
 def sizes_of(vectors: Array) -> Array:
-    """Return the lengths of vectors, with the same digits as numpy. Shape (k, 3) -> (k,)."""
+    """Return the lengths of vectors, with numpy's digits. Shape (k, 3) -> (k,)."""
     square = vectors * vectors
     return np.asarray(np.sqrt(square[:, 0] + square[:, 1] + square[:, 2]))
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return the cross product of two vectors, with the same digits as numpy in a tenth of its time. Shape (3,) each."""
+    """Return the cross product of two vectors, with numpy's digits in a tenth of its time. Shape (3,) each."""
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def follow_line(x: Array) -> tuple[Array, Array]:
-    """Return the distances of rows from the line between first and last, and their shares along it. Shape (k, 3) [mm]."""
+    """Return distances of rows from the line between first and last, and their shares along it. Shape (k, 3) [mm]."""
     arm, chord = x - x[0], x[-1] - x[0]
     square = float(chord @ chord)
     if square <= 0.0:

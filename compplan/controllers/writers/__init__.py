@@ -70,8 +70,8 @@ def write_program(
         program: The program.
         language: One of `WRITERS`.
         folder: Folder to write to; made if needed.
-            most: Greatest number of points in a file; left out: the language's default.
-            any_brand: Whether to accept a language of another brand than the robot's controller.
+        most: Greatest number of points in a file; left out: the language's default.
+        any_brand: Whether to accept a language of another brand than the robot's controller.
 
     Returns:
         The files written.
@@ -160,7 +160,7 @@ def check_languages(
 
 
 def _rehearse(robot: Robot, language: str, form: str) -> None:
-    """Write a program of two waypoints amid the joint limits into a temporary folder, to raise the language's errors."""
+    """Write two waypoints amid the joint limits into a temporary folder, to raise the errors of the language."""
     low, high = (np.where(np.isfinite(limit), limit, 0.0) for limit in (robot.lower, robot.upper))
     q = 0.5 * (low + high) + np.array([[0.0], [1e-3]])
     program = build_program(robot, q, np.full(2, 0.01), np.array([True, False]), name="rehearsal")

@@ -57,7 +57,7 @@ def flange_turn(robot: Robot) -> Array:
 
 
 def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
-    """Return mass [kg] and centre [m] of all bodies beyond the flange, flange frame; None if their mass is not stated."""
+    """Return mass [kg] and centre [m] of the bodies on the flange, flange frame; None where no mass is stated."""
     links = [robot.base, *(joint.child for joint in robot.joints)]
     beyond = links[links.index(robot.flange) :]
     poses = locate_links(robot, np.zeros((1, robot.nq)), beyond)
