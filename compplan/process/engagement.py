@@ -181,8 +181,8 @@ class Engagement:
         """Return the outward speed of the engaged part of each slice, and its change across a bin.
 
         The angles are those of the bins; the change is computed for the lower surface of a mill. The engaged part of a
-        partly engaged slice begins where the slice begins to move outwards, or at the end next to the neighbour with the
-        larger engaged share. Shapes (n, k, m).
+        partly engaged slice begins where the slice begins to move outwards, or at the end next to the neighbour with
+        the larger engaged share. Shapes (n, k, m).
         """
         speed = np.maximum(self.speed(angle, rows), 0.0)
         step = np.ones(speed.shape)

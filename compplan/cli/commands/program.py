@@ -33,7 +33,7 @@ from compplan.toolpath.readers import READERS, CamFacts, read_cam, refuse_idle
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.toolpath import check_toolpath, resample_toolpath, write_toolpath
 
-#: Endings of a toolpath table.
+#: File extensions of a toolpath table.
 TABLES = (".csv", ".txt", "")
 
 
@@ -85,7 +85,7 @@ def run_convert(
 
 
 def _describe_facts(facts: CamFacts) -> list[str]:
-    """Return the facts about a CAM file as lines for people."""
+    """Return the facts about a CAM file as lines of text."""
     lines = [
         f"{facts.file}: {facts.kind}, {facts.lines} lines, unit {facts.unit}",
         f"cutting moves   {facts.cutting_moves}, {facts.cutting_length_mm:.3f} mm",
