@@ -117,7 +117,7 @@ def find_via(x: Array, middle: int) -> Array:
 
 
 def find_circle(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array, Array] | None:
-    """Return centre, direction to a, direction of travel there, and normal of the circle from a through b to c.
+    """Return centre, direction to a, tangent there, and normal of the circle from a through b to c.
 
     None where the points lie on a line.
     """
@@ -154,7 +154,7 @@ class MoveArc(NamedTuple):
         return np.asarray(self.centre + np.cos(turned) * self.arm + np.sin(turned) * self.side)
 
     def directions(self) -> Array:
-        """Return the directions of travel at start and end. Shape (2, 3)."""
+        """Return the tangents at start and end. Shape (2, 3)."""
         ways = np.stack([self.side, np.cos(self.sweep) * self.side - np.sin(self.sweep) * self.arm])
         return np.asarray(ways / max(float(np.linalg.norm(self.arm)), 1e-12))
 

@@ -130,7 +130,7 @@ def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
 
 
 class CuttingTable(ForceTable):
-    """Keys of all rotating cutters; the spindle turns clockwise, seen from the spindle."""
+    """Keys of all rotating cutters; the spindle turns clockwise, viewed from the spindle."""
 
     diameter_mm: float = Field(ge=0.05, le=500.0)
     teeth: int = Field(default=2, ge=1, le=60)

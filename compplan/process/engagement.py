@@ -1,7 +1,7 @@
 """Shape of a rotating cutter and its engagement: slices of its edge, and angles at which they touch the stock.
 
 At the end of a move, the part of the cutter's surface that moves outwards is compared with the stock before the move.
-The angle u counts from the travel (its part across the axis) to the left, seen down the axis.
+The angle u counts from the travel (its part across the axis) to the left, viewed down the axis.
 """
 
 from __future__ import annotations

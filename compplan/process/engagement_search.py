@@ -340,7 +340,7 @@ def _end_arcs(
     reaches: Callable[[Bins, Shares, Shares, Array], NDArray[np.bool_]], halvings: int,
     where: NDArray[np.bool_] | None = None,
 ) -> None:  # fmt: skip
-    """Locate the ends of arcs: steps from an engaged bin to a neighbour with an engaged share below `THIN` of it.
+    """Locate the ends of arcs: steps to a neighbour that moves outwards, but is engaged less than `THIN` of the bin.
 
     `reaches` returns from bins, shares of both, and angles, which angles are still engaged.
     """

@@ -50,7 +50,7 @@ class ForceLaw:
     T_base_part: Array = field(default_factory=lambda: np.eye(4))
     #: Direction of the TCP frame's x, base axes. Shape (3,).
     tool_x: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
-    folder: Path = Path()  #: Folder of the file named in the model.
+    folder: Path = Path()  #: Folder for relative file names of the model.
     rows_at: Array | None = None  #: Length along the path of each row of the toolpath file. Shape (r,). [m]
     stock_top: float | None = None  #: Height of the stock's top in the part frame, None if unknown. [m]
     note: str = ""  #: Note for the user.

@@ -234,8 +234,8 @@ class Cut:
 class CutStock:
     """Stock minus the cut of a cutter with its axis along the columns."""
 
-    before: StockColumns  #: Surface left by the cutter.
-    surface: CutSurface  #: What the cutter swept.
+    before: StockColumns  #: Stock before the cut.
+    surface: CutSurface  #: Surface left by the cutter.
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""

@@ -138,7 +138,7 @@ def run_execute(program: Path, robot_name: str, out: Path) -> CommandResult:
     robot_option(), out_folder,
 )  # fmt: skip
 def run_trace(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: str, folder: Path) -> CommandResult:
-    """Hold each LOG of executed joints against its program: write trace.json, robot/ and report.html.
+    """Compare each LOG of executed joints with its program: write trace.json, robot/ and report.html.
 
     Example: compplan trace run1.csv run2.csv --program p1.csv --program p2.csv --robot ur10 --out out
     """

@@ -38,7 +38,7 @@ def run_montecarlo(
     job: Job, folder: Path, workers: int | None, scheduler: str | None, strategies: str | None, waypoints: int,
     no_sensitivity: bool, discard: bool, **design: Any,
 ) -> CommandResult:  # fmt: skip
-    """Let strategies cut JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
+    """Simulate strategies on JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
 
     Samples are kept in OUT/samples: an interrupted study goes on where it stopped when it is run again.
 

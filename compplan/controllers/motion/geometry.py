@@ -309,14 +309,14 @@ def follow_path(path: Path, s: Array) -> Array:
 
 
 def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes, NDArray[np.int_]]:
-    """Return the ends of a fitted program's moves, by the controller's nominal geometry.
+    """Return the ends of a fitted program's moves, by the controller's kinematic model.
 
     Moves of zero length are left out, because a controller skips them.
 
     Args:
         fitted: The program at the ends of its moves.
         q: Commanded joints of the complete program. Shape (n, nq). [rad or m]
-        arm: The robot with the controller's nominal geometry.
+        arm: The robot with the controller's kinematic model.
         zones: Distance before the end of each move at which the controller may leave the path. Shape (k,). [m]
 
     Returns:

@@ -28,7 +28,7 @@ SPEED_WEIGHT = 0.01
 #: Prior standard deviations of joint parameters: lag [s], acceleration lag [s^2], lost motion [rad].
 SPREAD = {"lag": 0.02, "acceleration": 5e-4, "lost": 5e-4}
 #: Prior of the acceleration of the tip [m/s^2] and of the smoothing [s], and prior standard deviations of the logarithm
-#: of the first and of the second.
+#: of the acceleration and of the smoothing [s].
 USUAL, SPEED_SPREAD = (3.0, 0.04), (1.0, 0.2)
 #: Distance below which a model counts as not worse than the programmed path. [m]
 EQUAL = 1e-6
@@ -43,7 +43,7 @@ class Identified:
     """Identified motion model with its cross-validation."""
 
     motion: ServoMotion  #: The model fitted to all rows.
-    helps: bool  #: Whether the model improves on the folder's and is to be written.
+    helps: bool  #: Whether it improves on the folder's model and is not worse than the programmed path.
     left: Array  #: Distance of left-out rows across the executed path. Shape (n,). [m]
     left_before: Array  #: The same with the folder's model. Shape (n,). [m]
     without: Array  #: Distance across the programmed path. Shape (n,). [m]

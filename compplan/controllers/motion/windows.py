@@ -43,7 +43,7 @@ class Window:
 
     log: int  #: Index of its log.
     nodes: Nodes  #: Moves, from some before the rows to some after.
-    s: Array  #: Length of every row along the programmed path of the piece. Shape (n,). [m]
+    s: Array  #: Length of every row along the programmed path of the section. Shape (n,). [m]
     q: Array  #: Joints of the rows. Shape (n, nq). [rad or m]
     rate: Array  #: Joint rates of the rows. Shape (n, nq). [rad/s or m/s]
     tip: Array  #: Nominal tips of the rows. Shape (n, 3). [m]
@@ -58,7 +58,7 @@ class Window:
 
     @property
     def beside(self) -> Array:
-        """Distance of every row across the programmed path. Shape (n,). [m]."""
+        """Distance of every row across the programmed path. Shape (n,). [m]"""
         return np.asarray(np.linalg.norm(self.tip + self.torn_by - self.point, axis=1))
 
     def lay_path(self, arm: Arm, blend_share: float) -> tuple[Path, Array]:
@@ -135,7 +135,7 @@ def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) 
         return None
     lead = LEAD * float(feed.max())
     time = trace.log.time[rows]
-    moves &= np.abs(s - np.median(s[moves])) < 2.0 * lead + float(feed.max() * (time[-1] - time[0]))  # without jumps
+    moves &= np.abs(s - np.median(s[moves])) < 2.0 * lead + float(feed.max() * (time[-1] - time[0]))  # reachable only
     first = max(0, int(np.searchsorted(ends, s[moves].min() - lead, "right")) - 1)
     last = min(len(ends) - 1, int(np.searchsorted(ends, s[moves].max() + lead)))
     keep = np.flatnonzero(moves)

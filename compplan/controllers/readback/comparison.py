@@ -77,7 +77,7 @@ class Commanded:
 
 @dataclass(frozen=True)
 class StiffArm:
-    """The unloaded arm with the job's tool, by the controller's nominal geometry, and the part in front of it."""
+    """The unloaded arm with the job's tool, by the controller's kinematic model, and the part in front of it."""
 
     carries_part: bool  #: Whether a positioner carries the part; poses are then in the part frame.
     #: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq) [rad or m].
@@ -189,7 +189,7 @@ def _find_mains(folder: Path, patterns: tuple[str, ...], main: str | None) -> li
 
 @dataclass(frozen=True)
 class _Rows:
-    """The commanded arm at the rows of programs, by the controller's nominal geometry; mm and deg."""
+    """The commanded arm at the rows of programs, by the controller's kinematic model; mm and deg."""
 
     robot: Robot
     counting: Counting

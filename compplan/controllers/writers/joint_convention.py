@@ -269,7 +269,7 @@ def krl_status(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> NDA
 
 
 def believed_robot(robot: Robot) -> Robot:
-    """Return the robot with the nominal geometry of its controller: controller.urdf of its folder, if the file exists.
+    """Return the robot with the kinematic model of its controller: controller.urdf of its folder, if the file exists.
 
     Raises:
         InputError: If controller.urdf is not a URDF or lacks a joint of the chain.

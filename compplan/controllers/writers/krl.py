@@ -33,7 +33,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """Write NAME_J.src, which moves the joints, and NAME_L.src, which moves the tool; each calls its parts.
 
     The joint program repeats the plan waypoint by waypoint, each at a percentage of the axis rates. The linear one
-    uses the controller's nominal geometry. Its positions refer to the part frame ($BASE); its rapid moves and
+    uses the controller's kinematic model. Its positions refer to the part frame ($BASE); its rapid moves and
     configuration changes are joint moves. A rail is a coupled axis: $BASE stays fixed while it moves. Where joints
     carry the part, $BASE moves with it (EK).
     """

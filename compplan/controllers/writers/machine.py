@@ -1,7 +1,7 @@
 """Machine events of the CAM file in a program: signals of the cell, waits, stops, comments.
 
-An event without a signal stops the program and shows the operator what to do, so that a cutter without rotation is not
-fed into the part. Every language has a `Phrases` table; `phrase_events` writes the events of all languages.
+An event without a signal stops the program with an instruction to the operator, so that a cutter without rotation is
+not fed into the part. Every language has a `Phrases` table; `phrase_events` writes the events of all languages.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Phrases:
     longest: int | None = None  #: Letters of a comment line, None for any number.
     outputs: str = ""  #: Prefix of the number of an output, in languages whose signals have names; otherwise "".
     inputs: str = ""  #: The same for inputs.
-    first_input: int = 0  #: Number of the first input.
+    first_input: int = 0  #: Offset of the numbers of inputs.
     native: Mapping[str, str] = field(default_factory=dict)  #: Lines of events that the language has commands for.
 
     def write(self, phrase: str, **words: object) -> list[str]:

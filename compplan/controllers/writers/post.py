@@ -119,8 +119,8 @@ def read_post(language: str) -> str:
 def to_plain(words: Mapping[str, Any]) -> Any:
     """Return words as tables, lists, text, numbers, truth values and None, the only types in a template.
 
-    The path of the job's template file is left out, as an object with methods that write files. Other types are
-    refused.
+    The path of the job's template file is left out, because it is an object with methods that write files. Other
+    types are refused.
     """
     return json.loads(json.dumps(words, default=_flatten))
 

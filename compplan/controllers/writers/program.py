@@ -58,7 +58,7 @@ class Program:
     prismatic: NDArray[np.bool_]  #: Which joints slide. Shape (nq,).
     feed: Array  #: Feed; 0 for rapid moves. Shape (n,). [mm/s]
     rapid: NDArray[np.bool_]  #: Which moves are rapid. Shape (n,).
-    #: Commanded TCP poses by the controller's nominal geometry, base frame. Shape (n, 4, 4). [m]
+    #: Commanded TCP poses by the controller's kinematic model, base frame. Shape (n, 4, 4). [m]
     tcp: Array
     #: Pose of the TCP frame in the controller's flange frame (z out of the flange). Shape (4, 4). [m]
     tool: Array = field(default_factory=lambda: np.eye(4))
@@ -216,7 +216,7 @@ def build_program(
     events: Sequence[Event] = (),
     wiring: Wiring | None = None,
 ) -> Program:
-    """Build a program from commanded joint positions, in the controller's joint convention and nominal geometry.
+    """Build a program from commanded joint positions, in the controller's joint convention and kinematic model.
 
     Args:
         robot: The robot; its folder holds the controller's conventions.

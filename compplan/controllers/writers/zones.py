@@ -5,8 +5,8 @@ zone reaches at most half way to the nearer neighbour. `compplan trace` identifi
 uses (`blend_share`).
 
 A parabola that begins r before a corner and ends r behind it passes the corner at r |t' - t| / 4, with t and t' the
-directions of travel before and behind it. Where that is more than the program allows there (`Program.corner`), the
-zone is made smaller. At a corner that the plan rounds, the zone has the size that passes it at the same distance.
+tangents before and behind it. Where that is more than the program allows there (`Program.corner`), the zone is made
+smaller. At a corner that the plan rounds, the zone has the size that passes it at the same distance.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Friction stir welding: torque by Schmidt, Hattel and Wert (2004), forces from the pressure under the shoulder.
+"""Friction stir welding: torque by Schmidt, Hattel and Wert (2004), forces from the given axial force.
 
 With a contact shear stress s on a flat shoulder (radius R), probe side and probe tip (radius r, height h)
 

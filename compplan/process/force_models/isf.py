@@ -18,7 +18,7 @@ class IsfProcess(PathForceTable, ContactTable):
     """Incremental sheet forming: the sheet pushes the tool up and away from the wall, increasingly along the path.
 
     The axial force acts along the tool axis towards the spindle, the lateral force away from the formed wall.
-    `wall_side` is the side of the travel on which the wall is, seen down the tool axis: "right" on a cone formed
+    `wall_side` is the side of the travel on which the wall is, viewed down the tool axis: "right" on a cone formed
     counter-clockwise from its rim inwards, so that the force points to its axis.
     Both grow linearly along the cutting length, from `start_share` of the given level to the level itself.
     """

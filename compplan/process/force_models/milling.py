@@ -45,7 +45,7 @@ class MillingProcess(PathForceTable, ContactTable):
 def milling_wrench(process: MillingProcess, feed: Array) -> Array:
     """Return the mean wrench of one revolution of an end mill at a feed [m/s], path axes. (n,) -> (n, 6) [N, N m]
 
-    Valid for a spindle that turns clockwise seen from the spindle (M3) and many revolutions per waypoint. psi is the
+    Valid for a spindle that turns clockwise viewed from the spindle (M3) and many revolutions per waypoint. psi is the
     angle of the tooth from the travel towards the left, h = f cos(psi) the chip thickness (f: feed a tooth). With
     constant coefficients the force on the tool is F = N ap / (2 pi) * integral of h (kt z x r - kr r) over the
     engagement [Altintas2012], kt = kc, kr = radial_ratio kc.
