@@ -1,1 +1,1 @@
-"""The verbs of `import compplan`: one a daily way from files, arrays or DataFrames to a result; they load it lazily."""
+"""Functions of `import compplan` for daily tasks, from files, arrays or DataFrames to a result; loaded lazily."""

@@ -1,4 +1,4 @@
-"""What a verb takes for a job (a file, a job, its tables, or a path with a robot) and for a robot."""
+"""Inputs of the API functions: a job (a file, a job, its tables, or a path with a robot) and a robot."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import Toolpath
 
-#: A table of a job: its keys, or a TOML file that holds them (alone, or as a job).
+#: A table of a job: its keys, or a TOML file with them (alone, or within a job).
 Table = Mapping[str, Any] | str | Path
-#: Tables of a job that a verb takes as keywords.
+#: Tables of a job that API functions accept as keywords: all except `NO_TABLES`.
 NO_TABLES = ("schema_", "name", "robot", "toolpath")
 TABLES = tuple(field.alias or name for name, field in Job.model_fields.items() if name not in NO_TABLES)
-#: A path in memory stands in the job under this name.
+#: Name of a path in memory, in its job.
 IN_MEMORY = "path in memory"
-#: The force model of a path that no force is known of.
+#: Force model of a path without a force.
 NO_FORCE: dict[str, Any] = {"model": "constant", "force_N": [0.0, 0.0, 0.0]}
-#: The force model of a table, which may hold the force.
+#: Force model of a path table, which may hold the force.
 PERHAPS_COLUMNS: dict[str, Any] = {"model": "columns", "required": False}
 
 
 def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = None) -> Job:
-    """Make the job that a verb was given.
+    """Make a job from the arguments of an API function.
 
     Args:
         source: A job: the file, a `Job`, or its tables; or a path: a CAM file or CSV, a `Toolpath`, a DataFrame, or
             columns by name.
-        robot: The robot: name of a shipped one, folder, or `Robot`; it replaces the job's, a path needs it.
+        robot: The robot: name of a shipped one, folder, or `Robot`; it replaces the job's, and is required for a path.
         tables: Tables of the job (`TABLES`); their keys replace those of the job. A part may be X, Y, Z or X, Y, Z, RX,
             RY, RZ in mm and deg.
 
     Raises:
-        InputError: If they are not what they have to be, or a path has no robot or no part frame.
+        InputError: If an argument is not valid, or a path has no robot or no part frame.
     """
     if isinstance(source, Job) and robot is None and not tables:
         return source
@@ -94,17 +94,17 @@ def _read_source(source: Any) -> tuple[dict[str, Any], Path, Toolpath | None, Ro
 
 
 def _path_job(name: str, toolpath: str, process: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the job of a path that nobody wrote one for."""
+    """Return the tables of a job for a path without one."""
     return {"schema": 1, "name": name, "toolpath": toolpath, "process": dict(process)}
 
 
 def read_table(name: str, table: Any) -> Any:
-    """Return a table of a job: as it is given, from a TOML file, or from what stands for it in a call.
+    """Return a table of a job from its keys, from a TOML file, or from a short form.
 
-    Numbers stand for a part, a language for [output], a list of tables for [[tool]].
+    Short forms are numbers for a part, a language for [output], and a list of tables for [[tool]].
 
     Raises:
-        InputError: If it is none of them, or the file is not what it has to be.
+        InputError: If it is none of them, or the file is not valid.
     """
     if isinstance(table, Mapping):
         return dict(table)
@@ -130,14 +130,14 @@ def _plain(table: Any) -> dict[str, Any]:
 
 
 def take_robot(robot: str | Path | Robot, tool: Table | None = None) -> Robot:
-    """Return a robot with the tool that is mounted.
+    """Return a robot with its mounted tool.
 
     Args:
         robot: Name of a shipped robot, a robot folder, or the robot.
-        tool: The tool as [tool] of a job, or its TOML file; left out: the robot's own.
+        tool: The tool as [tool] of a job, or its TOML file; left out: the tool of the robot folder.
 
     Raises:
-        InputError: If there is no such robot, or the tool is not what it has to be.
+        InputError: If there is no such robot, or the tool is not valid.
     """
     known = robot if isinstance(robot, Robot) else load_robot(robot)
     if tool is None:
@@ -153,12 +153,12 @@ def make_post_job(
     program: str | Sequence[str], profile: str | Path | None, tools: Table | Sequence[Mapping[str, Any]] | None,
     stands_in: Path, **tables: Table | None,
 ) -> Job:  # fmt: skip
-    """Make the job that a call of `post` stands for; arguments as there, `tables` by their names in a job.
+    """Make the job for a call of `post`; arguments as there, `tables` by their names in a job.
 
-    `stands_in` is the job file that nobody wrote; paths count from its folder.
+    `stands_in` is the path of the assumed job file; relative paths refer to its folder.
 
     Raises:
-        InputError: If a table is not what it has to be.
+        InputError: If a table is not valid.
     """
     languages = [program] if isinstance(program, str) else list(program)
     under = {} if profile is None else read_profile(Path(profile))
@@ -185,7 +185,7 @@ def make_post_job(
 
 
 def read_tools(tools: Table | Sequence[Mapping[str, Any]]) -> tuple[str, Any]:
-    """Return the key and the value in a job of several tools: [[tool]] from a list or a TOML file, else [tools].
+    """Return key and value of the tools in a job: [[tool]] from a list or a TOML file, otherwise [tools].
 
     Raises:
         InputError: If a TOML file has neither.

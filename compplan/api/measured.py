@@ -1,4 +1,4 @@
-"""What a verb or command takes for a measurement log: with the tool, the measured point, and questions to settle."""
+"""Input of a measurement log for API functions and commands: mounted tool, measured point, plausibility questions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from compplan.measurement.instrument import read_instrument
 from compplan.measurement.reading import read_campaign
 from compplan.robot import Robot
 
-#: Farthest that a measured point may be from the TCP, along an axis. [mm]
+#: Greatest valid distance of a measured point from the TCP, along an axis. [mm]
 MOST_OFFSET = 1e4
 
 
@@ -26,10 +26,10 @@ def read_measured(
     measurements: Any, robot: str | Path | Robot, *, tool: Mapping[str, Any] | Path | None = None,
     target_offset_mm: Sequence[float] | None = None, instrument: str | Path | None = None,
 ) -> tuple[Robot, Campaign]:  # fmt: skip
-    """Read a robot with the tool that was mounted, and a log with the point that was measured.
+    """Read a robot with its mounted tool, and a log with its measured point.
 
     Raises:
-        InputError: If a file or the offset is not what it has to be.
+        InputError: If a file or the offset is not valid.
     """
     mounted, campaign = take_robot(robot, tool), measurements
     if not isinstance(campaign, Campaign):
@@ -49,13 +49,13 @@ def read_measured(
 
 
 def choose_frames(register: Sequence[str], campaign: Campaign) -> tuple[str, ...]:
-    """Return the frames to fit: those named, or the tool where an instrument sees no positions of a known point."""
+    """Return the frames to fit: those given, otherwise the tool if an instrument observes an unknown point."""
     unknown = campaign.sights is not None and not campaign.measured.any() and campaign.target_offset is None
     return tuple(register) or (("tool",) if unknown else ())
 
 
 def settle_questions(robot: Robot, campaign: Campaign, register: Sequence[str], assume_ok: bool) -> list[str]:
-    """Return the questions that a log raises before anything is fitted, as sentences, where they are assumed answered.
+    """Return the plausibility questions about a log before a fit, as sentences, if they are assumed to be answered.
 
     Raises:
         InputError: With the first question that is not answered.

@@ -1,4 +1,4 @@
-"""The verbs `compplan.plan`, `post`, `compare`, `diagnose`, `learn`: from files, arrays or DataFrames to a result.
+"""The functions `compplan.plan`, `post`, `compare`, `diagnose`, `learn`: from files, arrays or DataFrames to a result.
 
 Commands of the same names call them.
 """
@@ -29,22 +29,22 @@ def _say_nothing(text: str) -> None:
 
 @dataclass(frozen=True)
 class Posted:
-    """What came of a CAM file."""
+    """Result of `compplan.post` for a CAM file."""
 
-    plans: tuple[Plan, ...]  #: One plan an operation (a tool); one in all where the file calls one tool.
-    folder: Path  #: Where everything was written.
+    plans: tuple[Plan, ...]  #: One plan for each operation (tool); a single plan if the file calls one tool.
+    folder: Path  #: Folder of all written files.
     files: tuple[Path, ...]  #: The files written.
 
     @property
     def status(self) -> str:
-        """Tell "solved", "infeasible" or "not_confirmed": the worst of the plans."""
+        """Worst status of the plans: "solved", "infeasible" or "not_confirmed"."""
         from compplan.reporting.operations import worst_status
 
         return worst_status(self.plans)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What has to be known of the plans, one sentence each."""
+        """Notes on the plans, one sentence each."""
         return tuple(dict.fromkeys(note for plan in self.plans for note in plan.notes))
 
 
@@ -52,7 +52,7 @@ def plan(
     job: Any, *, robot: str | Path | Robot | None = None, out: str | Path | None = None,
     progress: Progress = _say_nothing, **tables: Any,
 ) -> Plan:  # fmt: skip
-    """Plan a path: the posture, the corrected joint positions, their times, an independent check of them.
+    """Plan a path: posture, corrected joint positions and their times, with an independent check.
 
         plan = cp.plan("paths/isf_cone.toml")
         plan = cp.plan("part.nc", robot="kuka_kr240", part=(1800, 0, 700), process={"model": "milling", ...})
@@ -62,17 +62,17 @@ def plan(
     Args:
         job: A job: the TOML file, a `Job`, or its tables; or a path: a CAM file or CSV, a `Toolpath`, a DataFrame, or
             columns by name with units in the names.
-        robot: Name of a shipped robot, a robot folder, or a `Robot`; it replaces the job's, a path needs one.
-        out: Folder to write what the command of this name writes; nothing is written if left out.
-        progress: Told what is being done; an exception raised in it ends the call.
+        robot: Name of a shipped robot, a robot folder, or a `Robot`; it replaces the job's, and is required for a path.
+        out: Folder for the files of the command of this name; left out: nothing is written.
+        progress: Called with the current step as text; an exception raised in it ends the call.
         tables: Tables of the job, such as `plan={"tolerance_mm": 0.05}`; their keys replace those of the job.
             `part=(x, y, z)` or `(x, y, z, rx, ry, rz)` in mm and deg, `output="krl"` for a program.
 
     Returns:
-        The plan. Its `status` is "infeasible" or "not_confirmed" where it is not what was asked for.
+        The plan. Its `status` is "infeasible" or "not_confirmed" if it does not meet the requirements.
 
     Raises:
-        InputError: If job, path or robot are not what they have to be, or the part is out of reach.
+        InputError: If job, path or robot are not valid, or the part is out of reach.
     """
     from compplan.job.operations import settle_job
     from compplan.planning.plan import plan_job
@@ -90,7 +90,7 @@ def post(
     tools: Table | Sequence[Mapping[str, Any]] | None = None, process: Table | None = None,
     cam: Table | None = None, plan: Table | None = None, output: Table | None = None, out: str | Path | None = None,
 ) -> Posted:  # fmt: skip
-    """Read a CAM file, plan it and write its programs: one plan and program for each tool that it calls.
+    """Read a CAM file, plan it and write its programs: one plan and program for each tool in the file.
 
         done = cp.post("part.nc", robot="kuka_kr240", part=[1800, 0, 700], program="krl",
                        tool={"frame": "pendant", "position_mm": [0, 0, 250]})
@@ -98,19 +98,19 @@ def post(
     Args:
         camfile: The CAM file.
         robot: A folder in robots/ or a path.
-        part: Part frame seen from the robot base: X Y Z [mm], with a rotation vector [deg] if six numbers; or [part].
+        part: Part frame in the robot base frame: X Y Z [mm], with a rotation vector [deg] if six numbers; or [part].
         program: Language, or languages.
-        profile: Shop profile that stands under all of these; robot, part and program may be left out where it has them.
+        profile: Shop profile with defaults of all these; robot, part and program may be left out if it has them.
         tool: [tool]; left out: the robot folder's TCP.
         tools: For a file that calls several tools: a list of [[tool]], or a tool table (its file, or [tools]).
         process: [process]; left out: no force is predicted.
-        cam: [cam]: how the file is read.
+        cam: [cam]: options for reading the file.
         plan: [plan]: strategy, tolerance, posture.
         output: [output]: signals (io), templates.
         out: Folder to write to; left out: out.
 
     Raises:
-        InputError: If something is not what it has to be; nothing is written then.
+        InputError: If an argument is not valid; nothing is written then.
     """
     folder = Path("out" if out is None else out)
     job = make_post_job(
@@ -121,7 +121,7 @@ def post(
 
 
 def plan_operations(job: Job, folder: Path, note: str = "", progress: Progress = _say_nothing) -> Posted:
-    """Plan a job, one plan for each tool that it calls, and write them; `note` is added to the first plan."""
+    """Plan a job, one plan for each of its tools, and write the results; `note` is added to the first plan."""
     from compplan.job.operations import split_job
     from compplan.planning.checks import state_notes
     from compplan.planning.plan import plan_job
@@ -146,23 +146,23 @@ def compare(
     job: Any, *, robot: str | Path | Robot | None = None, out: str | Path | None = None,
     progress: Progress = _say_nothing, **tables: Any,
 ) -> Comparison:  # fmt: skip
-    """Compare every strategy on a path: what each leaves on the robot as modelled, and on robots that may be yours.
+    """Compare all strategies on a path: their deviations on the robot as modelled, and on robots with model errors.
 
         comparison = cp.compare("paths/circle_500mm.toml")
         print(comparison); comparison.plot(); comparison.to_frame()
 
     Args:
-        job: As `compplan.plan` takes it.
-        robot: As `compplan.plan` takes it.
-        out: Folder to write what the command of this name writes; nothing is written if left out.
-        progress: Told what is being done; an exception raised in it ends the call.
+        job: As for `compplan.plan`.
+        robot: As for `compplan.plan`.
+        out: Folder for the files of the command of this name; left out: nothing is written.
+        progress: Called with the current step as text; an exception raised in it ends the call.
         tables: Tables of the job; their keys replace those of the job.
 
     Returns:
         The comparison.
 
     Raises:
-        InputError: If job, path or robot are not what they have to be, or the part is out of reach.
+        InputError: If job, path or robot are not valid, or the part is out of reach.
     """
     from compplan.job.operations import settle_job
     from compplan.reporting.compare import write_comparison
@@ -180,7 +180,7 @@ def diagnose(
     instrument: str | Path | None = None, assume_ok: bool = False,
     out: str | Path | None = None, progress: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:  # fmt: skip
-    """Diagnose measurements of a robot: what is wrong with it, by how much, and a model that has learned it.
+    """Diagnose measurements of a robot: identify its errors with their size, and update the robot model.
 
         diagnosis = cp.diagnose("measurements.csv", "kuka_kr270")
         diagnosis = cp.diagnose({"q_deg": q, "position_mm": xyz}, "my_robot", register=("base",))
@@ -190,20 +190,20 @@ def diagnose(
         measurements: A measurement log: the CSV file, a `Campaign`, a DataFrame, or columns by name with units in the
             names.
         robot: Name of a shipped robot, a robot folder, or a `Robot`.
-        register: Frames that no model can know, of "base" and "tool"; they are fitted in every model.
+        register: Unknown frames, of "base" and "tool"; they are fitted in every model.
         without: Effects to leave out of the candidates.
         tool: The tool that was mounted, as [tool] of a job, or its TOML file.
         target_offset_mm: The measured point in the TCP frame; left out: the TCP. Shape (3,). [mm]
-        instrument: TOML file of an instrument that sees no positions: contacts, readings, ball bars.
-        assume_ok: Whether to go on where the log raises a question.
-        out: Folder to write what the command of this name writes; nothing is written if left out.
-        progress: Told what is being done; an exception raised in it ends the call.
+        instrument: TOML file of an instrument that does not measure positions: contacts, readings, ball bars.
+        assume_ok: Whether to continue despite a plausibility question about the log.
+        out: Folder for the files of the command of this name; left out: nothing is written.
+        progress: Called with the current step as text; an exception raised in it ends the call.
 
     Returns:
-        The diagnosis; `updated` is the robot that has learned it.
+        The diagnosis; `updated` is the robot with the updated model.
 
     Raises:
-        InputError: If a file is not what it has to be, the log raises a question, or it has too few rows.
+        InputError: If a file is not valid, the log raises a plausibility question, or it has too few rows.
     """
     result, _ = diagnose_measured(
         measurements, robot, register=register, without=without, assume_ok=assume_ok, progress=progress, tool=tool,
@@ -220,7 +220,7 @@ def diagnose_measured(
     measurements: Any, robot: str | Path | Robot, *, register: Sequence[str], without: Sequence[str], assume_ok: bool,
     progress: Progress, self_test: bool = False, **measured: Any,
 ) -> tuple[Diagnosis, list[str]]:  # fmt: skip
-    """Diagnose as `diagnose` does, where a self-test follows if asked; return the questions assumed answered, too."""
+    """Diagnose as `diagnose` does, with a check of the log for a self-test; also return the assumed answers."""
     from compplan.api.measured import choose_frames, read_measured, settle_questions
     from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
     from compplan.diagnosis.self_test import check_self_test
@@ -245,32 +245,32 @@ def learn(
     instrument: str | Path | None = None, mesh: str | Path | None = None, reach_mm: float | None = None,
     assume_ok: bool = False, out: str | Path | None = None, progress: Progress = _say_nothing,
 ) -> LearnedPart:  # fmt: skip
-    """Learn from measured points of a cut part: the corrected program of the next one, and the robot as now known.
+    """Learn from measured points of a cut part: the corrected program of the next part, and the updated robot model.
 
         update = cp.learn("job.toml", "part1.csv", "my_robot", out="part2")
         print(update); update.plot()
 
     Args:
-        job: The job that the part was cut with, as `compplan.plan` takes it.
-        measured: Points of the attained tool tip, x_mm y_mm z_mm, and s_mm and sigma_mm where they are known: a file, a
-            DataFrame, or columns by name.
-        robot: Robot folder that the part's program was planned with; what it learned on this path lies in it.
+        job: The job that the part was cut with, as for `compplan.plan`.
+        measured: Points of the attained tool tip, x_mm y_mm z_mm, and s_mm and sigma_mm if known: a file, a DataFrame,
+            or columns by name.
+        robot: Robot folder that the part's program was planned with; it holds earlier updates from this path.
         frame: Frame of the points.
-        align: "datum": the points stand where their frame says; "best_fit": a shift and turn of all is fitted and
-            taken off; left out: as "datum", but where such a motion is most of what was measured it is asked about.
-        sigma_mm: Standard deviation of points whose file states none; assumed if left out. [mm]
-        instrument: TOML file of the instrument, whose sigma_mm counts where `sigma_mm` is left out.
-        mesh: Nominal surface of the part, STL or PLY in mm, in the frame of the points, which count along its normals.
-        reach_mm: How far from the path of the tip the tool makes that surface; left out: by the job's cutter. [mm]
-        assume_ok: Whether to go on where the points raise a question.
-        out: Folder to write what the command of this name writes; nothing is written if left out.
-        progress: Told what is being done; an exception raised in it ends the call.
+        align: "datum": the points are used in their frame; "best_fit": a rigid motion of all points is fitted and
+            removed; left out: as "datum", with a question if such a motion is most of the measured deviation.
+        sigma_mm: Standard deviation of points whose file has none; assumed if left out. [mm]
+        instrument: TOML file of the instrument; its sigma_mm is used if `sigma_mm` is left out.
+        mesh: Nominal surface of the part, STL or PLY in mm, in the frame of the points; they count along its normals.
+        reach_mm: Greatest distance of that surface from the path of the tip; left out: from the job's cutter. [mm]
+        assume_ok: Whether to continue despite a plausibility question about the points.
+        out: Folder for the files of the command of this name; left out: nothing is written.
+        progress: Called with the current step as text; an exception raised in it ends the call.
 
     Returns:
         The model update, with the plans before and after.
 
     Raises:
-        InputError: If a file is not what it has to be, or too few of the points are of the cut.
+        InputError: If a file is not valid, or too few of the points are on the cut.
     """
     from compplan.errors import InputError
     from compplan.learning.measured_path import reach_of

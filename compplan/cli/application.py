@@ -1,4 +1,4 @@
-"""The command line: it finds the command, runs it, and turns exceptions into one line and an exit status."""
+"""Command line: finds and runs the command, and turns exceptions into one line and an exit status."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from compplan.io.lazy_imports import put_off
 from compplan.io.provenance import record_inputs
 from compplan.version import VERSION
 
-#: Set in the environment, it shows the traceback of a defect and every warning.
+#: Environment variable that enables tracebacks of defects and all warnings.
 DEBUG = "COMPPLAN_DEBUG"
-#: Threads of numeric libraries, unless the environment says otherwise: one, for many small matrices gain nothing from
-#: more, and on a busy machine threads that wait for one another take six times the processor time.
+#: Threads of numeric libraries, unless set in the environment: one. Many small matrices do not benefit from more, and
+#: on a busy machine threads that wait for one another take six times the processor time.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: Options of glibc's mallopt [byte]: freed memory that is kept (M_TRIM_THRESHOLD), arrays that are taken from it
-#: (M_MMAP_THRESHOLD). A plan of 50,000 waypoints asks the system for half as many pages, and 2 s less of CPU.
+#: Options of glibc's mallopt [byte]: freed memory that is kept (M_TRIM_THRESHOLD), size of arrays allocated from it
+#: (M_MMAP_THRESHOLD). A plan of 50,000 waypoints requests half as many pages, and needs 2 s less of CPU.
 KEPT_MEMORY = {-1: 256 * 2**20, -3: 32 * 2**20}
-#: What each command is for, in the order of the help.
+#: Purpose of each command, in the order of the help.
 COMMANDS = {
     "plan": "from a job to a corrected robot program",
     "compare": "every strategy side by side, in the cell as modelled and in cells that differ",
@@ -65,14 +65,14 @@ MODULES = {
 
 def load_command(name: str) -> click.Command:
     """Import and return a command."""
-    put_off()  # loads numpy, as every command does, and therefore not before
+    put_off()  # imports numpy, as every command does, therefore as late as possible
     module = next(module for module, names in MODULES.items() if name in names)
     command: click.Command = getattr(importlib.import_module(f"compplan.cli.commands.{module}"), f"run_{name}")
     return add_verbosity(command)
 
 
 class LazyGroup(click.Group):
-    """Import the module of a command only when it is asked for, so that the command line starts fast."""
+    """Import the module of a command only when the command is used, so that the command line starts fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the command names."""
@@ -83,7 +83,7 @@ class LazyGroup(click.Group):
         return load_command(cmd_name) if cmd_name in COMMANDS else None
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; another process that is gone is an error like any other, not a reader that has left."""
+        """Run the command; a broken pipe to another process is an ordinary error, not a closed output."""
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
@@ -92,7 +92,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command of a line; refuse an option that is given twice where one value counts."""
+        """Find the command of a line; refuse an option that is given twice but has a single value."""
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             near = find_near(args[0], list(COMMANDS))[:2]
             meant = f"did you mean {' or '.join(near)}" if near else f"choose from {list(COMMANDS)}"
@@ -106,7 +106,7 @@ class LazyGroup(click.Group):
         return name, command, rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands and what they are for; no module is imported for that."""
+        """List the commands with their purpose, without importing any module."""
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
 
@@ -124,14 +124,14 @@ add_verbosity(group)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line, the words after the program's name, and leave with its exit status."""
+    """Run the command line, with the words after the program's name, and exit with its status."""
     if DEBUG not in os.environ:
         warnings.simplefilter("ignore")
-        os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of worker processes
-    for name in THREADS:  # read when numpy is imported, which no module does before a command is found
+        os.environ.setdefault("PYTHONWARNINGS", "ignore")  # for worker processes
+    for name in THREADS:  # read at the import of numpy, which is after a command is found
         os.environ.setdefault(name, "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
-    gc.set_threshold(200_000, 20, 50)  # a command makes much at its start that stays, and is over soon
+    gc.set_threshold(200_000, 20, 50)  # a command allocates many lasting objects at its start, and is short
     with suppress(AttributeError, TypeError):  # other C libraries have no mallopt
         for option, size in KEPT_MEMORY.items():
             ctypes.CDLL(None).mallopt(option, size)
@@ -147,7 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def run_words(words: list[str]) -> int:
-    """Run a command line and return its exit status; what goes wrong is said in one line on stderr."""
+    """Run a command line and return its exit status; an error is one line on stderr."""
     try:
         if "" in words:
             raise InputError("an argument is empty, expected a name or a path")
@@ -159,7 +159,7 @@ def run_words(words: list[str]) -> int:
     except Exception as error:
         if DEBUG in os.environ:
             traceback.print_exc()
-        if _received:  # an import that SIGTERM interrupts may turn the exit into an error of its own
+        if _received:  # an import interrupted by SIGTERM may raise another error instead of the exit
             return 128 + _received[0]
         _complain(f"error: {describe_fault(error)}")
         return error.exit_status if isinstance(error, CompplanError) else 2
@@ -172,7 +172,7 @@ def _complain(text: str) -> None:
 
 
 def describe_fault(error: Exception) -> str:
-    """Return the one line that an exception ends with."""
+    """Return the error line of an exception."""
     if isinstance(error, click.MissingParameter) and isinstance(error.param, click.Argument) and error.ctx:
         return f"{error.param.human_readable_name} is missing; compplan {error.ctx.info_name} --help shows an example"
     text = error.format_message() if isinstance(error, click.ClickException) else str(error)
@@ -194,7 +194,7 @@ def describe_fault(error: Exception) -> str:
     return line if len(line) <= length else f"{line[: length // 2]} [...] {line[-length // 2 :]}"
 
 
-#: Signals that have asked this run to end.
+#: Received signals to end this run.
 _received: list[int] = []
 
 

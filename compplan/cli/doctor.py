@@ -1,4 +1,4 @@
-"""What looks wrong with the installation, a robot folder or a measurement log."""
+"""Checks of the installation, a robot folder or a measurement log."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ STIFFEST, SOFTEST = 2e-5, 3e-2
 FASTEST, FASTEST_SLIDE = np.radians(2000.0), 10.0
 #: Number of sampled poses.
 POSES = 400
-#: Angle between z of the TCP and the outward axis of the flange from which on the TCP is questioned. [deg]
+#: Angle between z of the TCP and the outward axis of the flange above which the TCP is reported. [deg]
 ASIDE = 60.0
 #: Poses below which a calibration of six joints has hardly more equations than unknowns (theory: about 30 parameters,
 #: 3 coordinates a pose, half of them held out).
 FEW_POSES = 20
-#: Range of a joint below which its zero and stiffness hardly show (assumed). [rad]
+#: Range of a joint below which its zero and stiffness are hardly observable (assumed). [rad]
 NARROW = np.radians(15.0)
-#: Optional columns of a log, and what is not found without them.
+#: Optional columns of a log, and the information that is missing without them.
 OPTIONAL = {
     "run": "run: all rows count as one run without a break",
     "fx": "a load: stiffness is found from weight alone",
@@ -58,7 +58,7 @@ OPTIONAL = {
 class Remark:
     """Result of one check."""
 
-    #: "fine": as it should be; "note": worth knowing; "odd": likely a mistake, or it will limit results.
+    #: "fine": as expected; "note": useful to know; "odd": probably a mistake, or a limit to the results.
     state: Literal["fine", "note", "odd"]
     about: str  #: Subject of the check.
     sentence: str  #: Result, with its figure.
@@ -175,7 +175,7 @@ def _check_shapes(robot: Robot) -> list[Remark]:
 
 
 def check_pendant(robot: Robot) -> Iterator[Remark]:
-    """State how the teach pendant counts tool data, and how to check it by jogging."""
+    """Yield remarks on the tool frame of the teach pendant, and on its check by jogging."""
     found, flange = locate_pendant(robot), robot.flange
     if found is None:
         advice = "write [pendant] with x and z in controller.toml, or give tools in the URDF's flange frame"
@@ -196,7 +196,7 @@ def check_pendant(robot: Robot) -> Iterator[Remark]:
 
 
 def _describe_jog(robot: Robot, pendant: Array) -> str:
-    """Describe how the flange moves when it is jogged along the axes of tool 0, every axis at 0."""
+    """Describe the motion of the flange when jogged along the axes of tool 0, with every axis at 0."""
     counting = load_controller(robot)
     zero = from_controller(counting, np.zeros((1, robot.nq)))[0]
     q = np.clip(zero, robot.lower, robot.upper)
@@ -210,7 +210,7 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
     """Check a measurement log, and with the robot also its rows, poses and conventions.
 
     Raises:
-        InputError: If it is no log; of an export of another program it names the titles without a unit.
+        InputError: If it is not a log; for an export of another program the message lists titles without a unit.
     """
     try:
         table = read_table(file, log_columns(), unknown="note", rename=rename_title)
@@ -242,7 +242,7 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
 
 
 def name_columns(file: Path) -> str:
-    """Name the columns of another program's export that lack a unit as a log has them; "" without any."""
+    """Return suggested log column names for the columns of an export that lack a unit; "" if there are none."""
     head = read_text(file).splitlines()[:1]
     titles = [] if not head else [title.strip().strip('"') for title in re.split("[,;\t]", head[0])]
     found = [f"{title!r} {name}" for title in titles if (name := guess_name(title)) is not None]

@@ -1,4 +1,4 @@
-"""What commands share: how one is made, its job, paths of results, robots, CAM options."""
+"""Shared parts of commands: decorators, job argument, paths of results, robots, CAM options."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 class ResultPath(click.Path):
-    """Path of a result, checked when the line is read: a folder, or a file; an existing file must have the suffix."""
+    """Path of a result, checked while parsing: a folder, or a file; an existing file must have the suffix."""
 
     def __init__(self, suffix: str | None = None) -> None:
         super().__init__(path_type=Path)
@@ -36,7 +36,7 @@ class ResultPath(click.Path):
 
 
 class CommandResult(NamedTuple):
-    """What a command ends with: what --json prints, the lines for people, and what was not as asked for."""
+    """Result of a command: summary for --json, lines of text, and an error if the result is not as required."""
 
     summary: Mapping[str, Any]
     lines: Sequence[str]
@@ -50,7 +50,7 @@ assume_ok = click.option("--assume-ok", is_flag=True, help="Go on where the data
 
 
 def make_command(*options: Callable[[Any], Any], epilog: str | None = None) -> Callable[[Any], click.Command]:
-    """Make the command `command` of a function that returns an `CommandResult`, with these options and --json."""
+    """Make the command `command` from a function that returns a `CommandResult`, with these options and --json."""
 
     def make(function: Callable[..., CommandResult]) -> click.Command:
         @wraps(function)
@@ -69,9 +69,9 @@ def make_command(*options: Callable[[Any], Any], epilog: str | None = None) -> C
 def make_job_command(
     *options: Callable[[Any], Any], several: bool = False, epilog: str | None = None
 ) -> Callable[[Any], click.Command]:
-    """Make a command as `make_command` does, of a function that takes the checked `job` for the argument JOB.
+    """Make a command as `make_command` does, from a function with a parameter `job` for the argument JOB.
 
-    It takes --set, too; `several`: whether the job may have several operations.
+    The command has --set, too; `several`: whether the job may have several operations.
     """
     argument = click.argument("job", type=INPUT)
     changes = click.option(
@@ -99,7 +99,7 @@ def make_job_command(
 
 
 def add_options(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
-    """Return what gives a command options in the order of its help."""
+    """Return a decorator that adds options to a command in the order of its help."""
 
     def add(command: Command) -> Command:
         for option in reversed(options):
@@ -123,7 +123,7 @@ robot_instead = robot_option(
 
 
 def split_numbers(text: str, count: int) -> list[float]:
-    """Read `count` numbers with commas between them."""
+    """Read `count` numbers separated by commas."""
     numbers = [float(word) for word in text.split(",")]
     if len(numbers) != count:
         raise ValueError(f"{len(numbers)} numbers")
@@ -131,7 +131,7 @@ def split_numbers(text: str, count: int) -> list[float]:
 
 
 def split_names(text: str | None) -> tuple[str, ...]:
-    """Read names with commas between them."""
+    """Read names separated by commas."""
     return tuple(name.strip() for name in (text or "").split(",") if name.strip())
 
 
@@ -157,7 +157,7 @@ measured_options = add_options(
 
 
 def take_cam_options(command: Command) -> Command:
-    """Give a command the options of what a CAM file does not say by itself."""
+    """Add options for information that a CAM file may lack."""
     from compplan.toolpath.readers.options import list_machines
 
     machines = ", ".join(list_machines())
@@ -178,5 +178,5 @@ def take_cam_options(command: Command) -> Command:
 
 
 def keep_stated(**options: Any) -> dict[str, Any]:
-    """Return the options that were given, by their keys in [cam]."""
+    """Return the options with a value, by their keys in [cam]."""
     return {key: value for key, value in options.items() if value is not None}

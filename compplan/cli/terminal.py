@@ -1,7 +1,7 @@
-"""The terminal: results on stdout, progress and log on stderr, streams that no run fails by.
+"""Terminal output: results on stdout, progress and log on stderr; stream errors do not end a run.
 
 `compplan` logs to the logger "compplan": stages of the work at INFO, files read and solver figures at DEBUG. -v shows
-INFO on stderr, -vv DEBUG too; -q prints nothing but errors, and what --json prints.
+INFO on stderr, -vv DEBUG too; -q prints only errors and the output of --json.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from typing import Any
 import click
 
 LOG = logging.getLogger(__name__)
-#: Keys of the context's table that hold what was asked for.
+#: Keys of the click context's `meta` for these options.
 VERBOSE, QUIET = "compplan.verbose", "compplan.quiet"
 
 
 def show(summary: Mapping[str, Any], as_json: bool, lines: Iterable[str]) -> None:
-    """Print a summary as JSON, or lines for people unless the run is quiet; a reader that leaves ends the output."""
+    """Print a summary as JSON, or lines of text unless the run is quiet; a closed pipe ends the output."""
     from compplan.io.tables import dump_json
 
     quiet = click.get_current_context().meta.get(QUIET)
@@ -33,21 +33,21 @@ def show(summary: Mapping[str, Any], as_json: bool, lines: Iterable[str]) -> Non
 
 
 class Work:
-    """Say what is being done: beside a spinner on a terminal, else in the log."""
+    """Show the current step: next to a spinner on a terminal, otherwise in the log."""
 
     def __init__(self, bars: Any = None) -> None:
         self._bars, self._tasks = bars, dict[str, Any]()
         self._head = None if bars is None else bars.add_task("", total=None)
 
     def __call__(self, text: str) -> None:
-        """Say what is done now."""
+        """Show the current step."""
         if self._bars is None:
             LOG.info(text)
         else:
             self._bars.update(self._head, description=text)
 
     def count(self, task: str, done: int, total: int) -> None:
-        """Say how much of a task is done."""
+        """Show the progress of a task."""
         if self._bars is not None:
             if task not in self._tasks:
                 self._tasks[task] = self._bars.add_task(task, total=total)
@@ -56,7 +56,7 @@ class Work:
 
 @contextmanager
 def show_progress() -> Iterator[Work]:
-    """Give what says how far the work is; silent where stderr is no terminal."""
+    """Yield the progress display; it only logs if stderr is not a terminal."""
     if not sys.stderr.isatty() or LOG.isEnabledFor(logging.INFO):
         yield Work()
         return
@@ -70,7 +70,7 @@ def show_progress() -> Iterator[Work]:
 
 
 def add_verbosity(command: click.Command) -> click.Command:
-    """Give a command the options -v and -q, once."""
+    """Add the options -v and -q to a command, once."""
     if not any(parameter.name == "verbose" for parameter in command.params):
         command.params += [
             click.Option(["-v", "--verbose"], count=True, expose_value=False, callback=_set_verbose,
@@ -92,7 +92,7 @@ def _set_verbose(context: click.Context, parameter: click.Parameter, value: int)
     context.meta[VERBOSE] = max(value, context.meta.get(VERBOSE, 0))
     logger = logging.getLogger("compplan")
     level = logging.INFO if context.meta[VERBOSE] == 1 else logging.DEBUG
-    if logger.level:  # said before the command and after it
+    if logger.level:  # given before the command and after it
         level = min(level, logger.level)
     else:
         handler = logging.StreamHandler(sys.stderr)
@@ -104,7 +104,7 @@ def _set_verbose(context: click.Context, parameter: click.Parameter, value: int)
 
 
 def open_streams() -> None:
-    """Replace closed standard streams by the null device; show letters that their encoding lacks as escapes."""
+    """Replace closed standard streams by the null device; escape characters outside of their encoding."""
     sys.stdout, sys.stderr = (stream or Path(os.devnull).open("w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -112,7 +112,7 @@ def open_streams() -> None:
 
 
 def close_streams() -> None:
-    """Write what the standard streams hold; drop what nobody reads."""
+    """Flush the standard streams; discard output without a reader."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()

@@ -1,4 +1,4 @@
-"""Lines and arcs through rows of a path, how far rows lie from one, and the speeds that are sent along them."""
+"""Lines and arcs fitted to path rows, distances of rows from them, and speeds sent to the controller."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 
 from compplan.io.tables import Array
 
-#: Rows that an arc has to go by, its length [mm], greatest radius [mm], and greatest sweep [rad].
+#: Fewest rows of an arc, its least length [mm], greatest radius [mm], and greatest sweep [rad].
 ARC_ROWS, ARC_LENGTH, ARC_RADIUS, ARC_SWEEP = 2, 0.5, 2e4, float(np.radians(170.0))
-#: Least share of an arc at which the point between may lie, at either end.
+#: Least share of an arc's sweep between the via point and either end.
 MIDDLE = 0.2
-#: Least angle that the point between and the end make at the start. RAPID asks for it, as for 0.1 mm between. [rad]
+#: Least angle at the start between via point and end point. RAPID requires it, as well as 0.1 mm between. [rad]
 ARC_ANGLE = float(np.radians(1.0))
 #: Greatest ratio of two speeds within a move.
 RATIO = 1.05
-#: Share by which the feed of a move has to differ from the one before, so that another feed is written.
+#: Relative difference to the previous move's feed from which a new feed is written.
 HELD = 0.01
-#: Cycles below which a move may join rows of any speed.
+#: Duration below which a move may join rows of any speed. [interpolator cycles]
 SHORT = 2.0
-#: Least feed that is written, the least that every language states: 1 cm/min in FANUC programs. [mm/s]
+#: Least feed that is written; every language can state it: 1 cm/min in FANUC programs. [mm/s]
 LEAST_FEED = 1.0 / 6.0
-#: Time beside a rest in which the controller changes the speed by itself [s], and the ratio of speeds that ends it.
+#: Time before or after a rest in which the controller sets the speed itself [s], and ratio of speeds that ends it.
 RAMP, REACHED = 0.5, 1.01
 
 
@@ -47,7 +47,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def follow_line(x: Array) -> tuple[Array, Array]:
-    """Return how far rows lie from the line between first and last, and at which share of it. Shape (k, 3) [mm]."""
+    """Return distances of rows from the line between first and last, and their shares along it. Shape (k, 3) [mm]."""
     arm, chord = x - x[0], x[-1] - x[0]
     square = float(chord @ chord)
     if square <= 0.0:
@@ -57,9 +57,9 @@ def follow_line(x: Array) -> tuple[Array, Array]:
 
 
 def follow_arc(x: Array, via: Array) -> tuple[Array, Array] | None:
-    """Return the same of the arc from the first row through a place to the last; None where controllers take none.
+    """Return distances and shares for the arc from the first row through a via point to the last.
 
-    Shapes (k, 3), (3,). [mm]
+    None where controllers do not accept the arc. Shapes (k, 3), (3,). [mm]
     """
     circle = find_circle(x[0], via, x[-1])
     if circle is None:
@@ -82,17 +82,17 @@ def follow_arc(x: Array, via: Array) -> tuple[Array, Array] | None:
 
 
 def is_flat(start: Array, via: Array, end: Array) -> bool:
-    """Tell whether controllers may refuse an arc as too flat. Shape (3,) each."""
+    """Return whether controllers may refuse an arc as too flat. Shape (3,) each."""
     first, second = via - start, end - start
     return bool(size_of(cross(first, second)) < np.tan(ARC_ANGLE) * (first @ second))
 
 
 def find_via(x: Array, middle: int) -> Array:
-    """Return a place beside a middle row, on the circle from the first row to the last that lies nearest to all.
+    """Return a via point near a middle row, on the circle from the first row to the last that fits all rows best.
 
-    Of circles through both ends in the plane of the greatest bulge, with t along the chord of length L and y across, c
-    = sum y (t^2 + y^2 - L t) / (2 sum y^2) puts the centre of the one of least squares at (L / 2, c). Where the rows
-    lie on a line the place is the row itself. Shape (k, 3). [mm]
+    Among circles through both ends in the plane of the greatest bulge, the least-squares centre is at (L / 2, c), with
+    c = sum y (t^2 + y^2 - L t) / (2 sum y^2). t is the coordinate along the chord of length L, y the one across it.
+    Where the rows lie on a line, the via point is the row itself. Shape (k, 3). [mm]
     """
     chord = x[-1] - x[0]
     length = size_of(chord)
@@ -117,7 +117,7 @@ def find_via(x: Array, middle: int) -> Array:
 
 
 def find_circle(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array, Array] | None:
-    """Return centre, direction to a, direction of travel there, and normal of the circle from a through b to c.
+    """Return centre, direction to a, tangent there, and normal of the circle from a through b to c.
 
     None where the points lie on a line.
     """
@@ -133,9 +133,9 @@ def find_circle(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array, Arra
 
 
 class MoveArc(NamedTuple):
-    """An arc: centre, arm from there to its start, that arm a right angle further, and the angle to its end [rad].
+    """An arc: centre, radius vector to its start, the same vector turned by 90 deg towards the end, and sweep [rad].
 
-    Lengths in the unit of the places that it was found from. Shapes (3,).
+    Lengths are in the unit of the points that define the arc. Shapes (3,).
     """
 
     centre: Array
@@ -149,18 +149,18 @@ class MoveArc(NamedTuple):
         return float(np.linalg.norm(self.arm)) * self.sweep
 
     def place(self, share: Array) -> Array:
-        """Return places at shares of the arc. Shape (k,) -> (k, 3)."""
+        """Return points at shares of the arc. Shape (k,) -> (k, 3)."""
         turned = share[:, None] * self.sweep
         return np.asarray(self.centre + np.cos(turned) * self.arm + np.sin(turned) * self.side)
 
     def directions(self) -> Array:
-        """Return the directions of travel at start and end. Shape (2, 3)."""
+        """Return the tangents at start and end. Shape (2, 3)."""
         ways = np.stack([self.side, np.cos(self.sweep) * self.side - np.sin(self.sweep) * self.arm])
         return np.asarray(ways / max(float(np.linalg.norm(self.arm)), 1e-12))
 
 
 def find_arc(start: Array, via: Array, end: Array) -> MoveArc | None:
-    """Return the arc from one place through another to a third; None where they lie on a line."""
+    """Return the arc from one point through a second to a third; None where they lie on a line."""
     circle = find_circle(start, via, end)
     if circle is None:
         return None
@@ -172,14 +172,14 @@ def find_arc(start: Array, via: Array, end: Array) -> MoveArc | None:
 def send_speeds(
     step: Array, lasts: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], asked: Array | None
 ) -> Array:
-    """Return the speed that is sent for the move to each row, starts from rest and stops left to the controller.
+    """Return the speed that is sent for the move to each row; the controller adds ramps from rest and to stops.
 
     Args:
-        step: Way to each row. Shape (n,). [mm]
-        lasts: Time of it. Shape (n,). [s]
-        stops: Rows where the tool stands. Shape (n,).
-        corners: Rows that are corners, which a zone leads around. Shape (n,).
-        asked: Feed that the CAM file asks for; without it no leg has a speed of its own. Shape (n,). [mm/s]
+        step: Distance to each row. Shape (n,). [mm]
+        lasts: Duration of each step. Shape (n,). [s]
+        stops: Rows where the tool stops. Shape (n,).
+        corners: Rows that are corners with a blend zone. Shape (n,).
+        asked: Feed of the CAM file; without it the speed is not levelled along short legs. Shape (n,). [mm/s]
 
     Returns:
         Shape (n,). [mm/s]
@@ -193,14 +193,14 @@ def send_speeds(
 def _level_legs(
     speed: Array, lasts: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], asked: Array
 ) -> Array:
-    """Return speeds that do not change along short legs from rest or corner to rest or corner.
+    """Return speeds that are constant along short legs between rests and corners.
 
-    There the controller changes the speed by itself. A leg between two corners takes the time that the plan takes; one
-    from rest, or to it, has the greatest speed of the plan, as the controller still has to come to it.
+    There the controller changes the speed by itself. A leg between two corners takes the planned time. A leg from rest
+    or to rest has the greatest planned speed, because the controller still has to accelerate to it.
 
-    A leg ends where the feed changes that is asked for.
+    A leg also ends where the feed of the CAM file changes.
     """
-    level, cuts = speed.copy(), asked > 0.0  # rapid moves ask for no feed
+    level, cuts = speed.copy(), asked > 0.0  # rapid moves have no CAM feed
     changes = np.append(cuts[1:] & cuts[:-1] & (np.abs(np.diff(asked)) > 1e-9 * asked[:-1]), False)
     at = np.flatnonzero(stops | corners | changes)
     for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
@@ -212,9 +212,9 @@ def _level_legs(
 
 
 def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
-    """Return speeds as they are sent: beside a rest the one that the plan has reached, or comes from, within `RAMP`.
+    """Return the speeds that are sent: next to a rest, the planned speed at the end of the ramp within `RAMP`.
 
-    The speed has to rise from row to row up to there, and not to fall at once again.
+    The planned speed must increase from row to row up to that row, and must not drop directly after it.
     """
     sent, at = speed.copy(), np.flatnonzero(stops)
     for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):

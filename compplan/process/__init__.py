@@ -1,1 +1,1 @@
-"""Process forces that know material, feed and path: stock, engagement, and one file a force model."""
+"""Process forces from material, feed and path: stock, engagement, and one module for each force model."""

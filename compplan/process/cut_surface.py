@@ -1,8 +1,8 @@
-"""What is left of the stock: which move last lowered each column, and how low it went there exactly.
+"""Cut surface: the lowest move at each column of the stock, and its exact height.
 
-A coarse map keeps for each column the lowest move so far. A question about a place looks up the moves of its four
-columns and works out from their geometry how low they went at the place itself, so that walls stand where the cutter
-left them, not where the grid has its lines.
+A coarse map stores the lowest move so far for each column. To evaluate a position, the heights of the moves of its four
+columns are computed from their geometry at the position itself. Walls are therefore where the cutter left them, not at
+lines of the grid.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ from numpy.typing import NDArray
 from compplan.io.tables import Array
 from compplan.process.engagement import Cutter
 
-#: Cells of the map at most, and cells across a cutter's radius.
+#: Greatest number of cells of the map, and cells across a cutter's radius.
 MOST_CELLS, CELLS_A_RADIUS = 12_000_000, 8.0
-#: Moves that are longer than this are entered in pieces, in radii.
+#: Length above which moves are entered in pieces, in radii.
 LONGEST_PIECE = 4.0
-#: Of two moves that are equally low at a column the one that passes nearer owns it. The floor is that of the lowest
-#: move, but for rounding; walls are those of moves that pass near, also where they stand higher by some hundredths of a
-#: millimetre than others of their pass, as those of a tool that gives way do.
+#: Of two moves that are equally low at a column, the nearer one is stored. The floor map stores the lowest move, except
+#: for rounding. The wall map stores moves that pass near, even if they are some hundredths of a millimetre higher than
+#: others of their pass, as the moves of a deflected tool are.
 LEVEL_LEAN, WALL_LEAN = 1e-6, 0.02
-#: Moves with this much of the path between them belong to different passes, in radii.
+#: Length of path between two moves above which they belong to different passes, in radii.
 PASS = 1.5
-#: Material that is thinner than this is none. [m]
+#: Thickness below which material is ignored. [m]
 NOTHING = 1e-9
-#: Moves of a tool that leans are entered in pieces of this length, in radii.
+#: Length of the pieces of moves of an inclined tool, in radii.
 LEANING_PIECE = 0.5
-#: Places along a sloped move at which a rounded cutter is looked at.
+#: Positions along a sloped move at which a rounded cutter is evaluated.
 STATIONS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
 
 def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, lean: float = 0.0) -> Array:
-    """Return how low the cutter goes at places in a move; infinite where it does not pass.
+    """Return the lowest height of the cutter's surface at places during a move; infinite where it does not pass.
 
-    At a place c the cutter at p(t) = start + t (end - start) stands at z(t) + h(|c - p(t)|), h its profile. Exact for
-    level moves, plunges, flat and ball end mills; a rounded corner on a slope is taken at five t across the place.
-    Shapes (..., 2), (..., 3), (..., 3) -> (...). [m]
+    At a place c the cutter at p(t) = start + t (end - start) has the height z(t) + h(|c - p(t)|), h its profile.
+    Exact for level moves, plunges, flat and ball end mills; a corner radius on a slope is evaluated at five t across
+    the place. Shapes (..., 2), (..., 3), (..., 3) -> (...). [m]
 
-    `lean` is what each metre from the axis counts as height, to rank moves that are equally low. [1]
+    `lean` is the height added per metre from the axis, to rank moves that are equally low. [1]
     """
     way_x, way_y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
     off_x, off_y = place[..., 0] - start[..., 0], place[..., 1] - start[..., 1]
@@ -72,19 +72,18 @@ def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, lean: f
 
 @dataclass(frozen=True)
 class Claims:
-    """Which move stands for each column of a map."""
+    """Stored moves at each column of a map."""
 
-    lean: float  #: What each metre from the axis of a move counts as height. [1]
-    height: Array  #: How low the column was cut, the lean counted in. Shape (a, b). [m]
-    owner: NDArray[np.int32]  #: The move that did it, -1 for none. Shape (a, b).
-    before: NDArray[np.int32]  #: The last one of another pass that stood for it, -1 for none. Shape (a, b).
+    lean: float  #: Height added per metre from the axis of a move. [1]
+    height: Array  #: Lowest height of the column, with `lean`. Shape (a, b). [m]
+    owner: NDArray[np.int32]  #: Move with this height, -1 for none. Shape (a, b).
+    before: NDArray[np.int32]  #: Former owner of another pass, the latest one, -1 for none. Shape (a, b).
 
     def enter(self, flat: NDArray[np.int_], z: Array, moves: NDArray[np.int_], way: Array, apart: float) -> None:
-        """Let moves take the columns that they cut lower.
+        """Store moves at the columns that they cut lower.
 
-        `flat` is the number of a column, `z` how low it is cut, the lean counted in, `moves` what does it, shape (c,).
-        `way` is the length of the path up to each move; moves with more than `apart` between them belong to different
-        passes. [m]
+        `flat` is the index of a column, `z` its height in a move, with `lean`, `moves` the moves, shape (c,). `way` is
+        the path length up to each move; moves with more than `apart` between them belong to different passes. [m]
         """
         height, owner, before = (grid.reshape(-1) for grid in (self.height, self.owner, self.before))
         better = z < height[flat]
@@ -99,21 +98,21 @@ class Claims:
 
 @dataclass(frozen=True)
 class CutSurface:
-    """The map of what was cut; `cut` enters moves, `lowest` asks for places."""
+    """Map of the cut surface: `cut` enters moves, `lowest` evaluates positions."""
 
     cutter: Cutter  #: The cutter.
-    start: Array  #: Tips where moves begin. Shape (m, 3). [m]
-    end: Array  #: Tips where they end. Shape (m, 3). [m]
-    origin: Array  #: Place of the first column. Shape (2,). [m]
+    start: Array  #: Start of the tip in each move. Shape (m, 3). [m]
+    end: Array  #: End of the tip in each move. Shape (m, 3). [m]
+    origin: Array  #: Position of the first column. Shape (2,). [m]
     cell: float  #: Distance of columns. [m]
     floor: Claims  #: The lowest move at each column.
-    wall: Claims  #: The one that passes nearest, of those that are about as low: it reaches the walls around.
-    #: Axes of the tool at the end of each move as columns, None where it stands upright. Shape (m, 3, 3).
+    wall: Claims  #: The nearest move of those that are about as low, which forms the walls around.
+    #: Axes of the tool at the end of each move as columns, None for an upright tool. Shape (m, 3, 3).
     tilt: Array | None = None
 
     @cached_property
     def way(self) -> Array:
-        """Length of the path up to the end of each move. Shape (m,). [m]"""
+        """Path length up to the end of each move. Shape (m,). [m]"""
         return np.asarray(np.cumsum(np.linalg.norm(self.end - self.start, axis=1)))
 
     def cut(self, moves: NDArray[np.int_]) -> None:
@@ -132,7 +131,7 @@ class CutSurface:
         if self.tilt is not None:
             first, last = self.tilt[np.maximum(moves - 1, 0), :, 2], self.tilt[moves, :, 2]
             leans = [_between(first, last, item, (number + i) / pieces[item]) for i in (0, 1)]
-            if self.cutter.round:  # the ball is where its centre is
+            if self.cutter.round:  # a ball depends only on its centre
                 up = np.array([0.0, 0.0, 1.0])
                 a, b, leans = a + self.cutter.corner * (leans[0] - up), b + self.cutter.corner * (leans[1] - up), []
         reach = self._margin(leans)
@@ -154,12 +153,12 @@ class CutSurface:
             claims.enter(flat, z, moves[item[box]], self.way, PASS * self.cutter.radius)
 
     def _margin(self, axes: list[Array]) -> float:
-        """Return how far a leaning tool reaches from its tip. [m]"""
+        """Return the lateral reach of an inclined tool from its tip. [m]"""
         sideways = max((float(np.abs(v[:, :2]).max()) for v in axes), default=0.0)
         return self.cutter.radius + self.cutter.flute * sideways
 
     def uncut(self, point: Array, before: NDArray[np.int_]) -> NDArray[np.bool_]:
-        """Tell which points no move took away so far, of those before a number. Shapes (s, 3) and (s,), to (s,)."""
+        """Return which points are not removed by moves before a given index. Shapes (s, 3) and (s,), to (s,)."""
         left, owner = np.ones(len(point), dtype=bool), self._owners(point[:, :2])
         fresh = (owner >= 0) & (owner < before)
         fresh[1:] &= owner[1:] != owner[:-1]
@@ -168,9 +167,9 @@ class CutSurface:
         return left
 
     def gap(self, point: Array, moves: NDArray[np.int_]) -> Array:
-        """Return how far above points moves went, along the tool axis. Shapes (s, 3) and (s,), to (s,). [m]
+        """Return the height of moves above points, along the tool axis. Shapes (s, 3) and (s,), to (s,). [m]
 
-        Seen from a tool that moves and turns little, a point goes on a straight line.
+        Relative to the tool, a point is assumed to move on a straight line; valid for small moves and rotations.
         """
         start, end = self.start[moves], self.end[moves]
         if self.tilt is None:
@@ -180,7 +179,7 @@ class CutSurface:
         return lowest_reach(self.cutter, np.zeros((len(point), 2)), begin, stop)
 
     def lowest(self, place: Array) -> Array:
-        """Return how low the cutter went so far at places; infinite where it never was. Shape (...) from (..., 2)."""
+        """Return the lowest height cut so far at places; infinite where nothing was cut. Shape (...) from (..., 2)."""
         owner = self._owners(place.reshape(-1, 2))
         fresh = owner >= 0
         fresh[1:] &= owner[1:] != owner[:-1]
@@ -190,7 +189,7 @@ class CutSurface:
         return np.asarray(z.min(axis=0).reshape(place.shape[:-1]))
 
     def _owners(self, place: Array) -> NDArray[np.int32]:
-        """Return the moves that stand for the columns around places, in order. Shape (o, s) from (s, 2)."""
+        """Return the stored moves of the columns around places, in order. Shape (o, s) from (s, 2)."""
         columns = self.floor.owner.shape[1]
         first = np.floor((place - self.origin) / self.cell).astype(int)
         first = np.clip(first, 0, np.array(self.floor.owner.shape) - 2)
@@ -204,7 +203,7 @@ def _between(first: Array, last: Array, item: NDArray[np.int_], share: Array) ->
 
 
 def leaning_reach(cutter: Cutter, place: Array, tip: Array, axis: Array, lean: float) -> Array:
-    """Return how low a leaning cutter stands at places, nearly; infinite where it does not, see `lowest_reach`.
+    """Return approximate heights of an inclined cutter at places; infinite off the cutter, see `lowest_reach`.
 
     Shapes (s, 2), (s, 3), (s, 3) -> (s,). [m]
     """
@@ -224,12 +223,12 @@ def leaning_reach(cutter: Cutter, place: Array, tip: Array, axis: Array, lean: f
 
 
 def _stand_off(z: Array, along: Array, up: Array, square: Array, tilt: Array) -> Array:
-    """Return the distance from a leaning axis at heights above its tip. Shape (s,). [m]"""
+    """Return the distance from an inclined axis at heights above its tip. Shape (s,). [m]"""
     return np.asarray(np.sqrt(np.maximum(tilt * z**2 - 2.0 * along * up * z + square, 0.0)))
 
 
 def tilt_axes(axis: Array) -> Array:
-    """Return axes, as columns, that follow from those of the frame by the shortest turn of the third. (n, 3, 3)."""
+    """Return frames as columns, rotated by the smallest angle that aligns z with the axis. Shape (n, 3, 3)."""
     x, y, z = axis.T
     share = 1.0 / np.maximum(1.0 + z, 1e-9)
     return np.stack([
@@ -242,10 +241,10 @@ def tilt_axes(axis: Array) -> Array:
 def build_cut_surface(
     cutter: Cutter, start: Array, end: Array, stock: Array, axis: Array | None = None
 ) -> CutSurface | None:
-    """Return an empty map of the stock as far as the path reaches, None where it does not reach any.
+    """Return an empty map of the stock within reach of the path, None if the path does not reach the stock.
 
     `start` and `end` are the tips of moves, shape (m, 3), `stock` the box around it, shape (2, 2) [m], `axis` the tool
-    axis at the end of each move, None where it stands upright.
+    axis at the end of each move, None for an upright tool.
     """
     tilt = None if axis is None else tilt_axes(axis)
     sideways = 0.0 if axis is None else float(np.abs(axis[:, :2]).max())
@@ -265,9 +264,9 @@ def build_cut_surface(
 
 
 def expand_boxes(first: NDArray[np.int_], after: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """List the cells of boxes of a grid that go from a first cell to the one after the last, shape (m, 2).
+    """List the cells of boxes of a grid, from a first cell to the one after the last, shape (m, 2).
 
-    Which box each cell belongs to, shape (c,), and the cell, shape (c, 2), are returned.
+    Returns the box index of each cell, shape (c,), and the cell, shape (c, 2).
     """
     size = np.maximum(after - first, 0)
     count = size[:, 0] * size[:, 1]

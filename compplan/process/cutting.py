@@ -1,17 +1,17 @@
-"""Cutting with a rotating cutter along a path: what a job says of it, and the mean wrench at every waypoint.
+"""Milling and drilling force along a path: parameters of a job, and the mean wrench at every waypoint.
 
-An edge slice at angle u (from the travel to the left) meets a chip h = f v.n + f^2 c / 2 (f: feed a tooth, v: direction
-of travel, n: outward normal) [Altintas2012, generalised to any profile]: the tooth before it stood a feed back, and its
-surface, of curvature c along the travel, bends away. So a tooth is in the cut up to v.n = -f c / 2: near the tip of a
-ball that is a few per cent of its edge force (on a side, half a per cent, it is left out). The spindle turns clockwise,
-seen from the spindle. The force on the slice is F_t (z x r) - F_r n - F_a e, e along the edge towards the spindle, so
-that a positive axial coefficient draws the tool out of the spindle. Over a turn of a cutter with N teeth
+An edge slice at angle u (from the travel to the left) has a chip thickness h = f v.n + f^2 c / 2 (f: feed a tooth, v:
+direction of travel, n: outward normal) [Altintas2012, generalised to any profile]. The second term follows from the
+surface of the tooth before, which is a feed behind and has curvature c along the travel. So a tooth cuts up to
+v.n = -f c / 2. Near the tip of a ball this adds a few per cent of the edge force; on a side it adds half a per cent and
+is neglected. The spindle turns clockwise, seen from the spindle. The force on the slice is F_t (z x r) - F_r n - F_a e,
+e along the edge towards the spindle: a positive axial coefficient pulls the tool out. The mean of a turn with N teeth,
 
     w = N / (2 pi) * sum over slices and angles of (K h^(1 - m) + K_edge) * length * du,
 
-which is linear in the coefficients; their columns are kept, to first order in f c. Valid where a waypoint is many turns
-long, teeth stand evenly, and the chip is thin beside the cutter's radius; that chips thin towards what an earlier pass
-left is not followed. Path axes: x travel across the axis, z the tool axis.
+is linear in the coefficients; their columns are stored, to first order in f c. Valid for many turns a waypoint, evenly
+spaced teeth, and chips thin compared with the cutter's radius. The thinning of chips at the surface of an earlier pass
+is neglected. Path axes: x travel across the axis, z the tool axis.
 """
 
 from __future__ import annotations
@@ -35,25 +35,25 @@ from compplan.process.stock import Cut, StockColumns, StockTable, read_stock, ta
 from compplan.toolpath.contact import ForceTable
 from compplan.toolpath.toolpath import Toolpath, interpolate
 
-#: Lean of the tool axis from its mean from which on a note tells it. [deg]
+#: Inclination of the tool axis from its mean above which a note is written. [deg]
 LEANS = 30.0
-#: Feeds a tooth that are taken for true. [mm]
+#: Valid range of the feed a tooth. [mm]
 FEED_PER_TOOTH = (1e-5, 3.0)
-#: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
-#: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed. A smaller
-#: share lets the force of vertical ramps jump within micrometres, which no arm can follow at feed.
+#: The full edge force acts where the edge moves outwards by at least this share of the feed, and from this feed a tooth
+#: on [m]; below, it decreases linearly to zero (assumed): no ploughing on a floor that the tool only slides over, or at
+#: rest. With a smaller share the force of vertical ramps jumps within micrometres, which no arm can follow at feed.
 PLOUGHS, PLOUGHING_FEED = 0.004, 1e-5
-#: Least share of the feed that the curvature of a tooth's path is held against, in the cut and behind it.
+#: Least outward speed, as a share of the feed, in curvature terms: in the cut and behind it.
 STEEP, STEEP_BEHIND = 0.01, 0.002
 
 
 @dataclass(frozen=True)
 class MillingShape:
-    """The geometry of the mean wrench: what each coefficient is multiplied with."""
+    """Geometry of the mean wrench: the factor of each coefficient."""
 
-    #: By 1 N/mm^2 (tangential, radial, axial) at a feed a tooth of 1 mm, then by 1 N/mm of an edge. Shape (n, 6, 6).
+    #: Per 1 N/mm^2 (tangential, radial, axial) at a feed a tooth of 1 mm, then per 1 N/mm of an edge. Shape (n, 6, 6).
     straight: Array
-    curved: Array  #: What these grow by a mm of feed a tooth, as the path of a tooth is curved. Shape (n, 6, 6).
+    curved: Array  #: Increase of `straight` per mm of feed a tooth, by the curved path of a tooth. Shape (n, 6, 6).
 
     def wrench(self, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
         """Return the mean wrench on the tool's tip at a feed a tooth [m], path axes. (n,) -> (n, 6) [N, N m]"""
@@ -61,7 +61,7 @@ class MillingShape:
         return np.asarray(np.einsum("c,ncw->nw", size, self.columns(coefficients.exponent, feed_per_tooth)))
 
     def columns(self, exponent: tuple[float, float, float], feed_per_tooth: Array) -> Array:
-        """Return what each coefficient, cutting then edge ones, is multiplied with at a feed. Shape (n, 6, 6)."""
+        """Return the factor of each coefficient, cutting then edge ones, at a feed. Shape (n, 6, 6)."""
         feed = np.maximum(feed_per_tooth * 1e3, 0.0)[:, None]
         ploughing = np.clip(feed_per_tooth / PLOUGHING_FEED, 0.0, 1.0)[:, None].repeat(3, axis=1)
         by_size = np.concatenate([feed ** (1.0 - np.array(exponent)), ploughing], axis=1)
@@ -69,7 +69,7 @@ class MillingShape:
 
 
 def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
-    """Work out what each coefficient of a cutter adds to the mean wrench; `exponent` is Kienzle's of each part."""
+    """Compute the factor of each coefficient in the mean wrench; `exponent` is Kienzle's for each direction."""
     edge, angle = found.cutter.slices, found.angles
     at_low, by_rise = (part.reshape(3, -1, 6) for part in edge_wrenches(edge, angle))
     straight, curved = np.zeros((len(found), 6, 6)), np.zeros((len(found), 6, 6))
@@ -99,10 +99,10 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
 
 
 def _find_behind(weight: Array, out: Array, bend: Array, step: Array) -> Array:
-    """Return how much more of slices is in the cut behind where their edge moves outwards, a mm of feed. (n, k, m).
+    """Return the additional engagement of slices behind the line of zero outward speed, per mm of feed. (n, k, m).
 
-    Integral of half the bend over the line where the speed is zero. The line is spread over the bins beside it: the
-    weights of bins that are slower than `step`, by which the speed changes across a bin, fall linearly to zero there.
+    It is the integral of half the bend over that line, distributed to the bins next to it: bins slower than `step`, the
+    change of speed across a bin, have weights that fall linearly to zero there.
     """
     wide = np.maximum(step, STEEP_BEHIND)
     return np.asarray(weight * bend / wide * np.maximum(1.0 - out / wide, 0.0))
@@ -111,7 +111,7 @@ def _find_behind(weight: Array, out: Array, bend: Array, step: Array) -> Array:
 def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
     """Return the wrench at the tip of a unit force (tangential, radial, axial) on slices at angles.
 
-    At the lower end of each slice, and what is added when it acts at its upper end. Shapes (3, k, m, 6).
+    First for a force at the lower end of each slice, then its change up to the upper end. Shapes (3, k, m, 6).
     """
     k, m = len(edge), len(angle)
     out, up = edge.normal[:, 0], edge.normal[:, 1]
@@ -130,7 +130,7 @@ def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
 
 
 class CuttingTable(ForceTable):
-    """Keys of every rotating cutter; the spindle turns clockwise, seen from the spindle."""
+    """Keys of all rotating cutters; the spindle turns clockwise, viewed from the spindle."""
 
     diameter_mm: float = Field(ge=0.05, le=500.0)
     teeth: int = Field(default=2, ge=1, le=60)
@@ -155,7 +155,7 @@ class CuttingTable(ForceTable):
 
     @property
     def uncertainty(self) -> float:
-        """Relative standard deviation of the level."""
+        """Relative standard deviation of the force level."""
         return self.resistance.uncertainty
 
     def feed_per_tooth(self, feed: Array) -> Array:
@@ -167,26 +167,26 @@ class CuttingTable(ForceTable):
         raise NotImplementedError
 
     def shape(self, found: Engagement) -> MillingShape:
-        """Return what each coefficient contributes to the mean wrench, from the engagement."""
+        """Return the factor of each coefficient in the mean wrench, from the engagement."""
         return shape_milling(found, self.teeth, self.resistance.exponent)
 
     def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
-        """Say what is odd about how this cutter is used; `cuts` are the waypoints that remove material."""
+        """Return notes on an unusual use of this cutter; `cuts` are the waypoints that remove material."""
         return []
 
 
 @dataclass(frozen=True)
 class CuttingForce:
-    """The engagement of a job's path and the force that follows from it at any feed; r waypoints of the path."""
+    """Engagement along a job's path and the resulting force at any feed; r waypoints of the path."""
 
-    process: CuttingTable  #: What the job says.
-    stock: StockColumns  #: The stock, seen so.
+    process: CuttingTable  #: Parameters from the job.
+    stock: StockColumns  #: Stock in the view along the tool axis.
     R_view: Array  #: Axes of that view as columns, part frame. Shape (3, 3).
     arc: Array  #: Length along the path. Shape (r,). [m]
     rapid: NDArray[np.bool_]  #: Moves that do not cut. Shape (r,).
-    engagement: Engagement  #: What the cutter touches.
-    shape: MillingShape  #: What each coefficient contributes.
-    notes: tuple[str, ...]  #: What a user should know.
+    engagement: Engagement  #: Engagement of the cutter.
+    shape: MillingShape  #: Factor of each coefficient.
+    notes: tuple[str, ...]  #: Notes for the user.
 
     def wrench(self, nominal: Toolpath) -> Array:
         """Return the mean wrench at any division of the path, at its feed, path axes. Shape (n, 6). [N, N m]"""
@@ -202,17 +202,17 @@ def prepare_cutting(
     process: CuttingTable, toolpath: Toolpath, stock_top: float | None, job: Path,
     before: Sequence[tuple[CuttingTable, Toolpath]] = (),
 ) -> CuttingForce:  # fmt: skip
-    """Work out the engagement of a job's path.
+    """Compute the engagement along a job's path.
 
     Args:
-        process: What the job says.
-        toolpath: The path as it is planned, part frame.
-        stock_top: Height of the stock's top where the job gives no stock, part frame. [m]
+        process: Parameters from the job.
+        toolpath: The planned path, part frame.
+        stock_top: Height of the stock's top for a job without stock, part frame. [m]
         job: The job file; the names of meshes are relative to it.
-        before: What cut the same stock before, in order: what the job says of each, and its path, part frame.
+        before: Earlier cuts of the same stock, in order: parameters from the job, and path in the part frame.
 
     Raises:
-        InputError: If stock, cutter and path do not go together.
+        InputError: If stock, cutter and path do not match.
     """
     cutter, cutting = process.cutter(), ~toolpath.rapid
     axis = toolpath.axis[cutting].mean(axis=0) if cutting.any() else np.array([0.0, 0.0, 1.0])
@@ -244,7 +244,7 @@ def prepare_cutting(
 
 
 def _describe_lean(axes: Array) -> list[str]:
-    """Say where the axis leans so far that columns along its mean miss what stands beneath the tool."""
+    """Return a note where the tool axis inclines so far from its mean that columns miss material under the tool."""
     lean = float(np.degrees(np.arccos(np.clip(axes[:, 2], -1.0, 1.0)).max(initial=0.0)))
     if lean <= LEANS:
         return []
@@ -253,7 +253,7 @@ def _describe_lean(axes: Array) -> list[str]:
 
 
 def _describe_cut(process: CuttingTable, toolpath: Toolpath, found: Engagement, job: Path) -> list[str]:
-    """Say where coefficients come from, and what is odd about the cut."""
+    """Return notes on the source of the coefficients, and on unusual cuts."""
     resistance, notes = process.resistance, []
     name = process.material or "coefficients"
     scatter = f"+- {100 * resistance.uncertainty:.3g} % (assumed)"

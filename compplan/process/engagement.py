@@ -1,7 +1,7 @@
-"""The shape of a rotating cutter, and where it touches its stock: which slices of its edge, at which angles.
+"""Shape of a rotating cutter and its engagement: slices of its edge, and angles at which they touch the stock.
 
-At the end of a move the cutter's surface, as far as it moves outwards there, is held against what was left of the
-stock before the move. The angle u counts from the travel (its part across the axis) to the left, seen down the axis.
+At the end of a move, the part of the cutter's surface that moves outwards is compared with the stock before the move.
+The angle u counts from the travel (its part across the axis) to the left, viewed down the axis.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from compplan.io.tables import Array
 
-#: Rows that are worked out at once.
+#: Rows that are computed at once.
 ROWS = 512
-#: Radius of a tip within which an edge is in the cut all round, half of a usual feed a tooth (assumed). [m]
+#: Radius around the tip within which an edge cuts at all angles, half of a usual feed a tooth (assumed). [m]
 TIP = 3e-5
 #: Slices of the flat bottom, of a corner (per quarter turn) and of a drill's point.
 BOTTOM_SLICES, CORNER_SLICES, POINT_SLICES = 4, 18, 5
-#: What stands this near to the cutter's side counts as taken away: a wall that was cut there is not cut twice. [m]
+#: Distance from the cutter's side within which material counts as removed: a wall is not cut twice. [m]
 TOUCHING = 1e-8
 
 
@@ -28,14 +28,14 @@ TOUCHING = 1e-8
 class Cutter:
     """A solid of revolution about the tool axis; its tip is the lowest point of the axis."""
 
-    radius: float  #: Radius of the shank's cutting part. [m]
+    radius: float  #: Radius of the cutting part. [m]
     flute: float  #: Length of the cutting edges along the axis, from the tip. [m]
     corner: float = 0.0  #: Radius of the corner: 0 is a flat end mill, `radius` a ball end mill. [m]
     point: float = float(np.pi)  #: Full angle of a drill's point; pi is flat. [rad]
-    pieces: int = 1  #: Slices of its side.
+    pieces: int = 1  #: Slices of the side.
 
     def height(self, distance: Array) -> Array:
-        """Return how high the cutter's lower surface stands above its tip, at a distance from its axis [m].
+        """Return the height of the cutter's lower surface above its tip, at a distance from its axis. [m]
 
         Infinite beyond the radius.
         """
@@ -50,17 +50,17 @@ class Cutter:
 
     @property
     def even(self) -> bool:
-        """Tell whether the lower surface is a plane, as that of a flat end mill."""
+        """Whether the lower surface is a plane, as for a flat end mill."""
         return self.corner == 0.0 and self.point >= np.pi
 
     @property
     def round(self) -> bool:
-        """Tell whether the lower surface is half a ball."""
+        """Whether the lower surface is a hemisphere."""
         return self.corner >= self.radius
 
     @property
     def end(self) -> float:
-        """Height above the tip from which on the cutter is a cylinder. [m]"""
+        """Height above the tip at which the cylindrical side begins. [m]"""
         return float(self.height(np.array(self.radius)))
 
     @cached_property
@@ -91,11 +91,11 @@ class Cutter:
 
     @cached_property
     def lower(self) -> NDArray[np.bool_]:
-        """Slices of bottom and corner of a mill, none of a drill. Shape (k,)."""
+        """Slices of bottom and corner of a mill; none for a drill. Shape (k,)."""
         return np.asarray((self.slices.normal[:, 1] < -1e-9) & (self.point >= np.pi))
 
     def edge_point(self, number: NDArray[np.int_], share: Array) -> tuple[Array, Array]:
-        """Return where the edge stands at shares of slices: distance from the axis, height above the tip. (s,) [m]"""
+        """Return points of the edge at shares of slices: distance from the axis, height above the tip. (s,) [m]"""
         knots = self.slices.knots
         rho = knots[number, 0] + share * (knots[number + 1, 0] - knots[number, 0])
         height = knots[number, 1] + share * (knots[number + 1, 1] - knots[number, 1])
@@ -133,7 +133,7 @@ class Slices:
 
     @property
     def length(self) -> Array:
-        """Length of the edge, helix aside. Shape (k,). [m]"""
+        """Length of the edge, without helix. Shape (k,). [m]"""
         return np.linalg.norm(np.diff(self.knots, axis=0), axis=1)
 
     @property
@@ -145,12 +145,12 @@ class Slices:
 
 @dataclass(frozen=True)
 class Engagement:
-    """What the cutter touches at n waypoints; k slices of its edge, m angles."""
+    """Engagement of a cutter at n waypoints; k slices of its edge, m angles."""
 
     cutter: Cutter  #: The cutter.
     depth: NDArray[np.float32]  #: Engaged share of the slice (k) in the bin at the angle (m), 0 to 1. Shape (n, k, m).
     travel: Array  #: Direction of the move that ends at the waypoint: across the axis, along it. Shape (n, 2).
-    #: How the axis turns a length of travel: along the travel, to its left; None for one that stands. Shape (n, 2).
+    #: Rotation of the axis per length of travel: along the travel, to its left; None for a fixed axis. Shape (n, 2).
     #: [rad/m]
     turning: Array | None = None
 
@@ -158,18 +158,18 @@ class Engagement:
         return len(self.depth)
 
     def take(self, rows: NDArray[np.int_]) -> Engagement:
-        """Return that of some waypoints."""
+        """Return the engagement at some waypoints."""
         turning = None if self.turning is None else self.turning[rows]
         return Engagement(self.cutter, self.depth[rows], self.travel[rows], turning)
 
     def speed(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
-        """Return how fast middles of slices move outwards, below 0 inwards; a share of the feed. Shape (n, k, m)."""
+        """Return the outward speed of middles of slices, negative inwards, as a share of the feed. Shape (n, k, m)."""
         edge, turning = self.cutter.slices, None if self.turning is None else self.turning[rows]
         middle = np.column_stack([edge.radius, edge.low + 0.5 * edge.rise])
         return surface_speed(edge.normal, middle, self.travel[rows], angle, turning)
 
     def lower_speeds(self, angle: Array, rows: NDArray[np.int_] | slice) -> tuple[Array, Array]:
-        """Return how fast both ends of each slice of the lower surface move outwards. Shapes (n, c, m)."""
+        """Return the outward speeds of both ends of each slice of the lower surface. Shapes (n, c, m)."""
         cutter, turning = self.cutter, None if self.turning is None else self.turning[rows]
         knots = cutter.slices.knots[np.append(cutter.lower, False) | np.append(False, cutter.lower)]
         turn = np.arccos(np.clip(1.0 - knots[:, 1] / max(cutter.corner, 1e-12), 0.0, 1.0))
@@ -178,11 +178,11 @@ class Engagement:
         return speed[:, :-1], speed[:, 1:]
 
     def engaged_speed(self, angle: Array, rows: NDArray[np.int_] | slice) -> tuple[Array, Array]:
-        """Return how fast the engaged part of each slice moves outwards, and how that changes across a bin.
+        """Return the outward speed of the engaged part of each slice, and its change across a bin.
 
-        The angles are those of the bins; the change is computed for the lower surface of a mill. A slice that is
-        engaged in part is so from where it begins to move outwards, or from its end beside the neighbour that is
-        engaged more. Shapes (n, k, m).
+        The angles are those of the bins; the change is computed for the lower surface of a mill. The engaged part of a
+        partly engaged slice begins where the slice begins to move outwards, or at the end next to the neighbour with
+        the larger engaged share. Shapes (n, k, m).
         """
         speed = np.maximum(self.speed(angle, rows), 0.0)
         step = np.ones(speed.shape)
@@ -199,7 +199,7 @@ class Engagement:
         middle = np.where(from_end, end - 0.5 * share, np.where(from_begin, begin + 0.5 * share, 0.5 * (begin + end)))
         speed[:, lower] = np.maximum(low + (high - low) * np.clip(middle, begin, end), 0.0)
         around_axis = 0.25 * (np.roll(low + high, -1, axis=2) - np.roll(low + high, 1, axis=2))
-        crosses = low < -1e-9  # the speed is zero in the slice or the next one below it
+        crosses = low < -1e-9  # the speed is zero in the slice or in the next lower one
         crosses[:, 1:] |= crosses[:, :-1].copy()
         step[:, lower] = np.where(crosses, np.abs(high - low), 0.0) + np.abs(around_axis)
         return speed, step
@@ -207,7 +207,7 @@ class Engagement:
     def bend(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
         """Return the curvature of a corner's surface along the travel, times its share along the surface squared.
 
-        Of the side, where it is beside the feed as a tooth is beside the radius, it is left out. Shape (n, k, m). [1/m]
+        Neglected for the side: its relative effect there is feed a tooth over radius. Shape (n, k, m). [1/m]
         """
         edge, travel = self.cutter.slices, self.travel[rows]
         bent = np.zeros((len(travel), len(edge), len(angle)))
@@ -244,7 +244,7 @@ class Engagement:
 
     @cached_property
     def section(self) -> Array:
-        """Area that the move sweeps through material: volume removed a length of path. Shape (n,). [m^2]"""
+        """Area swept through material: removed volume per length of path. Shape (n,). [m^2]"""
         edge = self.cutter.slices
         turn, area = 2.0 * np.pi / self.depth.shape[2], edge.radius * edge.length
         parts = [np.zeros(0)]
@@ -279,13 +279,13 @@ class Engagement:
         return arc
 
     def _sides(self) -> tuple[Array, Array]:
-        """Return how far the engaged surface reaches to the left and to the right. Shapes (n,). [m]"""
+        """Return the reach of the engaged surface to the left and to the right. Shapes (n,). [m]"""
         half = np.pi / self.depth.shape[2]
         knots = self.cutter.slices.knots[:, 0]
         knots, here = self.cutter.slices.knots[:, 0], self.depth
         whole = here.max(axis=2, keepdims=True)
         radius = knots[:-1, None] + whole * np.diff(knots)[:, None]
-        # a bin that is engaged in part is so beside its engaged neighbour
+        # the engaged part of a partly engaged bin is next to its engaged neighbour
         gap = 2.0 * half * (1.0 - here / np.maximum(whole, 1e-30))
         before, after = np.roll(here, 1, axis=2), np.roll(here, -1, axis=2)
         start = np.sin(self.angles - half + np.where(after > before, gap, 0.0))
@@ -301,9 +301,9 @@ def middle_angles(count: int) -> Array:
 
 
 def surface_speed(normal: Array, place: Array, travel: Array, angle: Array, turning: Array | None) -> Array:
-    """Return how fast points of the surface move outwards, as a share of the feed. Shape (n, k, m).
+    """Return the outward speed of points of the surface, as a share of the feed. Shape (n, k, m).
 
-    An axis z that turns by w a length of travel carries what stands at rho u + h z along by h w - rho (w u) z.
+    An axis z that rotates by w per length of travel moves a point at rho u + h z by h w - rho (w u) z.
 
     Args:
         normal: Outward normal: away from the axis, along it. Shape (k, 2).
@@ -322,6 +322,6 @@ def surface_speed(normal: Array, place: Array, travel: Array, angle: Array, turn
 
 
 def outward_span(low: Array, high: Array) -> tuple[Array, Array]:
-    """Return between which shares of its length a slice moves outwards, from the speeds of its ends."""
+    """Return the range of shares along a slice in which it moves outwards, from the speeds of its ends."""
     zero = np.clip(low / np.where(low == high, 1.0, low - high), 0.0, 1.0)
     return np.where(low > 0.0, 0.0, np.where(high > 0.0, zero, 0.0)), np.where(high > 0.0, 1.0, zero * (low > 0.0))

@@ -1,8 +1,8 @@
-"""Find where a cutter meets its stock: its surface is held against what was left before the move.
+"""Search for the engagement of a cutter: its surface is compared with the stock that remained before the move.
 
-A flat end mill whose axis stands is asked how high the material reaches at each angle. Every other cutter, and every
-axis that turns, is asked at points of its edge whether they stand in material; where the answer changes between two
-points the place is sought.
+For a flat end mill with a fixed axis, the height of the material is evaluated at each angle. For other cutters, or a
+changing axis, points of the edge are tested for material; a bisection locates the end of the material between two
+points with different results.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from compplan.process.engagement import Cutter, Engagement, middle_angles, outwa
 from compplan.process.stock import UPRIGHT, StockColumns
 from compplan.toolpath.contact import last_set
 
-#: Angles round the axis, a multiple of 4. The force of a bin acts at its middle, so that one at the end of an arc, half
-#: engaged, turns by a quarter of a bin, 1.9 degrees: 3 % of a bin's force.
+#: Angles round the axis, a multiple of 4. The force of a bin acts at its middle; the force of a half engaged bin at the
+#: end of an arc is therefore rotated by a quarter of a bin, 1.9 degrees: an error of 3 % of a bin's force.
 ANGLES = 48
-#: Moves that are computed together, of flat cutters and of others.
+#: Moves that are computed together, for flat cutters and for others.
 CHUNK, EDGE_CHUNK = 16, 48
-#: Halvings that find the end of an arc, of flat cutters and of others.
+#: Bisection steps for the end of an arc, for flat cutters and for others.
 BISECTIONS, ARC_HALVINGS = 9, 5
-#: Greatest error of where the engaged part of a slice ends, in radii; its halvings follow from the longest slice.
+#: Greatest error of the end of a slice's engaged part, in radii; determines the bisection steps for the longest slice.
 END_ERROR = 2e-3
-#: Angles within a bin of a lower surface that is engaged in part.
+#: Angles within a partly engaged bin of a lower surface.
 STRIPS = 2
-#: A bin that is engaged by less than this share of its neighbour's stands beyond the end of an arc: a film that a tool
-#: takes off a floor is no part of the cut at a wall.
+#: Ratio of engaged shares of neighbouring bins below which the smaller one is beyond the end of an arc: a film removed
+#: from a floor is not part of the cut at a wall.
 THIN = 0.25
-#: Cosine of the angle between moves from which on they lie on one straight line.
+#: Cosine of the angle between moves above which they are on one straight line.
 STRAIGHT = 1.0 - 1e-12
-#: Moves since which the path turned by less than this cannot have cut what stands ahead of the cutter. [rad]
+#: Total change of direction below which earlier moves cannot have cut material ahead of the cutter. [rad]
 SAME_WAY = float(np.radians(15.0))
-#: Outward speed as a share of the feed below which the surface only slides. A tool's own floor is none of it.
+#: Outward speed, as a share of the feed, below which the surface only slides, as on the floor that the tool cuts.
 SLIDES = 1e-6
-#: Slices of a side that is looked at by points, in radii, and how many at most.
+#: Length of side slices for tests by points, in radii, and their greatest number.
 SIDE_SLICE, MOST_SIDE_SLICES = 0.25, 24
 
 #: Bins (waypoint, slice, angle), and their engaged shares.
@@ -51,14 +51,14 @@ Shares = NDArray[np.float32]
 def find_engagement(
     cutter: Cutter, position: Array, cutting: NDArray[np.bool_], stock: StockColumns, axis: Array | None = None
 ) -> Engagement:
-    """Find the engagement at every waypoint of a path that cuts its way through stock; rapid moves meet nothing.
+    """Compute the engagement at every waypoint of a path through stock; zero in rapid moves.
 
     Args:
         cutter: The cutter.
-        position: Tips; the third axis of the frame is that of the stock's columns. Shape (n, 3). [m]
+        position: Tips, in a frame whose third axis is along the stock's columns. Shape (n, 3). [m]
         cutting: Whether the move that ends here removes material (rapid moves do not). Shape (n,).
         stock: The stock before the first move, same frame.
-        axis: Tool axis, tip to spindle; the frame's third where left out. Shape (n, 3).
+        axis: Tool axis, tip to spindle; left out: the third axis of the frame. Shape (n, 3).
     """
     n = len(position)
     axis = None if axis is None or np.abs(axis[:, :2]).max() < UPRIGHT else axis
@@ -87,11 +87,11 @@ def find_engagement(
 
 
 def _list_steps(position: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the move that ends at each waypoint, that before it where the tool rests, and whether it moves."""
+    """Return the move that ends at each waypoint (at rest, the move before), and whether the tool moves."""
     step = np.diff(position, axis=0, prepend=position[:1])
     step[0] = step[1] if len(position) > 1 else [1.0, 0.0, 0.0]
     moves = np.linalg.norm(step, axis=1) > 0.0
-    return step[last_set(moves)], moves  # a tool that rests is engaged as it came
+    return step[last_set(moves)], moves  # at rest the engagement of the last move remains
 
 
 def _frame_path(step: Array, axis: Array | None) -> tuple[Array, Array]:
@@ -112,7 +112,7 @@ def _frame_path(step: Array, axis: Array | None) -> tuple[Array, Array]:
 
 
 def _turn_axis(step: Array, axis: Array, frame: Array, cutter: Cutter) -> Array:
-    """Return how the axis turns a length of travel, along it and to its left; at most once a radius. Shape (n, 2)."""
+    """Return the axis rotation per travel, along it and to its left; at most 1 / radius. Shape (n, 2). [rad/m]"""
     turn = np.diff(axis, axis=0, prepend=axis[:1]) / np.maximum(np.linalg.norm(step, axis=1), 1e-12)[:, None]
     turn *= np.minimum(1.0 / np.maximum(cutter.radius * np.linalg.norm(turn, axis=1), 1e-12), 1.0)[:, None]
     return np.einsum("ni,nij->nj", turn, frame[:, :, :2])
@@ -121,7 +121,7 @@ def _turn_axis(step: Array, axis: Array, frame: Array, cutter: Cutter) -> Array:
 def _cut_side(
     cutter: Cutter, position: Array, cutting: NDArray[np.bool_], stock: StockColumns, axis: Array | None
 ) -> Cutter:
-    """Return the cutter with its side divided, up to where the stock ends."""
+    """Return the cutter with its side divided into slices, up to the top of the stock."""
     room = stock.box[1, 2] - position[cutting, 2]
     if axis is not None:
         rise = np.clip(axis[cutting, 2], 0.05, 1.0)
@@ -133,7 +133,7 @@ def _cut_side(
 
 @dataclass(frozen=True)
 class _EdgeSolver:
-    """Compares the edge of a cutter with what earlier moves left of the stock."""
+    """Comparison of the edge of a cutter with the stock that earlier moves left."""
 
     found: Engagement
     surface: CutSurface
@@ -148,11 +148,11 @@ class _EdgeSolver:
         return self.found.cutter
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_]) -> None:
-        """Write the engaged shares of some waypoints, the moves of the same chunk taken in their order."""
+        """Compute the engaged shares of some waypoints; moves of the same chunk count in their order."""
         raise NotImplementedError
 
     def _in_stock(self, point: Array) -> NDArray[np.bool_]:
-        """Tell which points stand in the stock as it was before the first move. Shape (s,)."""
+        """Return which points are inside the stock before the first move. Shape (s,)."""
         solid = point[:, 2] < self.stock.box[1, 2]
         bottom, top = self.stock.interval(point[solid, :2])
         solid[solid] = (point[solid, 2] < top - NOTHING) & (point[solid, 2] >= bottom)
@@ -161,8 +161,8 @@ class _EdgeSolver:
     def _list_before(
         self, row: NDArray[np.int_], moves: NDArray[np.int_], live: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """List pairs of a sample and a move of the chunk that came before it."""
-        if not len(row) or self.run_from[row[-1]] <= moves[0]:  # runs begin in order, as rows do
+        """List pairs of a sample and an earlier move of the chunk."""
+        if not len(row) or self.run_from[row[-1]] <= moves[0]:  # runs begin in order, like rows
             return row[:0], moves[:0]
         before = np.searchsorted(moves, self.run_from[row], side="left") * live
         sample = np.repeat(np.arange(len(row)), before)
@@ -170,10 +170,10 @@ class _EdgeSolver:
 
 
 class _FlatEdge(_EdgeSolver):
-    """By how high the material reaches at each angle, for a flat cutter whose axis stands."""
+    """Engagement from the height of the material at each angle, for a flat cutter with a fixed axis."""
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_]) -> None:
-        """Write the engaged shares of some waypoints, see `_EdgeSolver`."""
+        """Compute the engaged shares of some waypoints, see `_EdgeSolver`."""
         angles = middle_angles(ANGLES)
         out = self.found.speed(angles, rows) > SLIDES
         n, k, m = np.nonzero(out)
@@ -214,7 +214,7 @@ class _FlatEdge(_EdgeSolver):
     def _cut_in_chunk(
         self, row: NDArray[np.int_], place: Array, low: Array, top: Array, moves: NDArray[np.int_]
     ) -> None:
-        """Lower the tops by moves of the chunk that came before; those on the same straight line lie behind."""
+        """Lower the tops by earlier moves of the chunk, except those on the same straight line, which are behind."""
         if not len(moves):
             return
         sample, move = self._list_before(row, moves, top - NOTHING > low)
@@ -224,26 +224,26 @@ class _FlatEdge(_EdgeSolver):
 
 
 class _PointEdge(_EdgeSolver):
-    """By points of the edge, for every other cutter and for axes that turn."""
+    """Engagement from points of the edge, for all other cutters and for changing axes."""
 
     def _count_halvings(self, k: NDArray[np.int_]) -> int:
-        """Return after how many halvings the end of what is engaged of slices is known to `END_ERROR`."""
+        """Return the number of bisection steps that locates the end of a slice's engaged part to `END_ERROR`."""
         longest = float(self.cutter.slices.length[k].max(initial=0.0)) / self.cutter.radius
         return int(np.ceil(np.log2(max(longest / END_ERROR, 4.0)))) - 1
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_]) -> None:
-        """Write the engaged shares of some waypoints, see `_EdgeSolver`."""
+        """Compute the engaged shares of some waypoints, see `_EdgeSolver`."""
         angles = middle_angles(ANGLES)
         out = self.found.speed(angles, rows) > SLIDES
         lower = self.cutter.lower
-        if lower.any():  # a slice moves outwards where one of its ends does
+        if lower.any():  # a slice moves outwards if one of its ends does
             speeds = self.found.lower_speeds(angles, rows)
             out[:, lower] = np.maximum(*speeds) > SLIDES
         asked = np.zeros((len(rows), out.shape[1] + 1, len(angles)), dtype=bool)
         asked[:, :-1] |= out
         asked[:, 1:] |= out
         place = self._place_knots(rows, angles)
-        asked &= place[..., 2] < self.stock.box[1, 2]  # what stands above the stock is not asked for
+        asked &= place[..., 2] < self.stock.box[1, 2]  # points above the stock are not tested
         n, j, m = np.nonzero(asked)
         asked[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
         low, high = asked[:, :-1] & out, asked[:, 1:] & out
@@ -263,7 +263,7 @@ class _PointEdge(_EdgeSolver):
             middle = np.where(from_low[place], 0.5 * (more + less), 1.0 - 0.5 * (more + less))
             return self._solid(rows[n], k, middle, angle, moves)
 
-        # where the boundary runs obliquely the bins' middles stand for it
+        # where the boundary is oblique, the middles of the bins are sufficient
         _end_arcs(found, out & straight, reaches, ARC_HALVINGS, upright | (found == 1.0))
         if lower.any():
             whole = low & high
@@ -275,10 +275,10 @@ class _PointEdge(_EdgeSolver):
         self, found: NDArray[np.float32], where: tuple[NDArray[np.int_], NDArray[np.int_], Array],
         whole: NDArray[np.bool_], some: NDArray[np.bool_],
     ) -> None:  # fmt: skip
-        """Write the shares of bins of the lower surface that are engaged in part, the mean of `STRIPS` angles in each.
+        """Compute the shares of partly engaged bins of the lower surface, as the mean of `STRIPS` angles in each.
 
-        Both ends of a strip are sought: where it begins to move outwards, and where material ends. What is left as an
-        error is the curvature of these ends within a strip.
+        Both ends of a strip are located: where it begins to move outwards, and where the material ends. The remaining
+        error is due to the curvature of these ends within a strip.
         """
         rows, moves, angles = where
         nearby = (some | np.roll(some, 1, axis=2) | np.roll(some, -1, axis=2)) & self.cutter.lower[:, None]
@@ -306,26 +306,26 @@ class _PointEdge(_EdgeSolver):
         self, row: NDArray[np.int_], k: NDArray[np.int_], angle: Array, line: tuple[Array, Array],
         moves: NDArray[np.int_], share: Array,
     ) -> NDArray[np.bool_]:  # fmt: skip
-        """Tell which points of slices stand in material, a share of a line of the slice from where it begins."""
+        """Return which points of slices are in material, at shares of a line (start, extent) on the slice."""
         return self._solid(row, k, line[0] + share * line[1], angle, moves)
 
     def _solid(
         self, row: NDArray[np.int_], k: NDArray[np.int_], share: Array, angle: Array, moves: NDArray[np.int_]
     ) -> NDArray[np.bool_]:
-        """Tell which points of the edge stand in material. Shape (s,)."""
+        """Return which points of the edge are in material. Shape (s,)."""
         rho, height = self.cutter.edge_point(k, share)
         local = np.stack([rho * np.cos(angle), rho * np.sin(angle), height], axis=1)
         return self._uncut(self.position[row] + np.einsum("sij,sj->si", self.frame[row], local), row, moves)
 
     def _place_knots(self, rows: NDArray[np.int_], angles: Array) -> Array:
-        """Return where the ends of the slices stand at angles. Shape (r, k + 1, m, 3). [m]"""
+        """Return the positions of the ends of the slices at angles. Shape (r, k + 1, m, 3). [m]"""
         rho, height = self.cutter.slices.knots.T[:, :, None]
         ring = np.stack([rho * np.cos(angles), rho * np.sin(angles), np.broadcast_to(height, (len(rho), len(angles)))])
         place = self.frame[rows] @ ring.reshape(3, -1) + self.position[rows][:, :, None]
         return np.moveaxis(place, 1, -1).reshape(len(rows), *ring.shape[1:], 3)
 
     def _uncut(self, point: Array, row: NDArray[np.int_], moves: NDArray[np.int_]) -> NDArray[np.bool_]:
-        """Tell which points stand in what moves before those of rows left of the stock. Shape (s,)."""
+        """Return which points are in the stock that moves before those of rows left. Shape (s,)."""
         solid = self._in_stock(point)
         solid[solid] = self.surface.uncut(point[solid], self.run_from[row[solid]])
         if len(moves):
@@ -340,9 +340,9 @@ def _end_arcs(
     reaches: Callable[[Bins, Shares, Shares, Array], NDArray[np.bool_]], halvings: int,
     where: NDArray[np.bool_] | None = None,
 ) -> None:  # fmt: skip
-    """Seek the ends of arcs: between a bin and one that could be engaged but is less than `THIN` so lies a step.
+    """Locate the ends of arcs: steps to a neighbour that moves outwards, but is engaged less than `THIN` of the bin.
 
-    `reaches` tells from bins, shares of the one and of the other, and angles, which are still engaged.
+    `reaches` returns from bins, shares of both, and angles, which angles are still engaged.
     """
     steady, angles, turn = found.copy(), middle_angles(ANGLES), 2.0 * np.pi / ANGLES
     for way in (1, -1):
@@ -364,7 +364,7 @@ def _turn_on(
 
 
 def _halve(hit: Callable[[Array], NDArray[np.bool_]], count: int, times: int) -> Array:
-    """Return where between 0, a hit, and 1, none, the answers change. Shape (count,)."""
+    """Locate by bisection the change from a hit, at 0, to none, at 1. Shape (count,)."""
     low, high = np.zeros(count), np.ones(count)
     for _ in range(times if count else 0):
         middle = 0.5 * (low + high)
@@ -374,7 +374,7 @@ def _halve(hit: Callable[[Array], NDArray[np.bool_]], count: int, times: int) ->
 
 
 def _find_runs(step: Array, axis: Array | None) -> NDArray[np.int_]:
-    """Return the first of the moves up to each since which neither travel nor axis turned far. Shape (n,)."""
+    """Return for each move the first one since which neither travel nor axis turned far. Shape (n,)."""
     turned = np.zeros(len(step))
     for way in (step, axis):
         if way is not None:
@@ -385,7 +385,7 @@ def _find_runs(step: Array, axis: Array | None) -> NDArray[np.int_]:
 
 
 def _straight_from(step: Array, size: Array) -> NDArray[np.int_]:
-    """Return the first move of the straight line that each move goes on with. Shape (n,)."""
+    """Return the first move of the straight line that each move continues. Shape (n,)."""
     unit = step / np.maximum(size, 1e-300)[:, None]
     turns = np.ones(len(step), dtype=bool)
     turns[1:] = np.einsum("ni,ni->n", unit[1:], unit[:-1]) < STRAIGHT

@@ -1,11 +1,11 @@
-"""A measured force log beside the prediction: which coefficients fit it, with intervals.
+"""Fit of force coefficients to a measured force log, with intervals.
 
 The mean wrench of a cutter is linear in its coefficients; for every other model one factor for each path axis is
-fitted. A log has faults of its own, which are fitted with them: an offset and a drift of each channel (rows in the air
-are their tare) and one lag, the length by which the log runs behind the path. The lag is searched for over
-`MOST_LAG`, the rest is linear. Channels are weighed by what is left of each. Errors along a path hang together: the
-95 % intervals come from leaving out blocks of the path in turn (jackknife, the lag as a derivative), not from the
-scatter of single rows, and the same blocks say what the fit explains of rows that it has not seen.
+fitted. Errors of the log are fitted as well: an offset and a drift of each channel (rows in the air determine them)
+and one lag, the length by which the log is behind the path. The lag is found by search up to `MOST_LAG`, the rest is
+linear. Channels are weighted by their residuals. Errors along a path are correlated. The 95 % intervals are therefore
+from a jackknife over blocks of the path (with the lag as a derivative), not from the scatter of single rows. The same
+blocks give the share of variance that the fit explains of left-out rows.
 """
 
 from __future__ import annotations
@@ -26,32 +26,32 @@ from compplan.process.materials import Coefficients
 from compplan.toolpath.contact import cutting_progress, path_axes
 from compplan.toolpath.toolpath import WRENCH, Toolpath
 
-#: Least share of the cut that a log spans: less is a length in metres that was called mm (assumed).
+#: Least share of the cut in a log; below, its length is assumed to be in metres instead of mm.
 LEAST_SPAN = 0.01
-#: Blocks of the path that are left out in turn, and rows in contact that a fit needs.
+#: Jackknife blocks of the path, and fewest rows in contact for a fit.
 BLOCKS, FEWEST = 40, 80
-#: Student's t of 95 % with BLOCKS - 1 degrees of freedom.
+#: Student's t for 95 % with BLOCKS - 1 degrees of freedom.
 STUDENT = 2.023
-#: Lengths that differ by less are the same waypoint. [m]
+#: Difference of length below which waypoints are the same. [m]
 SAME = 1e-9
-#: A force below this share of the greatest counts as the air. []
+#: Share of the greatest force below which a row counts as in the air. []
 AIR = 0.02
-#: A number that contributes less than this share of the greatest contribution is rounding: a log cannot tell it. []
+#: Share of the greatest contribution below which a number is rounding and cannot be determined from the log. []
 ROUNDING = 1e-9
-#: No prediction errs by more than this factor: beyond, a unit is wrong (assumed). []
+#: Ratio of measured and predicted force beyond which a unit must be wrong (assumed). []
 MOST_RATIO = 100.0
-#: Fitted over predicted force beyond which the log may be of another cut (assumed).
+#: Range of fitted over predicted force; outside, the log may be of another cut (assumed).
 PLAUSIBLE = (0.2, 5.0)
-#: Greatest lag that is searched for, to either side: a length [m], and a share of the cut (assumed).
+#: Greatest lag in the search, to either side: as a length [m], and as a share of the cut (assumed).
 MOST_LAG, LAG_SHARE = 0.02, 0.2
-#: Steps of the search for the lag to either side; rows that it and the fit look at at most, means of what stands near.
+#: Steps of the lag search to either side; greatest number of rows in the search and in the fit (means of neighbours).
 LAGS, LAG_ROWS, MOST_ROWS = 60, 1500, 50_000
-#: Least half of the step of the derivative to the lag [m]; it is half of a row otherwise: a force jumps between rows.
+#: Least half step of the derivative to the lag [m]; otherwise half of a row, because a force jumps between rows.
 LAG_STEP = 1e-5
-#: Least share of the variance of rows left out that a fit explains; below, it does not fit (assumed).
+#: Least explained share of the variance of left-out rows for an acceptable fit (assumed).
 EXPLAINED = 0.3
 NAMES = ("tangential", "radial", "axial")
-#: No tool bears more: beyond, a unit is wrong (assumed). [N]
+#: Force above which a unit must be wrong (assumed). [N]
 MOST_FORCE = 1e6
 
 COLUMNS = (FILE_COLUMNS[0], FileColumn("t", "time"), *FILE_COLUMNS[1:])
@@ -59,18 +59,18 @@ COLUMNS = (FILE_COLUMNS[0], FileColumn("t", "time"), *FILE_COLUMNS[1:])
 
 @dataclass(frozen=True)
 class ForceLog:
-    """A measured log; m rows."""
+    """A measured force log; m rows."""
 
-    place: Array  #: Length cut so far [m], or time cut so far [s]. Shape (m,).
+    place: Array  #: Length cut so far [m], or time of cutting so far [s]. Shape (m,).
     timed: bool  #: Whether `place` is a time.
-    wrench: Array  #: On the tool at its tip, part axes; 3 columns without moments. Shape (m, 3 or 6). [N, N m]
+    wrench: Array  #: Wrench on the tool at its tip, part axes; 3 columns without moments. Shape (m, 3 or 6). [N, N m]
 
 
 def read_force_log(path: Path) -> ForceLog:
     """Read a log: CSV with s_mm or t_s (length or time cut so far), fx_N fy_N fz_N and moments, part axes.
 
     Raises:
-        InputError: If it is not what it has to be.
+        InputError: If the file is not valid.
     """
     table = read_table(path, COLUMNS)
     timed = "t" in table.values
@@ -93,7 +93,7 @@ def read_force_log(path: Path) -> ForceLog:
 
 @dataclass(frozen=True)
 class FittedNumber:
-    """A number that was fitted: value in the job, best value, 95 % interval, unit."""
+    """A fitted number: value in the job, best value, 95 % interval, unit."""
 
     name: str
     in_job: float
@@ -105,22 +105,22 @@ class FittedNumber:
 
 @dataclass(frozen=True)
 class ForceFit:
-    """The comparison with a log."""
+    """Result of the comparison with a log."""
 
-    #: What was fitted: the force's numbers, then lag and the offset and drift of each force.
+    #: Fitted numbers: those of the force, then lag, and offset and drift of each force.
     numbers: tuple[FittedNumber, ...]
-    rms_before: float  #: Of measured minus predicted force. [N]
+    rms_before: float  #: Root mean square of measured minus predicted force. [N]
     rms_after: float  #: The same with the fitted numbers. [N]
     level: float  #: Root mean square of the measured force. [N]
-    rows: int  #: Rows in contact that were used.
-    notes: tuple[str, ...]  #: What a user should know of the fit, one sentence each.
-    #: Of the cutter as a job can hold them, edges not below 0, or None for other models.
+    rows: int  #: Number of rows in contact.
+    notes: tuple[str, ...]  #: Notes on the fit, one sentence each.
+    #: Coefficients of the cutter in the form of a job, edge ones not below 0; None for other models.
     coefficients: Coefficients | None
     ratio: tuple[float, float]  #: Fitted over predicted force along the log, and its standard deviation.
 
     @property
     def doubt(self) -> str:
-        """Say that the log may be of another cut, "" where its level, within two sigma, is plausible."""
+        """Warning that the log may be of another cut, "" if the force ratio is plausible within two sigma."""
         level, wide = self.ratio[0], 2.0 * self.ratio[1]
         if level + wide >= PLAUSIBLE[0] and level - wide <= PLAUSIBLE[1]:
             return ""
@@ -129,17 +129,17 @@ class ForceFit:
 
 @dataclass(frozen=True)
 class _Prediction:
-    """What each of c numbers contributes along the path, at its unit; n waypoints."""
+    """Contribution of each of c numbers along the path, per unit; n waypoints."""
 
     progress: Array  #: Length cut so far. Shape (n,). [m]
-    columns: Array  #: Path axes; forces, then moments. Shape (c, n, 6).
+    columns: Array  #: Contributions in path axes; forces, then moments. Shape (c, n, 6).
     axes: Array  #: Path axes as columns, part frame. Shape (n, 3, 3).
     names: list[str]
     units: list[str]
     in_job: Array
 
     def at(self, s: Array, channels: int) -> Array:
-        """Return the contributions at lengths cut, part axes; none off the cut. Shape (c, m, k)."""
+        """Return the contributions at lengths cut, part axes; zero off the cut. Shape (c, m, k)."""
         near = np.clip(np.searchsorted(self.progress, s - SAME), 1, len(self.progress) - 1)
         span = self.progress[near] - self.progress[near - 1]
         share = np.clip((s - self.progress[near - 1]) / np.maximum(span, SAME), 0.0, 1.0)[:, None]
@@ -150,13 +150,13 @@ class _Prediction:
 
 
 def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> ForceFit:
-    """Compare a log with the prediction along the path in the base frame, and find the numbers that fit it.
+    """Compare a log with the prediction along the path in the base frame, and fit the numbers of the force.
 
     Raises:
-        InputError: If too few rows lie in the cut, or the prediction does not explain the log.
+        InputError: If too few rows are in the cut, or the prediction does not explain the log.
     """
     model = _predict(law, nominal)
-    # forces and moments of a cutter, forces alone of other models
+    # forces and moments for a cutter, only forces for other models
     channels = 3 if law.cutting is None else log.wrench.shape[1]
     s, measured = _pool(_lengths(log, nominal, model.progress), log.wrench[:, :channels], MOST_ROWS)
     columns = model.at(s, channels)
@@ -181,7 +181,7 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
                    f"{'t_s' if log.timed else 's_mm'}")  # fmt: skip
         raise InputError(message, file=file)
     sigma = np.sqrt(np.diag(covariance))
-    # a force that jumps is placed no better than within a row of the log
+    # the position of a jump of force is not known better than a row of the log
     sigma[-1] = np.hypot(sigma[-1], float(np.median(np.diff(s))) / np.sqrt(12.0))
     numbers = _list_numbers(model, known, value, sigma)
     notes = [f"The {model.names[k]} is not determined: the predicted force has no such part in this log."
@@ -197,9 +197,9 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
 
 
 def _compare_levels(columns: Array, wanted: Array, value: Array, covariance: Array) -> tuple[float, float]:
-    """Return the force of values over that of wanted ones, in its direction, and its standard deviation.
+    """Return the ratio of fitted to wanted force, in the direction of the wanted one, and its standard deviation.
 
-    `columns` is what each number contributes to the force at the rows, shape (m, 3, c); they begin with the c wanted.
+    `columns` is the contribution of each number to the force at the rows, shape (m, 3, c), the c wanted ones first.
     """
     own = len(wanted)
     force = columns[:, :, :own] @ wanted
@@ -212,7 +212,7 @@ def _rms(force: Array) -> float:
 
 
 def _predict(law: ForceLaw, nominal: Toolpath) -> _Prediction:
-    """Return what each number of the force contributes along the path."""
+    """Return the contribution of each number of the force along the path."""
     axes = path_axes(nominal)
     if law.cutting is not None:
         process = law.cutting.process
@@ -238,14 +238,14 @@ def _lengths(log: ForceLog, nominal: Toolpath, progress: Array) -> Array:
     step = np.diff(progress) / np.maximum(nominal.feed[1:], 1e-9)
     time = np.concatenate([[0.0], np.cumsum(step)])
     inside = np.interp(log.place, time, progress)
-    # before and after the cut the log goes on at the feed of its ends
+    # before and after the cut at the median feed
     feed = max(float(np.median(nominal.feed[~nominal.rapid])), 1e-9)
     beyond = np.minimum(log.place - time[0], 0.0) + np.maximum(log.place - time[-1], 0.0)
     return np.asarray(inside + feed * beyond)
 
 
 def _pool(s: Array, measured: Array, most: int) -> tuple[Array, Array]:
-    """Return means of rows that follow each other, so that at most `most` are left."""
+    """Return means of consecutive rows, so that at most `most` remain."""
     size = -(-len(s) // most)
     if size < 2:
         return s, measured
@@ -255,10 +255,10 @@ def _pool(s: Array, measured: Array, most: int) -> tuple[Array, Array]:
 
 
 def _find_cut(s: Array, predicted: Array, end: float, file: Path) -> NDArray[np.int_]:
-    """Return the rows that lie in the cut.
+    """Return the rows in the cut.
 
     Raises:
-        InputError: If they are too few.
+        InputError: If there are too few.
     """
     size = np.linalg.norm(predicted[:, :3], axis=1)
     cut = np.flatnonzero(size > AIR * size.max(initial=0.0))
@@ -273,21 +273,21 @@ def _find_cut(s: Array, predicted: Array, end: float, file: Path) -> NDArray[np.
 
 
 def _design(model: _Prediction, s: Array, channels: int, known: NDArray[np.bool_], tare: Array) -> Array:
-    """Return the columns of the linear fit: the numbers', then offset and drift of each channel. Shape (m, k, c)."""
+    """Return the columns of the linear fit: the numbers, then offset and drift of each channel. Shape (m, k, c)."""
     own = np.moveaxis(model.at(s, channels)[known], 0, 2)
     each = np.einsum("mt,kl->mklt", tare, np.eye(channels)).reshape(len(s), channels, 2 * channels)
     return np.concatenate([own, each], axis=2)
 
 
 def _slope(model: _Prediction, s: Array, channels: int, known: NDArray[np.bool_], value: Array) -> Array:
-    """Return how the predicted channels change with a lag. Shape (m, k, 1). [N or N m to a metre]"""
+    """Return the derivative of the predicted channels to the lag. Shape (m, k, 1). [N or N m per metre]"""
     step = max(LAG_STEP, 0.5 * float(np.median(np.diff(s))))
     behind, ahead = (model.at(s + side * step, channels)[known] for side in (-1.0, 1.0))
     return np.asarray(np.einsum("cmk,c->mk", behind - ahead, value[: known.sum()])[:, :, None] / (2.0 * step))
 
 
 def _solve(matrix: Array, target: Array) -> tuple[Array, Array]:
-    """Return the least squares and what it leaves. Shapes (c,), (m, k)."""
+    """Return the least-squares solution and its residuals. Shapes (c,), (m, k)."""
     value = np.linalg.lstsq(matrix.reshape(-1, matrix.shape[2]), target.reshape(-1), rcond=1e-10)[0]
     return np.asarray(value), np.asarray(target - np.einsum("mkc,c->mk", matrix, value))
 
@@ -295,7 +295,7 @@ def _solve(matrix: Array, target: Array) -> tuple[Array, Array]:
 def _find_lag(
     model: _Prediction, s: Array, target: Array, channels: int, scale: Array, tare: Array, most: float
 ) -> float:
-    """Return the lag at which least is left. [m]"""
+    """Return the lag with the least residual. [m]"""
     rows = np.arange(0, len(s), -(-len(s) // LAG_ROWS))
     every, wanted = np.ones(len(model.names), dtype=bool), target[rows]
 
@@ -313,9 +313,9 @@ def _find_lag(
 
 
 def _jackknife(matrix: Array, target: Array, rows: int) -> tuple[Array, float]:
-    """Return the covariance of the numbers from blocks left out, and the share of rows left out that is explained.
+    """Return the jackknife covariance of the numbers, and the explained share of the variance of left-out rows.
 
-    The last column is the derivative to the lag, counted from the lag that was found.
+    The last column is the derivative to the lag, relative to the fitted lag.
     """
     c, block = matrix.shape[2], np.arange(rows) * BLOCKS // rows
     normal = np.stack([np.einsum("mkc,mkd->cd", matrix[block == b], matrix[block == b]) for b in range(BLOCKS)])
@@ -335,7 +335,7 @@ def _jackknife(matrix: Array, target: Array, rows: int) -> tuple[Array, float]:
 
 
 def _list_numbers(model: _Prediction, known: NDArray[np.bool_], value: Array, sigma: Array) -> tuple[FittedNumber, ...]:
-    """Return the numbers with their intervals: the model's, the lag, offsets and drifts of the forces."""
+    """Return the numbers with their intervals: those of the model, the lag, offsets and drifts of the forces."""
     own = int(known.sum())
     kept = np.flatnonzero(known)
     rows = [(model.names[k], float(model.in_job[k]), i, 1.0, model.units[k]) for i, k in enumerate(kept)]
@@ -351,7 +351,7 @@ def _list_numbers(model: _Prediction, known: NDArray[np.bool_], value: Array, si
 
 
 def _describe(numbers: tuple[FittedNumber, ...], own: int, lag: float, most: float) -> list[str]:
-    """Say what is odd about a fit."""
+    """Return notes on an unusual fit."""
     notes = []
     if abs(lag) > 0.98 * most:
         notes.append(f"The log fits best at the end of the lags that were tried, {1e3 * lag:.3g} mm: check s_mm.")
@@ -367,7 +367,7 @@ def _describe(numbers: tuple[FittedNumber, ...], own: int, lag: float, most: flo
 def _as_job_holds(
     law: ForceLaw, known: NDArray[np.bool_], matrix: Array, target: Array, covariance: Array, file: Path
 ) -> Coefficients | None:
-    """Return coefficients as a job can hold them: edges not below 0, and the level's spread along this cut."""
+    """Return coefficients in the form of a job: edge ones not below 0, uncertainty of the level along this cut."""
     if law.cutting is None:
         return None
     own = int(known.sum())
@@ -388,7 +388,7 @@ def _as_job_holds(
 
 
 def _check_level(measured: Array, predicted: Array, file: Path) -> None:
-    """Refuse a log whose forces are of another magnitude than the predicted ones. Shapes (m, 3). [N]"""
+    """Refuse a log with forces of another magnitude than the predicted ones. Shapes (m, 3). [N]"""
     level, wanted = (float(np.sqrt((force**2).sum(axis=1).mean())) for force in (measured, predicted))
     if not wanted / MOST_RATIO <= level <= wanted * MOST_RATIO:
         message = f"force in the cut is {level:.3g} N (rms), {wanted:.3g} N is predicted: check units and s_mm"

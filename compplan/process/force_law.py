@@ -1,4 +1,4 @@
-"""The force law of a job: the wrench on the tool along any division of the toolpath, at any feed that is driven."""
+"""Force law of a job: the wrench on the tool along any division of the toolpath, at any feed."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from compplan.toolpath.contact import (
 )
 from compplan.toolpath.toolpath import Toolpath
 
-#: A CAM program has to move this far above and below z = 0 for that to be taken for the stock's top. [m]
+#: Least range of a CAM program above and below z = 0 for which z = 0 is assumed to be the stock's top. [m]
 STOCK_ROOM = 1e-5
-#: A stock whose top is this near to z = 0 of a CAM program needs no word; an allowance may lie on it. [m]
+#: Distance of the stock's top from z = 0 of a CAM program below which no note is written; an allowance is common. [m]
 ALLOWANCE = 5e-4
 
 if TYPE_CHECKING:
@@ -43,51 +43,51 @@ else:
 
 @dataclass(frozen=True)
 class ForceLaw:
-    """What the process does to the tool, for a plan that divides the path further and changes its feed."""
+    """Wrench of the process on the tool, for a plan that subdivides the path and changes its feed."""
 
     process: Process  #: The model and its parameters.
-    #: Pose of the part frame seen from the base. Shape (4, 4). [m]
+    #: Pose of the part frame in the base frame. Shape (4, 4). [m]
     T_base_part: Array = field(default_factory=lambda: np.eye(4))
-    #: Where x of the TCP points, base axes. Shape (3,).
+    #: Direction of the TCP frame's x, base axes. Shape (3,).
     tool_x: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
-    folder: Path = Path()  #: Folder that a file name of the model is relative to.
+    folder: Path = Path()  #: Folder for relative file names of the model.
     rows_at: Array | None = None  #: Length along the path of each row of the toolpath file. Shape (r,). [m]
-    stock_top: float | None = None  #: Height of the stock's top in the part frame, None where none is known. [m]
-    note: str = ""  #: What a user should know of it.
-    cutting: CuttingForce | None = None  #: The engagement of the path, for cutters that follow from it.
-    learned: LearnedForce | None = None  #: What measured parts said of the force, or None.
+    stock_top: float | None = None  #: Height of the stock's top in the part frame, None if unknown. [m]
+    note: str = ""  #: Note for the user.
+    cutting: CuttingForce | None = None  #: Engagement along the path, for cutters with a force from engagement.
+    learned: LearnedForce | None = None  #: Force correction learned from measured parts, or None.
 
     @property
     def follows_feed(self) -> bool:
-        """Tell whether the force depends on the feed that is driven."""
+        """Whether the force depends on the actual feed."""
         if isinstance(self.process, PathForceTable):
             return self.process.follows_feed
         return isinstance(self.process, CuttingTable)
 
     @property
     def turns_with_travel(self) -> bool:
-        """Tell whether the force turns with the travel, and so jumps at a corner."""
+        """Whether the force turns with the travel, and so jumps at a corner."""
         return turns_with_travel(self.process)
 
     @property
     def sudden(self) -> bool:
-        """Tell whether the force stands at once after a contact."""
+        """Whether the full force acts directly after contact."""
         return not self.always and not getattr(self.process, "ramp_mm", 0.0) > 0.0
 
     @property
     def abrupt(self) -> bool:
-        """Tell whether the force still stands where a cut ends; one that follows the feed goes as the tool rests."""
+        """Whether the force is still acting at the end of a cut; one that depends on the feed vanishes at rest."""
         return not self.always and not self.follows_feed
 
     @property
     def always(self) -> bool:
-        """Tell whether the wrench acts in rapid moves too (a dead weight)."""
+        """Whether the wrench acts in rapid moves too (a dead weight)."""
         return isinstance(self.process, ConstantProcess) and self.process.during_rapid
 
     def predict(self, nominal: Toolpath, feed: Array | None = None) -> Array:
         """Predict the wrench of the environment on the tool at its tip, base axes. Shape (n, 6). [N, N m]
 
-        `feed` is that of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
+        `feed` is that of the move that ends at each waypoint; left out: the programmed feed. Shape (n,). [m/s]
 
         Raises:
             InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
@@ -100,7 +100,7 @@ class ForceLaw:
         return wrench if self.learned is None else self.learned.push(wrench, self.T_base_part[:3, :3])
 
     def _model(self, nominal: Toolpath) -> Array:
-        """Return the wrench of the model, what the stock and measured parts change of it aside. Shape (n, 6)."""
+        """Return the wrench of the model, without the corrections by stock top and measured parts. Shape (n, 6)."""
         process = self.process
         frame: Frame = getattr(process, "frame", "path")
         if isinstance(process, ColumnsProcess):
@@ -132,17 +132,17 @@ class ForceLaw:
         return path_axes(nominal) if frame == "path" else tool_axes(nominal, self.tool_x)
 
     def describe(self, nominal: Toolpath) -> tuple[str, ...]:
-        """Say in a sentence each where the model's numbers come from and what was assumed."""
+        """Return notes on the sources and assumptions of the model, one sentence each."""
         if self.cutting is not None:
             return self.cutting.notes
         return tuple(self.process.describe(nominal)) if isinstance(self.process, PathForceTable) else ()
 
 
 def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> tuple[float | None, str]:
-    """Tell where the stock's top is: as the job states it, or z = 0 of a CAM program that moves above and below it.
+    """Return the height of the stock's top: from the job, or z = 0 of a CAM program that moves above and below it.
 
     Returns:
-        Height in the part frame [m] or None, and a sentence for the user where it was inferred, otherwise "".
+        Height in the part frame [m] or None, and a sentence for the user if it was inferred, otherwise "".
     """
     if not isinstance(process, MillingProcess | CuttingTable) or getattr(process, "stock", None) is not None:
         return None, ""
@@ -154,7 +154,7 @@ def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> t
 
 
 def compare_zero(cutting: CuttingForce, toolpath: Toolpath) -> str:
-    """Say where the top of a given stock is not z = 0 of a CAM program that moves above and below it; "" elsewhere."""
+    """Return a note if a given stock's top is not z = 0 of a CAM program that moves above and below it."""
     if cutting.R_view[2, 2] < 1.0 - 1e-12 or not _crosses_zero(toolpath):
         return ""
     top = float(cutting.stock.box[1, 2])
@@ -172,12 +172,12 @@ def _crosses_zero(toolpath: Toolpath) -> bool:
 
 
 def turns_with_travel(process: Process) -> bool:
-    """Tell whether the force of a process turns with the travel."""
+    """Return whether the force of a process turns with the travel."""
     return not isinstance(process, ColumnsProcess) and getattr(process, "frame", "path") == "path"
 
 
 def _tell_no_force(source: str) -> InputError:
-    """Say that neither the toolpath nor the job tells a force, and what does."""
+    """Build the error for a job and toolpath without a force, with the possible sources of one."""
     table = source.lower().endswith(".csv")
     known = "missing column fx_N" if table else "no force is given along this path"
     message = (
@@ -189,7 +189,7 @@ def _tell_no_force(source: str) -> InputError:
 
 
 def _check_travel(frame: Frame, wrench: Array, nominal: Toolpath) -> None:
-    """Refuse a force along or beside the travel on a path that only plunges: which way that is, nobody knows.
+    """Refuse a force with a part along or across the travel on a path of plunges only, where travel has no direction.
 
     The wrench, shape (n, 6) [N, N m], is in the axes of `frame`.
     """

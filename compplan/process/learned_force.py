@@ -1,7 +1,7 @@
-"""process.toml of a robot folder: what measured parts said of the force of its processes; docs/outputs.md has the keys.
+"""process.toml of a robot folder: process forces learned from measured parts; docs/outputs.md has the keys.
 
-`plan` and the 95 % band of every job of the same model read it. A job whose [process] has other numbers takes the
-level with a further spread. From three parts on the scatter is theirs, weighed against the assumed one.
+`plan` and the 95 % band of every job of the same model use it. For a job with other numbers in [process] the level has
+a larger uncertainty. From three parts on, their scatter is combined with the assumed one.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from compplan.io.tables import Array
 from compplan.io.tomlfile import SchemaOne, StrictTable, Vector3, Words, read_toml_model
 
 FILE, UNCERTAINTY = "process.toml", "uncertainty.toml"
-#: Level from part to part (assumed: stock, edge and lubricant differ by 5 to 10 %), as many parts as it counts for, and
-#: parts from which on their own scatter counts.
+#: Relative scatter of the level between parts (assumed: stock, edge and lubricant differ by 5 to 10 %), its weight in
+#: parts, and number of parts from which on the measured scatter counts.
 SCATTER, WEIGHT, PARTS = 0.07, 4, 3
-#: Further spread of the level where a job's [process] has other numbers (assumed: models err alike for one material).
+#: Additional uncertainty of the level for a job with other numbers in [process] (assumed: similar for one material).
 OTHER = 0.1
-#: Frames in which a force keeps its direction wherever the path goes; "columns" are in that of the part.
+#: Frames in which a force has a fixed direction along the path; "columns" are in that of the part.
 FIXED = ("part", "base")
-#: Keys of [process] that say where it acts, not how hard it pushes.
+#: Keys of [process] for where the force acts, not for its size.
 WHERE = ("model", "ramp_mm", "during_rapid", "required", "stock", "stock_top_mm", "uncertainty", "file")
 
 
-#: Numbers of the level and three turns.
+#: One number for the level and one for each of three rotations.
 Shares = Annotated[tuple[float, float, float, float], Field(strict=False)]
 
 
 class LearnedPartTable(StrictTable):
-    """[[process.part]]: the level of one measured part."""
+    """[[process.part]]: force level of one measured part."""
 
     date: datetime.date
     job: str
@@ -47,7 +47,7 @@ class LearnedPartTable(StrictTable):
 
 
 class EntryTable(StrictTable):
-    """[[process]]: what is known of the force of one process; `numbers` are those of its [process]."""
+    """[[process]]: learned force of one process; `numbers` are those of its [process]."""
 
     model: str
     level: float = Field(gt=0.0, le=100.0)
@@ -56,7 +56,7 @@ class EntryTable(StrictTable):
     turn_sigma_deg: float | None = Field(default=None, ge=0.0, le=180.0)
     scatter: float = Field(default=SCATTER, ge=0.0, le=10.0)
     robot: Annotated[tuple[Shares, ...], Field(strict=False)] = ()  #: See `LearnedForce.robot`.
-    robot_sha256: str = ""  #: Of the uncertainty.toml that `robot` belongs to.
+    robot_sha256: str = ""  #: Hash of the uncertainty.toml that `robot` refers to.
     numbers: dict[str, Any] = Field(default_factory=dict)
     part: Annotated[tuple[LearnedPartTable, ...], Field(strict=False, min_length=1)]
 
@@ -71,18 +71,18 @@ class ProcessFile(StrictTable):
 
 @dataclass(frozen=True, eq=False)
 class LearnedForce:
-    """What measured parts said of the force of a process."""
+    """Force correction of a process, learned from measured parts."""
 
-    level: float  #: Force over the predicted one that the next part is expected to have.
-    level_sigma: float  #: Standard deviation of it, what differs from part to part left out.
+    level: float  #: Expected ratio of true to predicted force for the next part.
+    level_sigma: float  #: Standard deviation of `level`, without the scatter between parts.
     turn: Array  #: Rotation vector from the predicted to the true direction, axes of `axes`. Shape (3,). [rad]
-    turn_sigma: float | None  #: Standard deviation of it per axis, or None where nothing was learned of it. [rad]
-    scatter: float  #: Standard deviation of the level from part to part, relative.
+    turn_sigma: float | None  #: Standard deviation of `turn` per axis, or None if it is not learned. [rad]
+    scatter: float  #: Relative standard deviation of the level between parts.
     parts: tuple[LearnedPartTable, ...]  #: The parts, oldest first.
-    axes: str  #: "base", "part", or "" where the direction goes with the path and is not learned.
-    same: bool = True  #: Whether the parts were cut with the numbers of this [process].
-    #: Covariance of level and turns, in `axes` [rad], with each parameter of the folder's uncertainty.toml: a harder
-    #: push and a softer arm bend alike. Shape (p, 4), or (0, 4) where none is known. [SI]
+    axes: str  #: "base", "part", or "" for a direction relative to path or tool, which is not learned.
+    same: bool = True  #: Whether the parts had the numbers of this [process].
+    #: Covariance of level and rotations, in `axes` [rad], with each parameter of the folder's uncertainty.toml: larger
+    #: force and softer arm have similar effects. Shape (p, 4), or (0, 4) if unknown. [SI]
     robot: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @property
@@ -92,12 +92,12 @@ class LearnedForce:
 
     @property
     def common(self) -> float:
-        """The same without what differs from part to part."""
+        """The same without the scatter between parts."""
         return float(np.hypot(self.level_sigma / self.level, 0.0 if self.same else OTHER))
 
     @property
     def source(self) -> str:
-        """Say what it rests on."""
+        """Description of the data behind the correction."""
         count, scatter = len(self.parts), f"{self.scatter:.0%} from part to part"
         own = "by their scatter and what is assumed" if count >= PARTS else "assumed"
         other = "" if self.same else f"; another [process] of the same model: {OTHER:.0%} more, assumed"
@@ -105,41 +105,41 @@ class LearnedForce:
 
     @property
     def words(self) -> str:
-        """Say what is planned with."""
+        """Description of the correction in a plan."""
         turned = float(np.degrees(np.linalg.norm(self.turn)))
         turn = f", turned by {turned:.1f} deg" if turned >= 0.05 else ""
         planned = f"{self.level:.3g} times the predicted one{turn}"
         return f"The force is planned {planned}, as parts were measured ({self.source})"
 
     def push(self, wrench: Array, R_base_part: Array) -> Array:
-        """Return the wrench that is planned with. wrench: the predicted one, base axes, shape (n, 6). [N, N m]"""
+        """Return the corrected wrench. wrench: the predicted one, base axes, shape (n, 6). [N, N m]"""
         if not self.turn.any():
             return np.asarray(self.level * wrench)
         turn = Rotation.from_rotvec(R_base_part @ self.turn if self.axes == "part" else self.turn).as_matrix()
         return np.asarray(self.level * (wrench.reshape(-1, 2, 3) @ turn.T).reshape(-1, 6))
 
     def undo(self, wrench: Array, R_base_part: Array) -> Array:
-        """Return the predicted wrench of one that is planned with. Shape (n, 6). [N, N m]"""
+        """Return the predicted wrench from a corrected one. Shape (n, 6). [N, N m]"""
         return replace(self, level=1.0 / self.level, turn=-self.turn).push(wrench, R_base_part)
 
 
 def find_axes(process: Any) -> str:
-    """Tell in which axes a process keeps its direction: "base", "part", or "" where it goes with path or tool."""
+    """Return the axes in which a process has a fixed direction: "base", "part", or "" if relative to path or tool."""
     frame = "part" if process.model == "columns" else getattr(process, "frame", "path")
     return frame if frame in FIXED else ""
 
 
 def list_numbers(process: Any) -> dict[str, Any]:
-    """Return what a [process] says of how hard it pushes, as TOML holds it."""
+    """Return the keys of a [process] that determine the size of its force, as TOML values."""
     table: dict[str, Any] = process.model_dump(mode="json", exclude_none=True)
     return {key: value for key, value in table.items() if key not in WHERE}
 
 
 def read_learned_force(folder: Path | None, process: Any) -> LearnedForce | None:
-    """Read what parts said of the force of a [process] from a robot folder; None where no part of it was measured.
+    """Read the learned force of a [process] from a robot folder; None if no part of it was measured.
 
     Raises:
-        InputError: With file and key, if process.toml is not what it has to be.
+        InputError: With file and key, if process.toml is not valid.
     """
     if folder is None or not (folder / FILE).is_file():
         return None
@@ -166,10 +166,10 @@ def _hash_uncertainty(folder: Path) -> str:
 
 
 def add_part(force: LearnedForce, part: LearnedPartTable) -> LearnedForce:
-    """Add a measured part; its scatter counts from then on.
+    """Add a measured part and update the scatter.
 
-    The level of `force` is that after this part. The scatter is the assumed one as if seen at `WEIGHT` parts, with
-    those that there are: s^2 = (WEIGHT a^2 + sum (l_i - mean)^2) / (WEIGHT + n - 1).
+    The level of `force` already includes this part. The scatter combines the assumed one, with the weight of `WEIGHT`
+    parts, with that of the measured parts: s^2 = (WEIGHT a^2 + sum (l_i - mean)^2) / (WEIGHT + n - 1).
     """
     force = replace(force, parts=(*force.parts, part))
     level = np.array([one.level for one in force.parts])
@@ -181,9 +181,9 @@ def add_part(force: LearnedForce, part: LearnedPartTable) -> LearnedForce:
 
 
 def write_learned_force(force: LearnedForce, process: Any, folder: Path, source: Path | None) -> None:
-    """Write process.toml into a robot folder: this process as it is known now, others as `source` holds them.
+    """Write process.toml into a robot folder: the updated entry of this process, and other entries from `source`.
 
-    The folder's uncertainty.toml is the one that `force` goes with.
+    `force` refers to the uncertainty.toml of the same folder.
     """
     numbers = list_numbers(process)
     file = None if source is None else source / FILE

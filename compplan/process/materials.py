@@ -22,17 +22,17 @@ Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
 
 @dataclass(frozen=True)
 class Coefficients:
-    """What a material resists a cutting edge with."""
+    """Cutting coefficients of a material."""
 
     cutting: tuple[float, float, float]  #: Tangential, radial, axial. [N/mm^2]
     edge: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: The same, per width. [N/mm]
     exponent: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Kienzle's exponent m of each. []
     #: Relative standard deviation of the cutting coefficients that Monte Carlo draws from. []
     uncertainty: float = 0.15
-    #: Chip thickness that they were measured at, or is usual for them. [mm]
+    #: Range of chip thickness of the measurement, or the usual one. [mm]
     valid_chip_mm: tuple[float, float] = (0.02, 0.3)
-    source: str = "the job"  #: Where they come from.
-    assumed: bool = False  #: Whether they were not checked against a publication.
+    source: str = "the job"  #: Source of the coefficients.
+    assumed: bool = False  #: Whether they are not verified against a publication.
 
 
 class CoefficientTable(StrictTable):
@@ -57,13 +57,13 @@ class CoefficientTable(StrictTable):
         return self
 
     def coefficients(self) -> Coefficients:
-        """Return them as a material's."""
+        """Return the table as `Coefficients`."""
         return Coefficients(self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty)
 
 
-#: Fields of a material by the keys of its table, where they differ.
+#: Names of `Coefficients` fields by the keys of a table, where they differ.
 KEYS = {"cutting_N_mm2": "cutting", "edge_N_mm": "edge"}
-#: The materials that ship with compplan, by name.
+#: Materials of the package, by name.
 MATERIALS: dict[str, Coefficients] = {}
 for _name, _table in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).items():
     _fields: dict[str, Any] = {KEYS.get(k, k): tuple(v) if isinstance(v, list) else v for k, v in _table.items()}

@@ -1,6 +1,6 @@
-"""The stock that is cut: a block or a closed mesh, seen along one direction as columns from a bottom to a top.
+"""Stock: a block or a closed mesh, represented as columns from a bottom to a top along one direction.
 
-What cutters before took away is missing in it.
+Material removed by earlier cutters is subtracted.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from compplan.process.cut_surface import CutSurface, build_cut_surface, expand_b
 from compplan.process.engagement import Cutter
 from compplan.toolpath.toolpath import Toolpath
 
-#: Cells of the height map of a mesh at most, and columns across its smaller side.
+#: Greatest number of cells of a mesh's height map.
 MESH_CELLS = 4_000_000
-#: Cells of the grid that triangles are brought into at a time.
+#: Grid cells that are rasterised at once.
 CELLS_AT_ONCE = 1_000_000
-#: Stock is not larger than this: a mesh of millimetres that was read in metres is. [m]
+#: Greatest size of stock; larger meshes are in millimetres but were read in metres. [m]
 LARGEST = 20.0
-#: Share of a mesh's volume by which its columns may differ before a note says so.
+#: Relative difference of volume between a mesh and its columns above which a note is written.
 HOLLOW = 0.02
-#: Stock without a known shape reaches this many diameters beyond the path.
+#: Extent of stock of unknown shape beyond the path, in diameters.
 BEYOND = 2.0
-#: Columns of a mesh, to a radius of the cutter.
+#: Columns of a mesh in a radius of the cutter.
 MESH_COLUMNS = 8.0
-#: An axis that leans by no more than this from the view stands. [rad]
+#: Inclination from the columns below which a tool axis counts as upright. [rad]
 UPRIGHT = 1e-6
-#: Cutting moves that are entered at a time.
+#: Cutting moves that are entered at once.
 MOVES_AT_ONCE = 64
 
 Corner = Annotated[tuple[Vector3, Vector3], Field(strict=False)]
 
 
 class StockColumns(Protocol):
-    """Stock seen along a direction: every column is solid from a bottom to a top."""
+    """Stock in a view along a direction: every column is solid from a bottom to a top."""
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns at places across the direction; empty where top < bottom.
@@ -59,7 +59,7 @@ class StockColumns(Protocol):
 
 @dataclass(frozen=True)
 class Block:
-    """A box; its half spaces n x <= c are those of the frame that it is seen in."""
+    """A box; its half spaces n x <= c are in the frame of the view."""
 
     normal: Array  #: Shape (6, 3).
     offset: Array  #: Shape (6,). [m]
@@ -85,12 +85,12 @@ class Block:
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Columns of a mesh on a grid: between four neighbours heights go over linearly."""
+    """Columns of a mesh on a grid, with bilinear interpolation between four neighbours."""
 
-    origin: Array  #: Place of the first cell's centre. Shape (2,). [m]
+    origin: Array  #: Position of the first cell's centre. Shape (2,). [m]
     cell: float  #: Distance of columns. [m]
-    low: Array  #: Bottom of each column, +inf where there is none. Shape (a, b). [m]
-    high: Array  #: Top of each column, -inf where there is none. Shape (a, b). [m]
+    low: Array  #: Bottom of each column, +inf for an empty one. Shape (a, b). [m]
+    high: Array  #: Top of each column, -inf for an empty one. Shape (a, b). [m]
     box: Array  #: See `StockColumns`. Shape (2, 3). [m]
 
     def interval(self, place: Array) -> tuple[Array, Array]:
@@ -115,7 +115,7 @@ class HeightMap:
 
 
 def build_block(low: Array, high: Array, R_view: Array) -> Block:
-    """Return a box of the part frame, from its lowest to its highest corner [m], as it is seen along a direction.
+    """Return a box of the part frame, from its lowest to its highest corner [m], in a view along a direction.
 
     The columns of `R_view` are the axes of the view in the part frame, the direction last.
     """
@@ -140,13 +140,13 @@ def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
     if not mesh.is_watertight:
         once = int((np.bincount(mesh.edges_unique_inverse) != 2).sum())
         raise InputError(f"is an open mesh ({once} edges without a second triangle), it must be closed", file=file)
-    if mesh.volume < 0.0:  # its triangles look inwards
+    if mesh.volume < 0.0:  # its normals point inwards
         mesh.invert()
     return mesh
 
 
 def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, str]:
-    """Return a closed mesh as columns along a direction, and a sentence where it has hollows that they fill.
+    """Return a closed mesh as columns along a direction, and a note if they fill hollows of the mesh.
 
     `R_view` as in `build_block`; `cell` is the wanted distance of columns. [m]
     """
@@ -176,10 +176,10 @@ def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, 
 
 
 def _raster(at: Array, z: Array, first: NDArray[np.int_], after: NDArray[np.int_], tops: Array, bottoms: Array) -> None:
-    """Bring triangles into a height map: each column takes the highest and the lowest crossing.
+    """Rasterise triangles into a height map: each column gets its highest and its lowest crossing.
 
     Corners `at` are in cells of the grid, shape (m, 3, 2), their heights in `z`, shape (m, 3) [m]. Each triangle is
-    looked at from its first cell to the one after the last, shape (m, 2). `tops` and `bottoms` are changed in place.
+    evaluated from its first cell to the one after the last, shape (m, 2). `tops` and `bottoms` are changed in place.
     """
     item, place = expand_boxes(first, after)
     if not len(item):
@@ -202,7 +202,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 class StockTable(StrictTable):
-    """[process.stock]: what is cut, part frame: `block_mm` (two corners), or `mesh`, a closed STL, PLY or OBJ file."""
+    """[process.stock]: stock in the part frame: `block_mm` (two corners), or `mesh`, a closed STL, PLY or OBJ file."""
 
     block_mm: Corner | None = None
     mesh: str | None = None
@@ -222,7 +222,7 @@ class StockTable(StrictTable):
 
 @dataclass(frozen=True)
 class Cut:
-    """A cutter that goes through stock; n waypoints, in the frame that the stock is seen in."""
+    """Path of a cutter through stock; n waypoints, in the frame of the view."""
 
     cutter: Cutter  #: The cutter.
     position: Array  #: Tips. Shape (n, 3). [m]
@@ -232,10 +232,10 @@ class Cut:
 
 @dataclass(frozen=True)
 class CutStock:
-    """Stock less what a cutter took away whose axis stood along the columns."""
+    """Stock minus the cut of a cutter with its axis along the columns."""
 
-    before: StockColumns  #: The stock before.
-    surface: CutSurface  #: What the cutter swept.
+    before: StockColumns  #: Stock before the cut.
+    surface: CutSurface  #: Surface left by the cutter.
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
@@ -249,9 +249,9 @@ class CutStock:
 
 
 def take_away(stock: StockColumns, cuts: Sequence[Cut]) -> tuple[StockColumns, list[str]]:
-    """Return what cutters leave of stock, one after the other, and what is assumed of it.
+    """Return the stock after cuts one after the other, and notes on assumptions.
 
-    Cuts whose axis does not stand along the columns are left out.
+    Cuts with an axis that is not along the columns are left out.
     """
     left_out = 0
     for cut in cuts:
@@ -273,7 +273,7 @@ def take_away(stock: StockColumns, cuts: Sequence[Cut]) -> tuple[StockColumns, l
 
 
 def view_along(axis: Array) -> Array:
-    """Return axes whose third is the tool axis; the part's own where that is its z. Shape (3, 3)."""
+    """Return axes with the tool axis as the third; those of the part if the tool axis is its z. Shape (3, 3)."""
     if axis[2] > 1.0 - 1e-12:
         return np.eye(3)
     x = np.cross([0.0, 1.0, 0.0], axis) if abs(axis[1]) < 0.9 else np.cross(axis, [1.0, 0.0, 0.0])
@@ -284,12 +284,12 @@ def view_along(axis: Array) -> Array:
 def read_stock(
     table: StockTable | None, cutter: Cutter, toolpath: Toolpath, top: float | None, R_view: Array, job: Path
 ) -> tuple[StockColumns, list[str]]:
-    """Return the stock as it is seen along the tool axis, and what was assumed of it.
+    """Return the stock in the view along the tool axis, and notes on assumptions.
 
-    `top` is the height of the stock's top where the job gives no stock, part frame [m], `R_view` as in `build_block`.
+    `top` is the height of the stock's top for a job without stock, part frame [m], `R_view` as in `build_block`.
 
     Raises:
-        InputError: If there is neither stock nor its top, or the mesh is not what it has to be.
+        InputError: If there is neither stock nor its top, or the mesh is not valid.
     """
     if table is not None and table.block_mm is not None:
         return build_block(1e-3 * np.array(table.block_mm[0]), 1e-3 * np.array(table.block_mm[1]), R_view), []

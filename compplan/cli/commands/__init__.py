@@ -1,1 +1,1 @@
-"""The commands of the command line, by subject: each is a click command `run_NAME`."""
+"""Commands of the command line, by subject: each is a click command `run_NAME`."""

@@ -1,4 +1,4 @@
-"""From measurements to a better robot or program: `identify`, `diagnose`, `predict`, `campaign`, `learn`."""
+"""Measurement commands for a better robot model or program: `identify`, `diagnose`, `predict`, `campaign`, `learn`."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def run_diagnose(
 
 
 def _test_diagnosis(diagnosis: Diagnosis, seconds: float, work: Work) -> SelfTest:
-    """Run the self-test of a diagnosis that took some seconds, with the time that is left."""
+    """Run the self-test of a diagnosis that took `seconds`, and show the remaining time."""
     from compplan.diagnosis.self_test import PLANTED, run_self_test
 
     def show(done: int, left: float) -> None:

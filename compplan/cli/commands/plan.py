@@ -1,4 +1,4 @@
-"""From a path to what a robot does on it: `plan`, `post`, `place`, `compare`, `forces`."""
+"""Planning commands: `plan`, `post`, `place`, `compare`, `forces`."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ def run_plan(job: Job, folder: Path) -> CommandResult:
         if (find_robot_folder(job.robot, job.folder) / name).is_file():
             note = "parts of this path were measured; only the program of compplan learn uses what they left over"
             note = f"{name} in the robot folder: {note}"
-    except CompplanError:  # a robot that is not found is refused by the plan
+    except CompplanError:  # a missing robot is reported by the plan
         pass
     return carry_out(job, folder, note)
 
 
 def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
-    """Plan a job, a plan for each tool that it calls, and write what came of it; `note` is added to the first."""
+    """Plan a job, one plan for each of its tools, and write the results; `note` is added to the first plan."""
     from compplan.api.verbs import plan_operations
     from compplan.reporting.operations import describe_operations, describe_order, summarise_operations
     from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
@@ -77,7 +77,7 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
 
 
 def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
-    """Return which waypoints and limits stop plans that are not solved; None where all are."""
+    """Return an error with the waypoints and limits of plans that are not solved; None if all are solved."""
     from compplan.reporting.operations import worst_status
 
     failing = [plan for plan in plans if plan.status != "solved"]
@@ -91,7 +91,7 @@ def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
     return InfeasibleError(message, waypoints=waypoints, limits=limits)
 
 
-#: Where the tables and keys of the job that this command makes up come from.
+#: Options of `post` by the tables and keys of its assumed job.
 OPTIONS = {"toolpath": "CAMFILE"} | {
     name: f"--{name}" for name in ("robot", "part", "tool", "tools", "process", "cam", "plan", "output")
 }
@@ -133,7 +133,7 @@ def run_post(
     place = None if part is None else _read_part(part)
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
     written = None if output is None else read_table("output", output)
-    if written is not None:  # the keys that the command line replaces, too
+    if written is not None:  # includes the keys that the command line replaces
         check_table(OutputTable, written, file=output)
     try:
         job = make_post_job(
@@ -146,7 +146,7 @@ def run_post(
 
 
 def _name_option(error: InputError, stands_in: Path) -> InputError:
-    """Return an error about a job that nobody wrote as one about the option that the value came from."""
+    """Return an error about the assumed job as one about the option of the value."""
     if error.file != str(stands_in):
         return error
     table, _, key = str(error.where or "").partition(".")

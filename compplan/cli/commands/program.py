@@ -33,7 +33,7 @@ from compplan.toolpath.readers import READERS, CamFacts, read_cam, refuse_idle
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.toolpath import check_toolpath, resample_toolpath, write_toolpath
 
-#: Endings of a toolpath table.
+#: File extensions of a toolpath table.
 TABLES = (".csv", ".txt", "")
 
 
@@ -85,7 +85,7 @@ def run_convert(
 
 
 def _describe_facts(facts: CamFacts) -> list[str]:
-    """Return the facts about a CAM file as lines for people."""
+    """Return the facts about a CAM file as lines of text."""
     lines = [
         f"{facts.file}: {facts.kind}, {facts.lines} lines, unit {facts.unit}",
         f"cutting moves   {facts.cutting_moves}, {facts.cutting_length_mm:.3f} mm",
@@ -138,7 +138,7 @@ def run_execute(program: Path, robot_name: str, out: Path) -> CommandResult:
     robot_option(), out_folder,
 )  # fmt: skip
 def run_trace(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: str, folder: Path) -> CommandResult:
-    """Hold each LOG of executed joints against its program: write trace.json, robot/ and report.html.
+    """Compare each LOG of executed joints with its program: write trace.json, robot/ and report.html.
 
     Example: compplan trace run1.csv run2.csv --program p1.csv --program p2.csv --robot ur10 --out out
     """

@@ -1,4 +1,4 @@
-"""Begin and look: `init` writes a job, a robot folder or a log, `doctor` looks at one, `view` shows a result."""
+"""Setup and inspection: `init` writes a job, a robot folder or a log, `doctor` checks one, `view` shows a result."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from compplan.toolpath.readers import find_reader, list_suffixes
 if TYPE_CHECKING:
     from compplan.cli.doctor import Remark
 
-#: What is written by the first word: how that is called, and its options; any other first word is the file of a job.
+#: Forms of `init` by the first word: usage, and allowed options; any other first word is the file of a job.
 FORMS = {
     "robot": ("robot URDF", ("tcp", "tool_axis", "controller", "payload", "reach", "mass", "out")),
     "template": ("template LANGUAGE", ("out",)),
@@ -117,7 +117,7 @@ def run_init(words: tuple[str, ...], **options: Any) -> None:
 
 
 def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
-    """Return what is to be written; refuse words that are too few or too many, and options of another form."""
+    """Return the form of `init`; refuse a wrong number of words, and options of another form."""
     form = "schema" if options["schema"] else words[0] if words and words[0] in FORMS else "job"
     usage, own = FORMS[form]
     if form == "schema" and words:
@@ -173,9 +173,9 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
 
 
 def _place_part(text: str, file: Path) -> tuple[dict[str, Any], str]:
-    """Find where the arm of a job's text reaches the path; return the words of the place and what there is to say.
+    """Find a place of the part where the arm reaches the path; return the template words of the place, and a message.
 
-    A toolpath that cannot be read as the text has it leaves the part where it is: it may need what the job says of it.
+    For a toolpath that cannot be read with the settings of the text, the part keeps its default place.
     """
     from compplan.job.job import check_job
     from compplan.job.operations import split_job
@@ -195,7 +195,7 @@ def _place_part(text: str, file: Path) -> tuple[dict[str, Any], str]:
 
 
 def _ease_force(text: str, robot: Robot) -> dict[str, Any]:
-    """Return the words of a force that is half of what the strongest joint holds with the arm stretched out."""
+    """Return the template words of a force that is half of what the strongest joint holds with the arm stretched."""
     process, most = tomllib.loads(text)["process"], float(robot.effort_limits[~robot.prismatic].max(initial=0.0))
     share = 0.5 * most / robot.longest_reach / process["axial_N"]
     if not 0.0 < share < 1.0:
@@ -211,7 +211,7 @@ def _round_down(value: float) -> float:
 
 
 def _check_toolpath(path: Path) -> None:
-    """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
+    """Refuse a file that is not a toolpath; a CAM file is not read, because it may need settings of the job."""
     from compplan.toolpath.readers.lines import read_bounded
 
     if not path.is_file():
@@ -221,7 +221,7 @@ def _check_toolpath(path: Path) -> None:
 
 
 def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> list[str]:
-    """Write a robot folder and say what it holds, what was left out and what is missing."""
+    """Write a robot folder and report its contents, omissions and missing data."""
     payload, reach, mass = (options[name] for name in ("payload", "reach", "mass"))
     if (payload is None) != (reach is None) or (mass is not None and payload is None):
         raise InputError("--payload, --reach and --mass: give payload and reach together, own weight beside them")
@@ -229,7 +229,7 @@ def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> lis
         raise InputError("--payload, --reach and --mass: nan is no number")
     rating, controller = None if payload is None else Rating(payload, reach, mass), options["controller"]
     folder = out or Path(urdf.stem)
-    if not folder.is_dir() or any(folder.iterdir()):  # a run that died may have left it empty
+    if not folder.is_dir() or any(folder.iterdir()):  # an interrupted run may have left it empty
         _refuse_existing(folder)
     made = build_skeleton(urdf, options["tcp"], options["tool_axis"], controller, rating)
     with replace_folder(folder, "init") as new:
@@ -255,7 +255,7 @@ def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> lis
 
 
 def _native_language(robot: Robot) -> str:
-    """Return the language that the robot's own controller speaks, a table where none is known."""
+    """Return the native language of the robot's controller, a table if none is known."""
     spoken = list_languages(load_controller(robot).name)
     return spoken[0] if len(spoken) < len(WRITERS) else "csv"
 
@@ -275,7 +275,7 @@ def _line(key: str, value: str) -> str:
     return tomli_w.dumps({key: value}).rstrip("\n")
 
 
-#: How a state looks on a terminal.
+#: Terminal colours of the states.
 COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow"}
 
 
@@ -306,7 +306,7 @@ def run_doctor(target: str | None, robot_name: str | None) -> CommandResult:
 
 
 def _refuse_others(target: str | None) -> None:
-    """Refuse what another command takes, and name that."""
+    """Refuse the input of another command, with the name of that command."""
     if target is None or Path(target).is_dir():
         return
     suffix = Path(target).suffix.lower()
@@ -321,7 +321,7 @@ def _refuse_others(target: str | None) -> None:
 
 
 def _describe_findings(findings: list[Remark]) -> list[str]:
-    """Return the findings as lines for people."""
+    """Return the findings as lines of text."""
     width = max(len(finding.about) for finding in findings)
     lines = []
     for finding in findings:

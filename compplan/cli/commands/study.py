@@ -1,4 +1,4 @@
-"""What a robot is worth: `montecarlo` on a job, `map` over its workspace, `reproduce` beside a paper."""
+"""Robot studies: `montecarlo` on a job, `map` over the workspace, `reproduce` for comparison with a paper."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def run_montecarlo(
     job: Job, folder: Path, workers: int | None, scheduler: str | None, strategies: str | None, waypoints: int,
     no_sensitivity: bool, discard: bool, **design: Any,
 ) -> CommandResult:  # fmt: skip
-    """Let strategies cut JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
+    """Simulate strategies on JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
 
     Samples are kept in OUT/samples: an interrupted study goes on where it stopped when it is run again.
 
@@ -47,7 +47,7 @@ def run_montecarlo(
     from compplan.studies.workers import Workers, start_server
 
     if scheduler is None and workers != 1:
-        start_server()  # loads beside the imports below
+        start_server()  # loads in parallel with the imports below
     from compplan.io.transaction import lock_folder
     from compplan.reporting.montecarlo import open_study, write_study
     from compplan.reporting.provenance import explain_grade
@@ -71,7 +71,7 @@ def run_montecarlo(
     return CommandResult(study.summary, open_study(study).format(folder, files, [note]))
 
 
-#: Greatest load [N, Nm] and height [mm] that are taken for true.
+#: Greatest valid load [N, Nm] and height [mm].
 MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 
 
@@ -110,7 +110,7 @@ def run_map(
         )
     settings = MapSettings(posture, wrench, height_mm * 1e-3, float(np.radians(azimuth_deg)), points)
     loaded = load_robot(robot)
-    robot_effects(loaded)  # they move no map, but a wrong file is told here too
+    robot_effects(loaded)  # not used in maps, but a wrong file is reported here too
     with show_progress() as progress:
         progress("maps of two planes")
         result = map_robot(loaded, settings)

@@ -1,1 +1,1 @@
-"""What a controller makes of a program: blends, speed along the path, drives that lag; and what a log says of it."""
+"""Execution of a program by a controller: blends, speed along the path, lag of drives; identification from logs."""

@@ -1,4 +1,4 @@
-"""Where along a program each row of a log is, and how far from it."""
+"""Alignment of log rows with a program: position along the path and distance from it."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from numpy.typing import NDArray
 from compplan.controllers.motion.geometry import Path
 from compplan.robot import Array
 
-#: Rows that are found at once, and the way beside the expected one that is looked at. [m]
+#: Rows that are placed at once, and search margin around their expected position. [m]
 BLOCK, MARGIN = 12, 0.012
-#: A block that is farther from the path is lost. [m]
+#: Distance from the path above which a block is lost. [m]
 LOST = 0.02
-#: What a metre away from the expected place counts as distance. [m/m]
+#: Distance penalty per metre from the expected position. [m/m]
 PULL = 0.15
-#: Fewest places along the path at which a log may begin, and longest way between two. [m]
+#: Fewest candidate starts along the path, and greatest distance between two. [m]
 PLACES, SPACING = 4000, 0.005
-#: Rows of a log's head that are held against them, and its way: blends cut corners, so that a longer one drifts. [m]
+#: Rows of a log's head that are compared there, and its length: blends cut corners, so a longer head drifts. [m]
 HELD, HEAD = 160, 0.5
-#: Places that are tried by placing a head's rows: most of them, what they may be worse than the best, and the way
-#: between two. [m]
+#: Candidates that are tried by placing the head's rows: greatest number, allowed excess over the best cost, and least
+#: distance between two. [m]
 MOST_TRIED, WORSE, APART = 300, 0.005, 0.05
-#: Points to either side of a place among which the nearest is taken.
+#: Pieces to either side in the search for the nearest point.
 SIDE = 6
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where rows are along a path."""
+    """Positions of rows along a path."""
 
     s: Array  #: Length along it. Shape (n,). [m]
     point: Array  #: Nearest point of it. Shape (n, 3). [m]
@@ -37,10 +37,10 @@ class Places:
 
 
 def place_rows(path: Path, tip: Array, way: Array) -> Places:
-    """Find every row of a log on the programmed path, in order, a block of rows after another.
+    """Find every row of a log on the programmed path, in order, block by block.
 
-    The way that the tip has gone so far says where to look, so that a path that passes a place twice is told apart.
-    Tips of the rows have shape (n, 3), the way gone up to each (n,). [m]
+    The distance moved by the tip so far limits the search, so that repeated passes of the same place are distinguished.
+    Tips of the rows have shape (n, 3), the distance moved up to each (n,). [m]
     """
     s = _follow_rows(path, tip, way, find_start(path, tip, way))
     index = np.searchsorted(path.s, s)
@@ -49,7 +49,7 @@ def place_rows(path: Path, tip: Array, way: Array) -> Places:
 
 
 def _follow_rows(path: Path, tip: Array, way: Array, here: float) -> Array:
-    """Return the length of the path's point that each row is nearest to, the first near `here`. Shape (n,). [m]."""
+    """Return the path length of the point nearest to each row, the first near `here`. Shape (n,). [m]"""
     s = np.empty(len(tip))
     for first in range(0, len(tip), BLOCK):
         rows = slice(first, first + BLOCK)
@@ -60,16 +60,16 @@ def _follow_rows(path: Path, tip: Array, way: Array, here: float) -> Array:
         points = path.position[low:high]
         cost = ((tip[rows, None] - points) ** 2).sum(axis=2) + (PULL * (path.s[low:high] - expected[:, None])) ** 2
         s[rows] = path.s[low + cost.argmin(axis=1)]
-        if np.sqrt(cost.min(axis=1).min()) > LOST:  # the way since the start leads nowhere near: look all around
+        if np.sqrt(cost.min(axis=1).min()) > LOST:  # the distance moved leads nowhere near: search the complete path
             s[rows] = path.s[((tip[rows, None] - path.position[::4]) ** 2).sum(axis=2).argmin(axis=1) * 4]
         here = float(s[min(first + BLOCK, len(tip)) - 1])
     return s
 
 
 def find_start(path: Path, tip: Array, way: Array) -> float:
-    """Return the length of the path at which a log begins: where the rows of its head are nearest to it. [m].
+    """Return the path length at which a log begins: where the rows of its head are nearest to the path. [m]
 
-    The way gone tells places apart roughly; layers that are nearly alike are told apart by placing the head's rows.
+    The distance moved selects candidates; nearly equal layers are distinguished by placing the head's rows.
     """
     head = slice(0, int(np.searchsorted(way, way[0] + HEAD, "right")))
     rows = np.unique(np.searchsorted(way, np.linspace(way[0], way[head][-1], HELD)).clip(0, len(way) - 1))
@@ -93,16 +93,16 @@ def find_start(path: Path, tip: Array, way: Array) -> float:
 
 
 def _nearest_around(path: Path, tip: Array, start: float) -> float:
-    """Return the length of the path's point nearest to a tip, not far from a start. [m]."""
+    """Return the path length of the point nearest to a tip, close to a start. [m]"""
     low, high = np.searchsorted(path.s, [start - APART, start + APART])
     away = ((path.position[low : high + 1] - tip) ** 2).sum(axis=1)
     return float(path.s[low + (away + (PULL * (path.s[low : high + 1] - start)) ** 2).argmin()])
 
 
 def _hold_rows(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], starts: Array) -> Array:
-    """Return how far rows are from a path that begins at each start, a row's mean. Shape (k,). [m]."""
+    """Return the mean distance of rows from a path that begins at each start. Shape (k,). [m]"""
     cost = np.zeros(len(starts))
-    for row in rows:  # some 160, whatever the length of the log
+    for row in rows:  # about 160, for any length of the log
         place = np.clip(starts + way[row] - way[0], path.s[0], path.s[-1])
         at = np.searchsorted(path.s, place).clip(0, len(path.s) - 1)
         cost += np.minimum(np.linalg.norm(path.position[at] - tip[row], axis=1), 1.0)
@@ -111,10 +111,10 @@ def _hold_rows(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], start
 
 
 def find_nearest(points: Array, index: NDArray[np.int_], tip: Array, side: int) -> tuple[Array, Array]:
-    """Return the nearest point of a polyline to each row, and where that is, counted in points.
+    """Return the nearest point of a polyline to each row, and its position, counted in points.
 
-    `index` is a point of it for every row, `side` how many pieces to either side of it are looked at. Shapes (m, 3),
-    (n,), (n, 3). [m]
+    `index` is a point near each row, `side` the number of pieces to either side in the search. Shapes (m, 3), (n,),
+    (n, 3). [m]
     """
     best = np.full(len(tip), np.inf)
     nearest, share = np.empty_like(tip), np.empty(len(tip))
@@ -131,7 +131,7 @@ def find_nearest(points: Array, index: NDArray[np.int_], tip: Array, side: int) 
 
 
 def measure_way(time: Array, tip: Array, span: float = 0.05) -> Array:
-    """Return the way that a tip has gone, averaged over a time so that noise at rest is no way. Shape (n,). [m]."""
+    """Return the distance moved by a tip, averaged over a time so that noise at rest does not count. Shape (n,). [m]"""
     width = max(1, round(span / float(np.median(np.diff(time)))))
     total = np.cumsum(np.vstack([np.zeros((1, 3)), tip]), axis=0)
     low, high = np.maximum(np.arange(len(tip)) - width, 0), np.minimum(np.arange(len(tip)) + width + 1, len(tip))

@@ -1,10 +1,10 @@
-"""The path that instructions describe: lines, arcs and joint moves, with a parabola in every zone.
+"""Path of a program's instructions: lines, arcs and joint moves, with a parabola in every zone.
 
-A blend of a corner leaves the incoming move a distance r before the corner and joins the outgoing one r after it; with
+A blend at a corner leaves the incoming move a distance r before the corner and joins the outgoing one r after it. With
 w from 0 to 1 it is  p = p_c + (p_in(w) - p_c) + (p_out(w) - p_c),  p_in on the incoming move (1 - w)^2 r before the
-corner, p_out on the outgoing one w^2 r after it. It is tangent to both and, between lines, nearest to the corner by
-half of what a straight cut would be. r is the zone times `blend_share`, at most half of either move. Lines and arcs
-blend in space, what meets a joint move blends in the joints. Assumed of every make.
+corner, p_out on the outgoing one w^2 r after it. It is tangent to both; between lines, its distance from the corner is
+half of that of a straight cut. r is the zone times `blend_share`, at most half of either move. Lines and arcs blend in
+space, corners at a joint move blend in joint space. Assumed for every make.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches
 STEP, BLEND_POINTS = 1e-3, 12
 #: Fewest and most points of a move.
 FEWEST, MOST = 4, 3000
-#: What a turn of the joints counts as length, so that a path that only turns has one, too. [m/rad]
+#: Path length per rotation of a joint, so that a pure rotation has a length, too. [m/rad]
 TURN = 1e-4
-#: Greatest step of a joint between two points of a line: more is a jump to another branch. [rad]
+#: Greatest step of a joint between two points of a line; a larger one is a change of branch. [rad]
 JUMP = 0.35
-#: A pose that is missed by more is not reached. [m and rad]
+#: Pose error above which a pose is out of reach. [m and rad]
 MISSED = 1e-7
 
 
 @dataclass(frozen=True)
 class Nodes:
-    """Where the moves of a program end."""
+    """Ends of the moves of a program."""
 
     instructions: Instructions  #: The instructions.
-    q: Array  #: Joints at the end of each. Shape (n, nq). [rad or m]
+    q: Array  #: Joints at the end of each move. Shape (n, nq). [rad or m]
     position: Array  #: Tip there. Shape (n, 3). [m]
     rotation: Array  #: TCP frame there. Shape (n, 3, 3).
-    length: Array  #: Way of the tip to each, 0 for the first. Shape (n,). [m]
-    arcs: Mapping[int, MoveArc] = field(default_factory=dict)  #: Arcs among the moves, by the one that each is.
+    length: Array  #: Path length of the tip to each end, 0 for the first. Shape (n,). [m]
+    arcs: Mapping[int, MoveArc] = field(default_factory=dict)  #: Arcs among the moves, by index of the move.
 
     def along(self, move: NDArray[np.int_], share: Array) -> Array:
-        """Return where the tip is at shares of lines and arcs. Shape (k,) -> (k, 3). [m]."""
+        """Return tip positions at shares of lines and arcs. Shape (k,) -> (k, 3). [m]"""
         start = self.position[np.maximum(move - 1, 0)]
         place: Array = start + share[:, None] * (self.position[move] - start)
         for number, arc in self.arcs.items():
@@ -62,29 +62,29 @@ class Nodes:
 
 @dataclass(frozen=True)
 class Path:
-    """Points along a path, near enough to one another for a cubic between two."""
+    """Points along a path, spaced closely enough for cubic interpolation."""
 
-    s: Array  #: Length up to each, tip and a little for every turn of a joint. Shape (m,). [m]
+    s: Array  #: Length up to each point: tip path plus a small part per joint rotation. Shape (m,). [m]
     q: Array  #: Joints. Shape (m, nq). [rad or m]
     position: Array  #: Tip. Shape (m, 3). [m]
     feed: Array  #: Greatest speed in s from each point to the next, as programmed. Shape (m,). [m/s]
     stops: NDArray[np.int_]  #: Points at which the robot rests, ends included.
-    before: Array  #: Slope dq/ds as each point is reached. Shape (m, nq).
-    after: Array  #: Slope as it is left; another one where it rests. Shape (m, nq).
+    before: Array  #: Slope dq/ds on arrival at each point. Shape (m, nq).
+    after: Array  #: Slope on departure; differs from `before` at rests. Shape (m, nq).
     ends: Array  #: Length at the end of every move, its blend included. Shape (moves,). [m]
 
     @cached_property
     def bends(self) -> tuple[Array, Array, Array, Array]:
-        """Sizes of dq/ds, d2q/ds2, shape (m, nq), and of dp/ds, d2p/ds2 of the tip, shape (m,). [rad, m, 1/m]."""
+        """Norms of dq/ds, d2q/ds2, shape (m, nq), and of dp/ds, d2p/ds2 of the tip, shape (m,). [rad, m, 1/m]"""
         tip = np.gradient(self.position, self.s, axis=0)
         return (np.abs(0.5 * (self.before + self.after)), np.abs(np.gradient(self.after, self.s, axis=0)),
                 np.linalg.norm(tip, axis=1), np.linalg.norm(np.gradient(tip, self.s, axis=0), axis=1))  # fmt: skip
 
 
 def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = None) -> Nodes:
-    """Find the joints at the end of every instruction, each in the branch nearest to the one before.
+    """Compute the joints at the end of every instruction, each in the branch nearest to the one before.
 
-    The first is the one nearest to `start`, shape (nq,) [rad or m]; without it, to the middle of the limits.
+    The first is nearest to `start`, shape (nq,) [rad or m], or by default to the middle of the limits.
 
     Raises:
         InputError: If an end is out of reach.
@@ -96,7 +96,7 @@ def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = Non
     posed = mark_whole(instructions.position)
     position = np.where(posed[:, None], instructions.position, given.tcp_position)
     rotation = np.array(given.tcp_rotation)
-    for k in range(n):  # an instruction each; the tool turns no more about itself than its axis needs
+    for k in range(n):  # one instruction each; minimal rotation about the tool axis
         if k and not bent[k] and not bent[k - 1] and (instructions.axis[k] == instructions.axis[k - 1]).all():
             rotation[k] = rotation[k - 1]
         elif not bent[k]:
@@ -114,7 +114,7 @@ def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = Non
 
 
 def _first_frame(axis: Array) -> Array:
-    """Return a TCP frame on a tool axis whose x points along the base's x as far as it can (assumed)."""
+    """Return a TCP frame on a tool axis with its x nearest to the base's x (assumed)."""
     z = -axis
     x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     x = x - (x @ z) * z
@@ -123,7 +123,7 @@ def _first_frame(axis: Array) -> Array:
 
 
 def _turn_axis(rotation: Array, axis: Array) -> Array:
-    """Turn a frame the shortest way until its z points against a tool axis."""
+    """Rotate a frame by the smallest angle that aligns its z with the reversed tool axis."""
     across, cosine = np.cross(rotation[:, 2], -axis), float(rotation[:, 2] @ -axis)
     size = float(np.linalg.norm(across))
     if size < 1e-12:
@@ -135,7 +135,7 @@ def _turn_axis(rotation: Array, axis: Array) -> Array:
 def _choose_branches(
     instructions: Instructions, arm: Arm, q: Array, poses: tuple[Array, Array], need: NDArray[np.int_], near: Array
 ) -> None:
-    """Fill in the joints of poses, each nearest to those given, or to those before."""
+    """Fill in the joints of poses, each nearest to the given ones, or to those before."""
     held = np.tile(near[arm.held], (len(need), 1)) if len(arm.held) else None
     slots = solve_branches(arm, poses[0][need], poses[1][need], held)
     solved, given, row = mark_whole(slots.reshape(-1, q.shape[1])).reshape(slots.shape[:2]), mark_whole(q), -1
@@ -172,13 +172,13 @@ def _measure_moves(instructions: Instructions, chain: Chain, q: Array, position:
 
 
 def build_path(nodes: Nodes, arm: Arm, blend_share: float, spacing: float = STEP) -> Path:
-    """Lay points along the executed path, before any drive lags.
+    """Compute points along the executed path, without lag of the drives.
 
     Args:
-        nodes: Where the moves end.
+        nodes: Ends of the moves.
         arm: The robot.
-        blend_share: Length of a blend over its zone; 0 gives the programmed path itself.
-        spacing: Way between two points, about. [m]
+        blend_share: Ratio of a blend's length to its zone; 0 gives the programmed path itself.
+        spacing: Approximate distance between two points. [m]
 
     Raises:
         InputError: If nothing moves.
@@ -213,7 +213,7 @@ def build_path(nodes: Nodes, arm: Arm, blend_share: float, spacing: float = STEP
 def _lay_points(
     length: Array, leave: Array, arrive: Array, reach: Array, spacing: float
 ) -> tuple[NDArray[np.int_], Array, NDArray[np.bool_]]:
-    """Return of every point its move (or corner), how far along it is, and whether it is on a blend."""
+    """Return for every point its move (or corner), its share of it, and whether it is on a blend."""
     n = len(length)
     count = np.clip(np.ceil(length / spacing).astype(int), FEWEST, MOST)
     count[0] = 0
@@ -267,7 +267,7 @@ def _solve_points(
 def _blend_joints(
     nodes: Nodes, q: Array, points: tuple[NDArray[np.int_], Array, NDArray[np.bool_]], straight: NDArray[np.bool_]
 ) -> None:
-    """Blend in the joints where a joint move meets a line: from the last point before to the first one after."""
+    """Blend in joint space between a joint move and a line: from the last point before to the first one after."""
     move, share, corner = points
     rows = np.flatnonzero(corner & ~straight)
     if not len(rows):
@@ -289,7 +289,7 @@ def _refuse(nodes: Nodes, moves: NDArray[np.int_], message: str) -> None:
 
 
 def _find_slopes(s: Array, q: Array, stops: NDArray[np.int_]) -> tuple[Array, Array]:
-    """Return the slopes on either side of every point; they differ where the robot rests."""
+    """Return the slopes on either side of every point; they differ at rests."""
     slope = np.gradient(q, s, axis=0, edge_order=2 if len(s) > 2 else 1)
     chord = np.diff(q, axis=0) / np.diff(s)[:, None]
     before, after = slope.copy(), slope.copy()
@@ -299,7 +299,7 @@ def _find_slopes(s: Array, q: Array, stops: NDArray[np.int_]) -> tuple[Array, Ar
 
 
 def follow_path(path: Path, s: Array) -> Array:
-    """Return the joints at lengths of a path, by a cubic between two points. Shape (k,) -> (k, nq)."""
+    """Return the joints at lengths of a path, by cubic interpolation. Shape (k,) -> (k, nq)."""
     s = np.clip(s, path.s[0], path.s[-1])
     i = np.clip(np.searchsorted(path.s, s, "right") - 1, 0, len(path.s) - 2)
     step = (path.s[i + 1] - path.s[i])[:, None]
@@ -309,24 +309,24 @@ def follow_path(path: Path, s: Array) -> Array:
 
 
 def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes, NDArray[np.int_]]:
-    """Return where the moves of a fitted program end, as the geometry that the controller believes has them.
+    """Return the ends of a fitted program's moves, by the controller's kinematic model.
 
-    Moves that lead nowhere are left out; a controller reads past them.
+    Moves of zero length are left out, because a controller skips them.
 
     Args:
         fitted: The program at the ends of its moves.
-        q: Commanded joints of the whole program. Shape (n, nq). [rad or m]
-        arm: The robot as its controller believes it.
-        zones: How far before the end of each move the controller may leave the path. Shape (k,). [m]
+        q: Commanded joints of the complete program. Shape (n, nq). [rad or m]
+        arm: The robot with the controller's kinematic model.
+        zones: Distance before the end of each move at which the controller may leave the path. Shape (k,). [m]
 
     Returns:
-        The moves, and the row of the whole program at the end of each. Shape (m,).
+        The moves, and the row of the complete program at the end of each. Shape (m,).
     """
     program = fitted.program
     alone, moves = program.alone(linear=True), mark_moves(program)
     rows, alone, feeds = fitted.rows[moves], alone[moves], program.feed[moves]
     posture, n, corners = q[rows], len(rows), np.flatnonzero(program.corners[moves])
-    if len(corners):  # rows that state a corner hold the tool there, not where the corner is rounded
+    if len(corners):  # corner rows: place the tool at the corner, not on its rounding
         assert program.tcp is not None
         tcp = program.tcp[moves][corners]
         posture[corners] = refine_ik(arm, posture[corners], tcp[:, :3, 3], tcp[:, :3, :3])

@@ -1,4 +1,4 @@
-"""Identify a controller from logs: blends, speed law, lag and lost motion, kept where they help rows left out."""
+"""Identification of a controller from logs: blends, speed law, lag and lost motion, with cross-validation."""
 
 from __future__ import annotations
 
@@ -20,38 +20,38 @@ from compplan.controllers.writers.motion_table import LONGEST_LAG, ServoMotion
 from compplan.robot import Array
 from compplan.statics.ik import Arm
 
-#: Greatest blend share, how far around the whole fit's it is searched with rows left out, how finely, and how many are
-#: tried; with more windows than `SEARCHED` every second one searches.
+#: Greatest blend share, half width of its search interval with left-out rows, its resolution, greatest number of
+#: trials, and number of windows above which only every second one is used in the search.
 MOST_SHARE, AROUND, FINEST, MOST_TRIED, SEARCHED = 2.0, 0.2, 0.02, 9, 4
-#: Time in which a wrong speed counts as a distance. [s]
+#: Weight of a speed error as a distance. [s]
 SPEED_WEIGHT = 0.01
-#: What a joint is expected to differ by, a standard deviation: lag [s], acceleration lag [s^2], lost motion [rad].
+#: Prior standard deviations of joint parameters: lag [s], acceleration lag [s^2], lost motion [rad].
 SPREAD = {"lag": 0.02, "acceleration": 5e-4, "lost": 5e-4}
-#: Acceleration of the tip [m/s^2] and smoothing [s] that are usual, and spreads of the logarithm of the one and of the
-#: other.
+#: Prior of the acceleration of the tip [m/s^2] and of the smoothing [s], and prior standard deviations of the logarithm
+#: of the acceleration and of the smoothing [s].
 USUAL, SPEED_SPREAD = (3.0, 0.04), (1.0, 0.2)
-#: A model is no worse than the programmed path up to this distance. [m]
+#: Distance below which a model counts as not worse than the programmed path. [m]
 EQUAL = 1e-6
-#: Noise of a row [m], how many times it an outlier is, trials of a fit, and step of its slopes in usual spreads.
+#: Noise of a row [m], outlier threshold in units of it, evaluations of a fit, and difference step in prior deviations.
 NOISE, OUTLIER, STEPS, STEP = 2e-5, 8.0, 20, 0.02
-#: Groups of rows that are left out in turn, at most.
+#: Greatest number of cross-validation groups.
 GROUPS = 3
 
 
 @dataclass(frozen=True)
 class Identified:
-    """What logs say of a controller."""
+    """Identified motion model with its cross-validation."""
 
     motion: ServoMotion  #: The model fitted to all rows.
-    helps: bool  #: Whether it is to be written.
-    left: Array  #: Distance of rows left out across the executed path. Shape (n,). [m]
-    left_before: Array  #: The same by the folder's own values. Shape (n,). [m]
+    helps: bool  #: Whether it improves on the folder's model and is not worse than the programmed path.
+    left: Array  #: Distance of left-out rows across the executed path. Shape (n,). [m]
+    left_before: Array  #: The same with the folder's model. Shape (n,). [m]
     without: Array  #: Distance across the programmed path. Shape (n,). [m]
-    held_out: str  #: "log" or "time": what was left out in turn; "" where there are too few rows.
+    held_out: str  #: Kind of groups left out in turn: "log" or "time"; "" with too few rows.
 
 
 def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) -> Identified:
-    """Fit a model to all rows, and with groups of rows left out, which say whether it helps."""
+    """Fit a model to all rows, and cross-validate it by fits without groups of rows."""
     logs = sorted({window.log for window in windows})
     by_log = len(logs) > 1
     count = min(GROUPS, len(logs) if by_log else len(windows))
@@ -79,14 +79,14 @@ def summarise_distance(values: Array) -> tuple[float, float]:
 
 
 def score(values: tuple[float, float]) -> float:
-    """Return the one number that models are ranked by: the geometric mean of median and 95th percentile."""
+    """Return the ranking criterion of models: the geometric mean of median and 95th percentile."""
     return float(np.sqrt(max(values[0], 1e-9) * max(values[1], 1e-9)))
 
 
 def fit_controller(
     windows: Sequence[Window], begin: ServoMotion, arm: Arm, shares: tuple[float, float] = (0.0, MOST_SHARE)
 ) -> ServoMotion:
-    """Fit a model to windows, its blend share between two."""
+    """Fit a model to windows, with its blend share between two bounds."""
     zero = np.zeros(len(begin.lag))
     motion = replace(begin, lag=np.full(len(zero), max(0.01, float(begin.lag.mean()))), acceleration_lag=zero,
                      lost_motion=zero)  # fmt: skip
@@ -95,7 +95,7 @@ def fit_controller(
 
 
 def search_blend(windows: Sequence[Window], motion: ServoMotion, arm: Arm, shares: tuple[float, float]) -> ServoMotion:
-    """Fit speed and lags at blend shares between two, ever nearer to the best."""
+    """Fit speed and lags at blend shares between two bounds, by a bounded scalar minimisation."""
     fitted = {}
 
     def left(share: float) -> float:
@@ -108,9 +108,9 @@ def search_blend(windows: Sequence[Window], motion: ServoMotion, arm: Arm, share
 
 
 def fit_motion(windows: Sequence[Window], motion: ServoMotion, free: int, arm: Arm, steps: int = STEPS) -> ServoMotion:
-    """Fit a model by robust least squares against what is usual; blends stay.
+    """Fit a model by robust least squares with a prior; the blend share is fixed.
 
-    `free` is how many of the numbers may change: the logarithm of the acceleration, the smoothing, and lag,
+    `free` is the number of free parameters, in the order: logarithm of the acceleration, smoothing, then lag,
     acceleration lag and lost motion by joint.
     """
     nq = len(motion.lag)
@@ -122,7 +122,7 @@ def fit_motion(windows: Sequence[Window], motion: ServoMotion, free: int, arm: A
         gaps = [_stack_gap(window, run_window(window, trial, arm)) / NOISE for window in windows]
         return np.concatenate([*gaps, _measure_oddness(trial) / spread])
 
-    step = np.where(directions[1] > 0.0, CYCLE / SPEED_SPREAD[1], STEP)  # the smoothing has whole cycles
+    step = np.where(directions[1] > 0.0, CYCLE / SPEED_SPREAD[1], STEP)  # the smoothing is a multiple of the cycle
     found = least_squares(left, np.zeros(len(step)), loss="cauchy", f_scale=OUTLIER, diff_step=step,
                           max_nfev=steps)  # fmt: skip
     return _apply(motion, directions @ found.x)
@@ -141,7 +141,7 @@ def _apply(motion: ServoMotion, change: Array) -> ServoMotion:
 
 
 def _stack_gap(window: Window, run: WindowRun) -> Array:
-    """Return gaps across the path and of speed, as lengths. Shape (n (nq + 1),). [m]."""
+    """Return gaps across the path and weighted speed errors, as lengths. Shape (n (nq + 1),). [m]"""
     across = find_residual(window, run)
     _, slope = run.here
     slope = slope * window.leverage / CYCLE
@@ -151,6 +151,6 @@ def _stack_gap(window: Window, run: WindowRun) -> Array:
 
 
 def _measure_oddness(motion: ServoMotion) -> Array:
-    """Return how far numbers are from what they usually are; a lag from the mean of all joints."""
+    """Return the differences of the parameters from their prior means; of a lag, from the mean of all joints."""
     speed = np.log(USUAL[0] / motion.acceleration), USUAL[1] - motion.smoothing
     return np.r_[speed, motion.lag.mean() - motion.lag, -motion.acceleration_lag, -motion.lost_motion]

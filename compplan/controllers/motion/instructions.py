@@ -1,4 +1,4 @@
-"""A program as a controller reads it: one row a motion instruction."""
+"""Motion instructions of a program, one for each row."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from compplan.io.columns import FileColumn
 from compplan.io.tables import Array, Table, read_table
 from compplan.robot import Robot
 
-#: Largest zone that is taken for true. [m]
+#: Greatest valid zone. [m]
 WIDEST = 2.0
 
 COLUMNS = (
@@ -32,15 +32,15 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Instructions:
-    """Hold the motion instructions of a program; the robot stands at the end of the first one when it begins."""
+    """Motion instructions of a program; the robot starts at the end of the first one."""
 
-    file: Path  #: Where they were read from.
-    lines: NDArray[np.int64]  #: Line of each. Shape (n,).
-    straight: NDArray[np.bool_]  #: Whether the tip goes along a line; else the joints go in proportion. Shape (n,).
+    file: Path  #: File of the program.
+    lines: NDArray[np.int64]  #: Line of each in the file. Shape (n,).
+    straight: NDArray[np.bool_]  #: Whether the tip moves along a line; otherwise a joint move. Shape (n,).
     position: Array  #: Tip at the end of each, base frame; NaN where joints are given. Shape (n, 3). [m]
     axis: Array  #: Tool axis there, tip to spindle; NaN where joints are given. Shape (n, 3).
-    q: Array  #: Joints there; NaN where only a pose is given. Shape (n, nq). [rad or m]
-    feed: Array  #: Speed of the tip on the way there. Shape (n,). [m/s]
+    q: Array  #: Joints there; NaN for a row with only a pose. Shape (n, nq). [rad or m]
+    feed: Array  #: Speed of the tip during the move. Shape (n,). [m/s]
     #: Distance from the end at which the controller may leave for the next one; 0: exact stop. Shape (n,). [m]
     zone: Array
 
@@ -52,7 +52,7 @@ def read_instructions(file: Path, robot: Robot) -> Instructions:
     """Read PROGRAM.csv.
 
     Raises:
-        InputError: With file and line, if a row is no instruction that this robot can be given.
+        InputError: With file and line, if a row is not a valid instruction for this robot.
     """
     table = read_table(file, COLUMNS)
     n, nq = len(table), robot.nq
@@ -77,10 +77,10 @@ def read_instructions(file: Path, robot: Robot) -> Instructions:
 
 
 def read_joints(table: Table, robot: Robot, name: str) -> Array:
-    """Return numbered joint columns of a table; NaN where there are none. Shape (n, nq). [rad or m].
+    """Return numbered joint columns of a table; NaN without such columns. Shape (n, nq). [rad or m]
 
     Raises:
-        InputError: If their number or their units are not the robot's.
+        InputError: If their number or their units do not match the robot.
     """
     keys = table.numbered(name)
     if not keys:
@@ -95,12 +95,12 @@ def read_joints(table: Table, robot: Robot, name: str) -> Array:
 
 
 def mark_whole(values: Array) -> NDArray[np.bool_]:
-    """Tell which rows hold all their numbers. Shape (n, k) -> (n,)."""
+    """Return which rows are complete. Shape (n, k) -> (n,)."""
     return np.asarray(np.isfinite(values).all(axis=1))
 
 
 def _check_ends(table: Table, joints: Array, position: Array, axis: Array) -> Array:
-    """Refuse a row without a whole pose or whole joints; return unit tool axes."""
+    """Refuse a row without a complete pose or complete joints; return unit tool axes."""
     posed, partly = mark_whole(position), np.asarray(np.isfinite(position).any(axis=1))
     bent, partly_bent = mark_whole(joints), np.asarray(np.isfinite(joints).any(axis=1))
     for row in np.flatnonzero(~(posed | bent) | (partly & ~posed) | (partly_bent & ~bent))[:1]:

@@ -1,8 +1,8 @@
-"""A log of executed joints, with clocks as they are: late rows, missing rows, rows torn between two cycles.
+"""Log of executed joints, with imperfect clocks: late rows, missing rows, rows torn between two cycles.
 
-Columns may have the names of the loggers of controllers (docs/executed_path.md). Names of nested fields may be joined
-by `.`, `_` or `/`, numbers of elements stand in brackets or behind one of those. Such joints are counted as the
-controller counts them.
+Columns may have the names of controllers' loggers (docs/executed_path.md). Names of nested fields may be joined by
+`.`, `_` or `/`; element numbers are in brackets or follow one of those. Such joints are in the controller's joint
+convention.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from compplan.io.columns import FileColumn
 from compplan.io.tables import Array, read_table
 from compplan.robot import Robot
 
-#: Fewest rows that say anything.
+#: Fewest rows for an evaluation.
 FEWEST_ROWS = 50
-#: A reading is torn where it is behind its neighbours by a cycle's motion, within these shares of it.
+#: A reading is torn if it is behind its neighbours by a cycle's motion, within these shares of it,
 TORN_LOW, TORN_HIGH = 0.5, 1.6
-#: and by so many standard deviations of all readings.
+#: and by this number of standard deviations of all readings.
 TORN_SIGMAS = 5.0
-#: Time over which rates are taken. [s]
+#: Time span of finite differences for rates. [s]
 RATE_SPAN = 0.024
 
-#: Fields that hold a time, and those that hold a number a joint: our name, and what their numbers count from.
+#: Fields of a time, and fields with a number for each joint: name here, and first number in the logger's count.
 TIMES = {"timestamp": "time_s", "header_tm": "time_ms", "ipoc": "time_ms"}
 JOINTS = (
     (re.compile(r"(actual_q|target_q|target_moment)_(\d+)"), 0,
@@ -52,28 +52,28 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Log:
-    """Hold what a log says, rows in the order of time."""
+    """Contents of a log, rows in the order of time."""
 
-    file: Path  #: Where it was read from.
+    file: Path  #: File of the log.
     time: Array  #: Clock of the log. Shape (n,). [s]
     raw: Array  #: Joints as logged. Shape (n, nq). [rad or m]
-    q: Array  #: Joints with torn readings put right. Shape (n, nq). [rad or m]
-    rate: Array  #: Rates of them. Shape (n, nq). [rad/s or m/s]
-    torn: NDArray[np.bool_]  #: Which readings were torn. Shape (n, nq).
+    q: Array  #: Joints with torn readings corrected. Shape (n, nq). [rad or m]
+    rate: Array  #: Rates of `q`. Shape (n, nq). [rad/s or m/s]
+    torn: NDArray[np.bool_]  #: Which readings are torn. Shape (n, nq).
     cycle: float  #: Usual time between rows. [s]
     late: float  #: Share of rows whose clock is off by more than a fifth of a cycle.
-    missing: float  #: Share of rows that are not there.
-    notes: tuple[str, ...]  #: What was read past.
+    missing: float  #: Share of missing rows.
+    notes: tuple[str, ...]  #: Notes on ignored or corrected contents.
 
     def __len__(self) -> int:
         return len(self.time)
 
 
 def read_log(file: Path, robot: Robot) -> Log:
-    """Read LOG.csv and put torn readings right.
+    """Read LOG.csv and correct torn readings.
 
     Raises:
-        InputError: With file and line, if it is no log of this robot.
+        InputError: With file and line, if it is not a log of this robot.
     """
     table = read_table(file, COLUMNS, unknown="note", rename=rename_export)
     raw, time, notes = read_joints(table, robot, "q#"), table.values["time"], list(table.notes)
@@ -97,10 +97,10 @@ def read_log(file: Path, robot: Robot) -> Log:
 
 
 def clean_log(file: Path, time: Array, raw: Array, notes: list[str]) -> Log:
-    """Find torn readings and put them right.
+    """Find and correct torn readings.
 
-    A reading is held against the cubic through its four neighbours. What all joints share is a late clock; what one
-    joint is behind by a cycle's motion is a torn row.
+    A reading is compared with the cubic through its four neighbours. A time shift shared by all joints is a late clock;
+    a single joint that is behind by a cycle's motion is a torn reading.
 
     Raises:
         InputError: If no joint moves.
@@ -135,7 +135,7 @@ def find_rates(time: Array, q: Array, half: int) -> Array:
 
 
 def _bridge_rows(time: Array, q: Array) -> Array:
-    """Return every row as the cubic through two rows before and two after has it; the ends as they are."""
+    """Return every row from the cubic through two rows before and two after; the first and last two rows unchanged."""
     out = q.copy()
     if len(time) < 5:
         return out
@@ -153,13 +153,13 @@ def _bridge_rows(time: Array, q: Array) -> Array:
 
 
 def _median_rows(values: Array) -> Array:
-    """Return the median of every row, NaN left out; NaN where fewer than three are there."""
+    """Return the median of every row without NaN; NaN for fewer than three numbers."""
     enough = np.isfinite(values).sum(axis=1) >= 3
     return np.where(enough, np.nanmedian(np.where(enough[:, None], values, 0.0), axis=1), np.nan)
 
 
 def rename_export(title: str) -> str:
-    """Return our name of a column of a logger that is known, any other name as it is."""
+    """Return the name here of a known logger's column, any other name unchanged."""
     plain = re.sub(r"[\[\]./ _]+", "_", title).strip("_").lower()
     if plain in TIMES:
         return TIMES[plain]

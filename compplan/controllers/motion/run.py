@@ -1,11 +1,11 @@
-"""Execute a path as a controller does: when it is where, how its drives follow, and a whole program.
+"""Execution of a program by a controller: timing along the path, lag of its drives, and output of the result.
 
-The fastest speed along the path is within feed, joint limits and acceleration of the tip. Drives follow with a
-first-order lag, a residue of the acceleration, and motion lost where a joint turns back:
+The speed along the path is the greatest within feed, joint limits and acceleration of the tip. Drives follow with a
+first-order lag, an acceleration residue, and lost motion at reversals of a joint:
 
     q = F (q_cmd - T2 d^2 q_cmd / dt^2) - h/2 sign(last motion),   F: 1 / (1 + T1 s)
 
-On a ramp of rate v the joint trails by T1 v, on a parabola of acceleration a by T2 a more. A pure delay, a second-order
+On a ramp of rate v the joint trails by T1 v; at an acceleration a it trails by T2 a more. A pure delay, a second-order
 drive and feed forward have the same form to second order.
 """
 
@@ -27,30 +27,30 @@ from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
 
-#: Longest step between two rows of EXECUTED.csv, and most rows of it. [s]
+#: Longest step between two rows of EXECUTED.csv, and greatest number of rows. [s]
 LONGEST_STEP, MOST_ROWS = 0.004, 5_000_000
-#: Time that is executed after the last command, in which drives come to rest, in lags. [lags]
+#: Time after the last command in which drives come to rest. [lags]
 REST = 8.0
 
 
 @dataclass(frozen=True)
 class Executed:
-    """What the controller makes of a program."""
+    """Execution of a program by a controller."""
 
-    time: Array  #: Since the first command. Shape (k,). [s]
-    q: Array  #: Joints that the drives reach. Shape (k, nq). [rad or m]
-    position: Array  #: Nominal tip of them. Shape (k, 3). [m]
-    motion: ServoMotion  #: The controller.
-    notes: tuple[str, ...]  #: What is assumed.
+    time: Array  #: Time since the first command. Shape (k,). [s]
+    q: Array  #: Joints reached by the drives. Shape (k, nq). [rad or m]
+    position: Array  #: Nominal tip of these joints. Shape (k, 3). [m]
+    motion: ServoMotion  #: Motion model of the controller.
+    notes: tuple[str, ...]  #: Notes on assumptions.
 
 
 def execute_program(file: File, robot: Robot, start: Array | None = None) -> Executed:
-    """Execute the instructions of PROGRAM.csv as the controller of the robot folder does.
+    """Execute the instructions of PROGRAM.csv with the motion model of the robot folder.
 
-    `start` are joints near those in which it begins, where its first row gives a pose alone. Shape (nq,).
+    `start` are joints near those at the beginning, for a first row with only a pose. Shape (nq,).
 
     Raises:
-        InputError: If the file or the folder is not what it has to be.
+        InputError: If the file or the folder is not valid.
         InfeasibleError: If a line cannot be followed, or a joint would leave its limits.
     """
     motion, assumed = load_motion(robot)
@@ -84,17 +84,17 @@ def write_executed(executed: Executed, robot: Robot, file: File) -> None:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Length along a path by time, smoothed as the controller's interpolator gives it out."""
+    """Length along a path over time, smoothed as by the controller's interpolator."""
 
     time: Array  #: Instants, a cycle apart. Shape (k,). [s]
     s: Array  #: Length along the path. Shape (k,). [m]
 
 
 def limit_speed(path: Path, motion: ServoMotion) -> Array:
-    """Return the speed along s at every point: at most the feed, joint velocities, and what corners allow. (m,) [m/s]
+    """Return the speed along s at every point, within feed, joint velocities and cornering limits. Shape (m,). [m/s]
 
-    A point's curvature q'' costs v^2 |q''| of each joint's acceleration and v^2 |p''| of the tip's; on the way between
-    points v^2 grows by at most 2 a ds.
+    The curvature q'' at a point uses v^2 |q''| of a joint's acceleration, and v^2 |p''| of the tip's. Between points
+    v^2 changes by at most 2 a ds.
     """
     step = np.diff(path.s)
     slope, bend, tip_slope, tip_bend = path.bends
@@ -115,7 +115,7 @@ def limit_speed(path: Path, motion: ServoMotion) -> Array:
 
 
 def schedule_path(path: Path, motion: ServoMotion) -> Schedule:
-    """Tell when the controller is where, at its cycle; it rests at exact stops until its smoothing has come to rest."""
+    """Compute the schedule of a path at the controller's cycle; at exact stops the smoothing comes to rest."""
     speed = limit_speed(path, motion)
     step = np.diff(path.s)
     duration = 2.0 * step / np.maximum(speed[:-1] + speed[1:], 1e-6)
@@ -130,7 +130,7 @@ def schedule_path(path: Path, motion: ServoMotion) -> Schedule:
 
 
 def _move_evenly(s: Array, speed: Array, arrive: Array, leave: Array, time: Array) -> Array:
-    """Return the length at instants; between two points the acceleration is even."""
+    """Return the length at instants, with constant acceleration between two points."""
     i = np.clip(np.searchsorted(arrive, time, "right") - 1, 0, len(s) - 2)
     begin, end = leave[i], arrive[i + 1]
     u = np.clip(time - begin, 0.0, end - begin)
@@ -140,18 +140,18 @@ def _move_evenly(s: Array, speed: Array, arrive: Array, leave: Array, time: Arra
 
 
 def _average(s: Array, width: int) -> Array:
-    """Average over the last `width` instants; before the first the controller rests."""
+    """Return the mean over the last `width` instants; the controller rests before the first."""
     total = np.cumsum(np.r_[np.full(width, s[0]), s] - s[0])
     averaged = (total[width:] - total[:-width]) / width + s[0]
     return np.asarray(np.maximum.accumulate(averaged))
 
 
-#: A joint that goes slower than this does not turn back. [rad/s or m/s]
+#: Rate below which a joint does not reverse. [rad/s or m/s]
 STILL = 1e-6
 
 
 def follow_command(q: Array, motion: ServoMotion) -> Array:
-    """Return the joints that drives reach of a command at the controller's cycle; they rest before the first row.
+    """Return the joints reached by the drives for a command at the controller's cycle; they rest before the first row.
 
     Shape (k, nq). [rad or m]
     """
@@ -162,7 +162,7 @@ def follow_command(q: Array, motion: ServoMotion) -> Array:
 
 
 def lag_command(q: Array, lag: Array, acceleration_lag: Array, cycle: float) -> Array:
-    """Return a command after lag T1 [s] and acceleration residue T2 [s^2] of every joint, exact for straight pieces.
+    """Return a command after lag T1 [s] and acceleration residue T2 [s^2] of every joint, exact for linear pieces.
 
     Rows of the command, shape (k, nq) [rad or m], are a cycle [s] apart.
     """
@@ -177,7 +177,7 @@ def lag_command(q: Array, lag: Array, acceleration_lag: Array, cycle: float) -> 
 
 
 def _lag(command: Array, cycles: float) -> Array:
-    """Filter by 1 / (1 + T s), T in cycles, the input straight between rows: y_k = a y_k-1 + b_0 x_k + b_1 x_k-1."""
+    """Filter by 1 / (1 + T s), T in cycles, with linear input between rows: y_k = a y_k-1 + b_0 x_k + b_1 x_k-1."""
     if cycles < 1e-3 or len(command) < 2:
         return command
     a = np.exp(-1.0 / cycles)

@@ -1,4 +1,4 @@
-"""Pieces of programs with the rows of a log that lie in them, run as a model has them and compared with it."""
+"""Windows: sections of programs with their log rows, simulated with a motion model and compared with it."""
 
 from __future__ import annotations
 
@@ -23,42 +23,42 @@ from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm
 from compplan.toolpath.toolpath import interpolate
 
-#: Most rows of a log that are placed, of a window, and most windows of all logs.
+#: Greatest number of placed rows of a log, of rows in a window, and of windows of all logs.
 MOST_PLACED, MOST_ROWS, MOST_WINDOWS = 100_000, 500, 8
-#: Points along a program beside which a log is placed, about; windows of it are laid as finely as any path.
+#: Approximate number of points of a program path on which a log is placed; windows use the usual point spacing.
 MOST_POINTS = 100_000
-#: Time of a window, and what is executed before and after its rows, so that it runs as in the whole program. [s]
+#: Duration of a window, and of the execution before and after its rows, so that it runs as in the full program. [s]
 WINDOW, LEAD = 5.0, 0.5
-#: A log whose rows are usually farther from the program is of another one. [m]
+#: Median distance of rows from the program above which a log belongs to another program. [m]
 OTHER_PROGRAM = 0.05
-#: Points of a path to either side among which a row's is looked for.
+#: Path points to either side in the search for the nearest point of a row.
 BESIDE = 25
-#: A tip that goes slower rests. [m/s]
+#: Tip speed below which the robot rests. [m/s]
 RESTING = 5e-4
 
 
 @dataclass(frozen=True)
 class Window:
-    """A piece of a program with rows of the log."""
+    """A section of a program with rows of the log."""
 
-    log: int  #: Which log it is of.
-    nodes: Nodes  #: The moves, from some before the rows to some after.
-    s: Array  #: Length of every row along the programmed path of the piece. Shape (n,). [m]
+    log: int  #: Index of its log.
+    nodes: Nodes  #: Moves, from some before the rows to some after.
+    s: Array  #: Length of every row along the programmed path of the section. Shape (n,). [m]
     q: Array  #: Joints of the rows. Shape (n, nq). [rad or m]
-    rate: Array  #: Rates of them. Shape (n, nq).
-    tip: Array  #: Nominal tips of them. Shape (n, 3). [m]
-    torn_by: Array  #: What torn readings moved the tip. Shape (n, 3). [m]
+    rate: Array  #: Joint rates of the rows. Shape (n, nq). [rad/s or m/s]
+    tip: Array  #: Nominal tips of the rows. Shape (n, 3). [m]
+    torn_by: Array  #: Tip displacement due to torn readings. Shape (n, 3). [m]
     point: Array  #: Nearest points of the programmed path. Shape (n, 3). [m]
-    leverage: Array  #: How far a joint moves the tip, root mean square. Shape (nq,). [m/rad]
+    leverage: Array  #: Root-mean-square tip displacement per joint motion. Shape (nq,). [m/rad]
     programmed: Path  #: The path without blends.
-    #: Executed paths by blend share, as far as they were laid, and the length of every row along each. [m]
+    #: Executed paths by blend share, as far as computed, and the length of every row along each. [m]
     laid: dict[float, tuple[Path, Array]] = field(default_factory=dict)
-    #: What was commanded last, `command`, where the rows are in it, `at`, and the `key` of the model that it is by.
+    #: Latest command (`command`), position of the rows in it (`at`), and model parameters of both (`key`).
     latest: dict[str, Any] = field(default_factory=dict)
 
     @property
     def beside(self) -> Array:
-        """Distance of every row across the programmed path. Shape (n,). [m]."""
+        """Distance of every row across the programmed path. Shape (n,). [m]"""
         return np.asarray(np.linalg.norm(self.tip + self.torn_by - self.point, axis=1))
 
     def lay_path(self, arm: Arm, blend_share: float) -> tuple[Path, Array]:
@@ -74,20 +74,20 @@ class Window:
 
 @dataclass(frozen=True)
 class PlacedLog:
-    """A log beside its program."""
+    """A log placed on its program."""
 
     log: Log  #: The log.
-    nodes: Nodes  #: Where the moves of the program end.
-    rows: NDArray[np.int_]  #: Rows of the log that are placed. Shape (n,).
-    places: Places  #: Where they are on the programmed path. Shape (n,).
+    nodes: Nodes  #: Ends of the program's moves.
+    rows: NDArray[np.int_]  #: Placed rows of the log. Shape (n,).
+    places: Places  #: Their positions along the programmed path. Shape (n,).
     programmed: Path  #: The programmed path.
 
 
 def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
-    """Read a log and its program, and find every row of the one on the other.
+    """Read a log and its program, and find the position of every row on the program.
 
     Raises:
-        InputError: If one of them is not what it has to be, or the log is of another program.
+        InputError: If one of the files is not valid, or the log is of another program.
     """
     log, instructions = read_log(file, robot), read_instructions(program, robot)
     nodes = locate_nodes(instructions, arm, log.q[0])
@@ -103,7 +103,7 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
 
 
 def cut_windows(traces: list[PlacedLog], arm: Arm) -> list[Window]:
-    """Cut the logs into windows of some seconds; of many an even choice, drawn from all logs alike."""
+    """Cut the logs into windows of some seconds; of too many choose evenly, the same number from each log."""
     windows: list[Window] = []
     for number, trace in enumerate(traces):
         spans = _divide_rows(trace)
@@ -117,7 +117,7 @@ def cut_windows(traces: list[PlacedLog], arm: Arm) -> list[Window]:
 
 
 def _divide_rows(trace: PlacedLog) -> list[tuple[int, int]]:
-    """Divide the rows that move by time; first row and the one after the last of each span."""
+    """Divide the rows by time; return the first row and the one after the last of each span."""
     time = trace.log.time[trace.rows]
     count = max(1, round((time[-1] - time[0]) / WINDOW))
     edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1))
@@ -135,7 +135,7 @@ def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) 
         return None
     lead = LEAD * float(feed.max())
     time = trace.log.time[rows]
-    moves &= np.abs(s - np.median(s[moves])) < 2.0 * lead + float(feed.max() * (time[-1] - time[0]))  # no feed goes on
+    moves &= np.abs(s - np.median(s[moves])) < 2.0 * lead + float(feed.max() * (time[-1] - time[0]))  # reachable only
     first = max(0, int(np.searchsorted(ends, s[moves].min() - lead, "right")) - 1)
     last = min(len(ends) - 1, int(np.searchsorted(ends, s[moves].max() + lead)))
     keep = np.flatnonzero(moves)
@@ -152,14 +152,14 @@ def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) 
 
 
 def _tip_rate(arm: Arm, q: Array, rate: Array) -> Array:
-    """Return velocities of the tip. Shape (n, 3). [m/s]."""
+    """Return velocities of the tip. Shape (n, 3). [m/s]"""
     step = 1e-5
     ahead, back = (locate_frames(arm.chain, q + sign * step * rate).tcp_position for sign in (1.0, -1.0))
     return np.asarray((ahead - back) / (2 * step))
 
 
 def _slice_nodes(nodes: Nodes, first: int, end: int) -> Nodes:
-    """Return some of the moves; the first one is where the piece begins."""
+    """Return some of the moves; the first one is the start of the section."""
     part, told = slice(first, end), nodes.instructions
     cut = replace(told, lines=told.lines[part], straight=told.straight[part], position=told.position[part],
                   axis=told.axis[part], q=told.q[part], feed=told.feed[part], zone=told.zone[part])  # fmt: skip
@@ -168,28 +168,28 @@ def _slice_nodes(nodes: Nodes, first: int, end: int) -> Nodes:
     return Nodes(cut, nodes.q[part], nodes.position[part], nodes.rotation[part], length)
 
 
-#: Cycle at which windows are run, and the rest behind them. [s]
+#: Cycle at which windows are simulated, and the rest after them. [s]
 CYCLE, REST = 0.004, 0.2
-#: Time to either side among which the nearest point of a run is taken. [s]
+#: Time to either side in the search for the nearest point of a run. [s]
 NEAR = 0.04
 
 
 @dataclass(frozen=True)
 class WindowRun:
-    """A window as a model executes it."""
+    """A window as executed by a motion model."""
 
-    command: Array  #: Joints that are commanded. Shape (k, nq). [rad or m]
-    q: Array  #: Joints that the drives reach. Shape (k, nq). [rad or m]
-    at: Array  #: Where every row of the window is in it, in rows of the run. Shape (n,).
+    command: Array  #: Commanded joints. Shape (k, nq). [rad or m]
+    q: Array  #: Joints reached by the drives. Shape (k, nq). [rad or m]
+    at: Array  #: Position of every row of the window, in rows of the run. Shape (n,).
 
     @cached_property
     def here(self) -> tuple[Array, Array]:
-        """Joints and their change a row of the run at the rows of the window. Shape (n, nq) twice."""
+        """Joints and their change per row of the run, at the rows of the window. Shape (n, nq) twice."""
         return read_run(self.q, self.at)
 
 
 def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
-    """Execute a window and find its rows in the run: where the path's length is theirs, then nearest in the joints."""
+    """Execute a window and find its rows in the run: first by path length, then as nearest points in joint space."""
     key = motion.blend_share, motion.acceleration, motion.smoothing
     if window.latest.get("key") != key:
         path, lengths = window.lay_path(arm, motion.blend_share)
@@ -204,7 +204,7 @@ def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
 
 
 def _match_rows(window: Window, q: Array, at: Array) -> Array:
-    """Move the rows along a run to where their joints, weighed by what they move at the tip, are nearest to it."""
+    """Move the rows along a run to the nearest joints, weighted by their leverage on the tip."""
     for _ in range(4):
         here, slope = read_run(q, at)
         slope = slope * window.leverage
@@ -216,7 +216,7 @@ def _match_rows(window: Window, q: Array, at: Array) -> Array:
 
 
 def read_run(q: Array, at: Array) -> tuple[Array, Array]:
-    """Return joints and their change a row at places of a run. Shape (n,) -> (n, nq) twice."""
+    """Return joints and their change per row at positions of a run. Shape (n,) -> (n, nq) twice."""
     i = np.clip(at.astype(int), 1, len(q) - 3)
     u = (at - i)[:, None]
     before, here, after, last = q[i - 1], q[i], q[i + 1], q[i + 2]
@@ -226,7 +226,7 @@ def read_run(q: Array, at: Array) -> tuple[Array, Array]:
 
 
 def find_residual(window: Window, run: WindowRun) -> Array:
-    """Return what rows are beside a run, across it, in joints weighed by their leverage. Shape (n, nq). [m]."""
+    """Return the distances of rows across a run, in joints weighted by their leverage. Shape (n, nq). [m]"""
     here, slope = run.here
     gap, slope = (window.q - here) * window.leverage, slope * window.leverage
     size = np.maximum((slope**2).sum(axis=1), 1e-16)
@@ -234,26 +234,26 @@ def find_residual(window: Window, run: WindowRun) -> Array:
 
 
 def locate_beside(window: Window, run: WindowRun, q: Array, arm: Arm) -> Array:
-    """Return the point of a run's tip that is nearest to every row. Shape (n, 3). [m]."""
+    """Return the point of a run's tip path that is nearest to every row. Shape (n, 3). [m]"""
     tip = locate_frames(arm.chain, q).tcp_position
     index = np.round(run.at).astype(int)
     return find_nearest(tip, index, window.tip + window.torn_by, round(NEAR / CYCLE))[0]
 
 
 def measure_left(window: Window, motion: ServoMotion, arm: Arm) -> Array:
-    """Return the distance of every row, torn or not, across the executed path of a model. Shape (n,). [m]."""
+    """Return the distance of every row, torn or not, across the executed path of a model. Shape (n,). [m]"""
     run = run_window(window, motion, arm)
     return np.asarray(np.linalg.norm(window.tip + window.torn_by - locate_beside(window, run, run.q, arm), axis=1))
 
 
 def divide_gap(window: Window, motion: ServoMotion, arm: Arm) -> dict[str, Array]:
-    """Divide what rows are beside the programmed path among its causes.
+    """Divide the distance of rows across the programmed path among its causes.
 
-    Every cause is the step from one executed path to the next at its nearest points: blends, then lag, then lost
-    motion; torn readings are what putting them right moved.
+    Each cause is the step from one executed path to the next at its nearest points: blends, then lag, then lost motion.
+    The share of torn readings is the tip displacement of their correction.
 
     Returns:
-        By cause, and `gap` for all of it. Shape (n, 3) each. [m]
+        Vectors by cause, and `gap` for their total. Shape (n, 3) each. [m]
     """
     run = run_window(window, motion, arm)
     lagged = lag_command(run.command, motion.lag, motion.acceleration_lag, CYCLE)

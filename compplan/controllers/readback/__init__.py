@@ -1,1 +1,1 @@
-"""Native robot programs read back, each as its controller would run it; they share nothing with the writers."""
+"""Readback of native robot programs: interpreters that are independent of the writers."""

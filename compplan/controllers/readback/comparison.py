@@ -1,7 +1,7 @@
-"""Compare what was written with what was planned: every program is read back.
+"""Comparison of written programs with the plan, by readback of every program.
 
-Texts are read by readers that share nothing with the writers, and the tool is placed by the evaluation's robot model
-(Pinocchio); how the controller counts joints is what writers know of it, too.
+The readers are independent of the writers, and the evaluation's robot model (Pinocchio) computes the tool pose. Only
+the controller's joint convention is shared with the writers.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from compplan.io.parsing import guard_parser
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.pose import build_pose
 
-#: Files that each language writes, joint programs and programs with positions, and who reads them; {} is the name.
+#: File names of each language, for joint programs and programs with positions, and its reader; {} is the name.
 FORMS: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Move]] | None]] = {
     "krl": (("{}_J.src", "{}_L.src"), read_krl),
     "val3": (("{}", "{}_L"), read_val3),
@@ -47,46 +47,46 @@ FORMS: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Move]] | None]] = 
     "kawasaki_as": (("{}.as", "{}_l.as"), read_kawasaki),
     "csv": (("{}_joints.csv",), None),
 }
-#: Rounding that programs leave: of a joint [deg or mm], of the tip [mm], of its turn [deg], of a turn's matrix.
+#: Accepted rounding: of a joint [deg or mm], of the tip [mm], of its rotation [deg], of a rotation matrix.
 JOINT, PLACE, TURN, MATRIX = 2e-3, 5e-3, 2e-2, 1e-4
-#: A line that names what stands on the next lines, and a number with its decimals there.
+#: A line that announces a frame on the next lines, and a decimal number there.
 NAMED = re.compile(r"\b(UFRAME|UTOOL|USER FRAME|TOOL)\W*\d+\W+has to be")
 DECIMAL = re.compile(r"(?<![\w.])-?\d+\.\d+")
 
 
 @dataclass(frozen=True)
 class Commanded:
-    """What was planned at the rows that programs hold: the way there, the path, the way back. Shapes (m, ..)."""
+    """Planned motion at the rows of programs: approach, path, retreat. Shapes (m, ..)."""
 
     q: Array  #: Commanded joint positions. [rad or m]
     time: Array  #: [s]
-    feed: Array  #: Feed that is driven in the move to each row, 0 in rapid moves. [mm/s]
-    stands: NDArray[np.bool_]  #: Whether the tool has to stand still, beside the ends of rapid moves.
-    free: NDArray[np.bool_]  #: Whether the speed of the move to each row is of no account.
-    asked: Array  #: Feed that the CAM file asks for in the move to each row. [mm/s]
-    beside: Array  #: How far zones may lead beside a corner. [m]
-    #: To the corner that moves of the tool state in place of a row, nan at rows of a rounded corner that they leave
-    #: out, 0 elsewhere. Shape (m, 3). [m]
+    feed: Array  #: Planned feed in the move to each row, 0 in rapid moves. [mm/s]
+    stands: NDArray[np.bool_]  #: Whether the tool has to stop, in addition to the ends of rapid moves.
+    free: NDArray[np.bool_]  #: Whether the move to each row has no prescribed speed.
+    asked: Array  #: Feed of the CAM file in the move to each row. [mm/s]
+    beside: Array  #: Allowed departure of zones from a corner. [m]
+    #: Vector to the corner that replaces a row in tool moves; nan at omitted rows of a rounded corner, 0 at other rows.
+    #: Shape (m, 3). [m]
     corner: Array
-    fit: float  #: How far rows may lie beside moves of the tool that stand for them. [mm]
+    fit: float  #: Greatest distance of rows from the tool moves that represent them. [mm]
 
     def take(self, kept: NDArray[np.int_]) -> Commanded:
-        """Return what was planned at some of the rows."""
+        """Return the planned motion at some of the rows."""
         return replace(self, **{key: values[kept] for key, values in vars(self).items() if key != "fit"})
 
 
 @dataclass(frozen=True)
 class StiffArm:
-    """The unloaded arm with the job's tool, as the controller believes it, and the part before it."""
+    """The unloaded arm with the job's tool, by the controller's kinematic model, and the part in front of it."""
 
-    carries_part: bool  #: Whether a positioner carries the part; poses are then seen from the part.
-    #: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq). [rad or m]
+    carries_part: bool  #: Whether a positioner carries the part; poses are then in the part frame.
+    #: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq) [rad or m].
     locate: Callable[[Array], tuple[Array, Array]]
-    #: The same of the pendant's flange.
+    #: The same for the pendant's flange.
     locate_flange: Callable[[Array], tuple[Array, Array]]
-    part: Array  #: Pose of the part frame seen from the base. Shape (4, 4). [m]
-    mass: float | None  #: Mass of the tool, None where the job states none. [kg]
-    centre: Array  #: Its centre, seen from the TCP frame. Shape (3,). [m]
+    part: Array  #: Pose of the part frame in the base frame. Shape (4, 4). [m]
+    mass: float | None  #: Mass of the tool, None where it is not stated. [kg]
+    centre: Array  #: Centre of the tool's mass in the TCP frame. Shape (3,). [m]
 
 
 def compare_written(
@@ -94,18 +94,18 @@ def compare_written(
     find_ends: Callable[[str], tuple[NDArray[np.int_], NDArray[np.bool_]]], *, main: str | None = None,
     excused: bool = False,
 ) -> tuple[list[str], list[str]]:  # fmt: skip
-    """Read back the programs that were written; return what is wrong with them, and notes of what was not checked.
+    """Read back the written programs; return their differences from the plan, and notes on unchecked ones.
 
     Args:
-        folder: Folder that they are in.
+        folder: Folder of the programs.
         languages: Their languages.
         robot: The robot folder.
         arm: The arm by the evaluation's robot model.
-        wanted: What was planned.
-        find_ends: Returns the rows at which a language's moves of the tool end, what is left out is followed here; and
-            where they may stop exactly at a corner whose zone would lead too far, in a language without smaller ones.
-        main: Name that the job gives the main program.
-        excused: Whether a program that cannot be read is no fault, as it uses signals of the cell.
+        wanted: Planned motion.
+        find_ends: Returns the rows at the ends of a language's tool moves (omitted rows are checked against them), and
+            whether an exact stop is accepted there: at corners of a language without smaller zones.
+        main: The job's name of the main program.
+        excused: Whether an unreadable program is not an error, because it uses signals of the cell.
     """
     breaches, notes = list[str](), list[str]()
     if not languages:
@@ -115,7 +115,7 @@ def compare_written(
     squared, kept = rows.square_corners()
     declared = np.linalg.inv(rows.world) @ rows.part
     for language in languages:
-        if language not in FORMS:  # a language of somebody else's package
+        if language not in FORMS:  # a language of a third-party package
             notes.append(f"not checked: there is no independent reader of {language} programs")
             continue
         for file, found in _read_back(folder, language, rows, main):
@@ -152,7 +152,7 @@ def compare_written(
 def _read_back(
     folder: Path, language: str, rows: _Rows, main: str | None
 ) -> Iterator[tuple[Path, list[Move] | InputError]]:
-    """Return the programs of a language and their moves, or what kept them from being read."""
+    """Return the programs of a language with their moves, or with the error of their reader."""
     patterns, read = FORMS[language]
     files = _find_mains(folder, patterns, main)
     for file in files:
@@ -168,7 +168,7 @@ def _read_back(
 
 
 def _find_mains(folder: Path, patterns: tuple[str, ...], main: str | None) -> list[Path]:
-    """Return the programs of a folder; parts, that end in a number, are called by them or run after each other."""
+    """Return the main programs of a folder; parts end in a number and are called by them or run one after another."""
     if patterns[0] == "{}":
         return sorted(file.parent for file in folder.glob("*/*.dtx"))
     own = [file for file in folder.glob(f"*{Path(patterns[0]).suffix}") if file.stem.lower() == str(main).lower()]
@@ -182,18 +182,18 @@ def _find_mains(folder: Path, patterns: tuple[str, ...], main: str | None) -> li
         whole = re.sub(r"_\d+$", "", file.stem)
         if whole == file.stem or not {whole, f"{whole}_1"} & wholes:
             mains.append(file)
-        elif whole not in wholes and file.stem == f"{whole}_1":  # parts without a whole
+        elif whole not in wholes and file.stem == f"{whole}_1":  # parts without a main program
             mains.append(file.with_name(whole + file.suffix))
     return mains
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """The commanded arm at the rows that programs hold, in the geometry that the controller believes; mm and deg."""
+    """The commanded arm at the rows of programs, by the controller's kinematic model; mm and deg."""
 
     robot: Robot
     counting: Counting
-    shown: Array  #: Joints as the controller counts them. Shape (m, nq). [deg or mm]
+    shown: Array  #: Joints in the controller's convention. Shape (m, nq). [deg or mm]
     position: Array
     rotation: Array
     world: Array
@@ -204,11 +204,11 @@ class _Rows:
 
     @property
     def outer(self) -> NDArray[np.bool_]:
-        """Tell which joints are external axes: those that slide, or carry the part. Shape (nq,)."""
+        """External axes: joints that slide, or carry the part. Shape (nq,)."""
         return self.robot.prismatic | self.robot.carriers
 
     def square_corners(self) -> tuple[_Rows, NDArray[np.int_]]:
-        """Return what moves of the tool stand for, corners in place of what rounds them, and the rows of it."""
+        """Return the rows with corners in place of their roundings, and the indices of the remaining rows."""
         kept = np.flatnonzero(np.isfinite(self.wanted.corner[:, 0]))
         wanted = self.wanted.take(kept)
         position = self.position[kept] + 1e3 * wanted.corner
@@ -226,7 +226,7 @@ class _Rows:
         return shown
 
     def place_joints(self, moves: list[Move]) -> list[Move]:
-        """Put the tool of lines that are written as joint positions where those hold it, seen from the part frame."""
+        """Add the tool pose of lines that are written as joint positions, in the part frame."""
         rows = [k for k, move in enumerate(moves) if move.kind != "joint" and move.pose is None and move.joints]
         if not rows or not self.arm.carries_part:
             return moves
@@ -239,7 +239,7 @@ class _Rows:
 
     @cached_property
     def laid(self) -> PlannedRows:
-        """The rows that moves of the tool stand for."""
+        """The rows represented by tool moves."""
         wanted = self.wanted
         rapid = wanted.feed <= 0.0
         kept = rapid | wanted.stands | np.append(rapid[1:], True)
@@ -249,7 +249,7 @@ class _Rows:
         )  # fmt: skip
 
     def compare(self, moves: list[Move], held: NDArray[np.int_]) -> list[str]:
-        """Say where the moves of a program, which end at some of the rows, are not those planned."""
+        """Return the differences from the plan, for moves that end at some of the rows."""
         lines = [move for move in moves if move.kind != "joint"]
         said = [self._compare_joints(moves, held), self._compare_places(moves, held), self._compare_tool(moves[0])]
         every = self._compare_feeds(moves) if len(moves) == len(self.shown) else "rows are left out"
@@ -312,7 +312,7 @@ class _Rows:
 
 
 def _place_rows(robot: Robot, arm: StiffArm, wanted: Commanded) -> _Rows:
-    """Return the commanded arm at the rows that programs hold, see `compare_written`."""
+    """Return the commanded arm at the rows of programs, see `compare_written`."""
     counting, part = load_controller(robot), arm.part
     position, rotation = arm.locate(wanted.q)
     flange, turn = arm.locate_flange(wanted.q[:1])
@@ -325,7 +325,7 @@ def _place_rows(robot: Robot, arm: StiffArm, wanted: Commanded) -> _Rows:
 
 
 def _report_rows(rows: _Rows) -> ReportedProgram:
-    """Return what programs have to say beside where they lead."""
+    """Return the expected contents of programs in addition to the path."""
     wanted, rates = rows.wanted, np.where(rows.robot.prismatic, 1e3, 180.0 / np.pi) * rows.robot.velocity_limits
     step = np.diff(wanted.time, prepend=np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -338,9 +338,9 @@ def _report_rows(rows: _Rows) -> ReportedProgram:
 
 
 def compare_declared(path: Path, part: Pose, tool: Pose) -> list[str]:
-    """Say which frame that a FANUC or INFORM program asks of the cell is not the planned one.
+    """Return messages on cell frames in a FANUC or INFORM program that differ from the planned ones.
 
-    The part frame is seen from the robot's world, the tool from the pendant's flange. Shape (4, 4). [mm]
+    The part frame is in the robot's world frame, the tool in the pendant's flange frame. Shape (4, 4). [mm]
     """
     found = []
     for name, said in read_declared(path).items():
@@ -351,7 +351,7 @@ def compare_declared(path: Path, part: Pose, tool: Pose) -> list[str]:
 
 
 def read_declared(path: Path) -> dict[str, Pose]:
-    """Read "part frame" and "tool" that a program states for the cell, X Y Z W P R. [mm]."""
+    """Read "part frame" and "tool" that a program states for the cell, X Y Z W P R. [mm]"""
     found = {}
     lines = [re.sub(r"^ *\d+: *", "", line) for line in path.read_text().splitlines()]
     for k, line in enumerate(lines):

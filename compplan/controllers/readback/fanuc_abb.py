@@ -1,4 +1,4 @@
-"""Readers that run FANUC and RAPID programs, and joint tables, as their controllers would; see kuka_staubli."""
+"""Interpreters of FANUC and RAPID programs, and of joint tables; see kuka_staubli."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from compplan.controllers.readback.poses import (
 
 @dataclass
 class _Fanuc:
-    """A FANUC interpreter for J, L, C, CALL, and frames that are filled through a position register or the cell's."""
+    """A FANUC interpreter for J, L, C, CALL, and frames: set through a position register, or those of the cell."""
 
     registers: dict[str, list[float]] = field(default_factory=dict)
     frames: dict[str, Pose] = field(default_factory=lambda: {"UFRAME[0]": np.eye(4)})
@@ -95,7 +95,7 @@ def _read_values(text: str) -> dict[str, float]:
 
 
 def read_fanuc(path: Path) -> list[Move]:
-    """Run a FANUC .LS program and those that it calls."""
+    """Interpret a FANUC .LS program and those that it calls."""
     interpreter = _Fanuc()
     interpreter.run(path)
     return interpreter.moves
@@ -154,7 +154,7 @@ class _Rapid:
 
 
 def read_rapid(path: Path) -> list[Move]:
-    """Run the procedure of a RAPID module that has its name; the modules of its procedures lie beside it."""
+    """Interpret the main procedure of a RAPID module; modules of its procedures are in the same folder."""
     parts = sorted(path.parent.glob("*.mod"))
     modules = "\n".join(file.read_text() for file in parts if file.stem[:-1].rstrip("0123456789").endswith("_"))
     text = path.read_text()
@@ -180,7 +180,7 @@ def read_rapid(path: Path) -> list[Move]:
 
 
 def read_csv(path: Path, axes: tuple[str, ...], external: Iterable[bool]) -> list[Move]:
-    """Read a joint table whose axes have these names, by letters and digits; `external` tells which are of no arm."""
+    """Read a joint table with these axis names, compared by letters and digits; `external` marks external axes."""
     header, *lines = path.read_text().splitlines()
     columns = [re.sub("[^A-Za-z0-9]", "", name) for name in header.split(",")]
     rows = [dict(zip(columns, map(float, line.split(",")), strict=True)) for line in lines]

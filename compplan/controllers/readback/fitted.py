@@ -1,6 +1,6 @@
-"""Do the moves of a program stand for all rows that were planned? Each is followed along them.
+"""Check that the moves of a program represent all planned rows: rows are compared with the line or arc of their move.
 
-Its line or arc is worked out anew from what was read.
+The line or arc is computed anew from the program that was read back.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from compplan.toolpath.corners import STRAYS, measure_beside
 
 #: Rounding of written positions. [mm]
 ROUNDING = 5e-4
-#: Greatest turn of the tool beside an even one. [deg]
+#: Greatest departure of the tool from an even rotation. [deg]
 TURN = 0.02
-#: A feed stands until another differs by `HELD` of it, and is written with one decimal at least; speeds within a move
-#: differ by `RATIO` at most. [1, mm/s, 1]
+#: A feed is kept until it changes by `HELD`, and is written with at least one decimal; speeds within a move differ by
+#: at most `RATIO`. [1, mm/s, 1]
 FEED, FEED_STEP, UNEVEN = HELD / (1.0 - HELD), 0.05 * (1.0 + 1e-6), RATIO - 1.0
 
 
 @dataclass(frozen=True)
 class PlannedRows:
-    """The rows that a program stands for."""
+    """Planned rows that a program represents."""
 
     position: Array  #: Commanded tip. Shape (m, 3). [mm]
     rotation: Array  #: Commanded orientation. Shape (m, 3, 3).
     time: Array  #: Shape (m,). [s]
-    kept: NDArray[np.bool_]  #: Rows that a move has to end at. Shape (m,).
-    free: NDArray[np.bool_]  #: Rows whose speed is of no account. Shape (m,).
-    tolerance: float  #: How far rows may lie beside the move that stands for them. [mm]
+    kept: NDArray[np.bool_]  #: Rows at which a move has to end. Shape (m,).
+    free: NDArray[np.bool_]  #: Rows without a prescribed speed. Shape (m,).
+    tolerance: float  #: Greatest distance of rows from the move that represents them. [mm]
     cycle: float  #: Least time of a move. [s]
-    #: Feed that the CAM file asks for; without it no leg has a speed of its own. Shape (m,). [mm/s]
+    #: Feed of the CAM file; without it the speed is not levelled along short legs. Shape (m,). [mm/s]
     asked: Array | None = None
-    corners: NDArray[np.bool_] | None = None  #: Rows that are corners, which a zone leads around. Shape (m,).
+    corners: NDArray[np.bool_] | None = None  #: Rows that are corners with a blend zone. Shape (m,).
 
 
 def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move], bases: Sequence[Array]) -> list[str]:
-    """Say where a line or arc first leaves the rows that it stands for, or takes another time.
+    """Return the first line or arc that departs from its rows, or differs from their planned time, as a message.
 
-    `ends` is the row at which each move ends, `bases` the frame that its positions count from, seen from the base. [mm]
+    `ends` is the row at the end of each move, `bases` the frame of its positions, in the base frame. [mm]
     """
     step = np.linalg.norm(np.diff(rows.position, axis=0, prepend=rows.position[:1]), axis=1)
     lasts, stops = np.diff(rows.time, prepend=rows.time[0] - 1.0), np.zeros(len(step), bool)
@@ -63,10 +63,10 @@ def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move
 
 
 def check_corners(position: Array, corner: Array, beside: Array) -> list[str]:
-    """Say where the rounding of a corner lies farther from the legs of it than zones may lead.
+    """Return corners whose rounding lies farther from their legs than zones may depart from the path.
 
-    `corner` is the way from a row to the corner that stands for it, nan at rows beside, `beside` how far zones may
-    lead. Shapes (m, 3), (m, 3), (m,). [mm]
+    `corner` is the vector from a row to the corner that represents it, nan at its omitted neighbours; `beside` is the
+    allowed departure of zones. Shapes (m, 3), (m, 3), (m,). [mm]
     """
     said, left_out = [], np.isnan(corner[:, 0])
     for row in np.flatnonzero(np.nan_to_num(np.abs(corner).max(axis=1)) > 0.0).tolist():
@@ -82,7 +82,7 @@ def check_corners(position: Array, corner: Array, beside: Array) -> list[str]:
 
 
 def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
-    """Say how far the rows of a move lie beside it where that is too far."""
+    """Return a message if rows of a move lie too far from it, or its rotation is not even; otherwise ""."""
     x = rows.position[a : b + 1]
     if move.kind == "arc":
         assert move.via is not None
@@ -104,7 +104,7 @@ def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
 
 
 def _time(rows: PlannedRows, a: int, b: int, move: Move, base: Array, step: Array, lasts: Array) -> str:
-    """Say where the feed of a move takes another time than is to be sent, or less than a cycle."""
+    """Return a message if the feed of a move does not match the planned time (at least a cycle) or speeds."""
     leg, start, end = slice(a + 1, b + 1), rows.position[a], rows.position[b]
     arc = None if move.via is None else find_arc(start, (base @ move.via)[:3, 3], end)
     length = float(np.linalg.norm(end - start)) if arc is None else arc.length

@@ -1,4 +1,4 @@
-"""Compare joints.csv with the commanded arm."""
+"""Comparison of joints.csv with the commanded arm."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from compplan.controllers.writers.joint_convention import load_motion
 from compplan.io.parsing import guard_parser
 from compplan.robot import Array, Robot
 
-#: Columns of joints.csv beside time and joints: wanted tip [mm], tool axis, wrench on the tool [N, N m], base frame.
+#: Columns of joints.csv after time and joints: wanted tip [mm], tool axis, wrench on the tool [N, N m], base frame.
 WANTED = ("x_mm", "y_mm", "z_mm", "i", "j", "k", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-#: Rounding that joints.csv leaves. [deg or mm]
+#: Accepted rounding of joints.csv. [deg or mm]
 TABLE = 1e-6
 
 
 def check_joint_table(
     file: Path, robot: Robot, time: Array, q: Array, wanted: Array, kept: NDArray[np.bool_]
 ) -> Iterator[str]:
-    """Say where joints.csv is not what was planned, or leaves out a row that is a cycle from those that it holds.
+    """Yield differences of joints.csv from the plan, and omitted rows at least a cycle away from its rows.
 
     Args:
         file: The table.
         robot: The robot.
-        time: Time of each row that was planned. Shape (n,). [s]
+        time: Time of each planned row. Shape (n,). [s]
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wanted: The columns of `WANTED`. Shape (n, 12).
-        kept: Rows that the table holds. Shape (n,).
+        kept: Rows in the table. Shape (n,).
     """
     after = np.clip(np.searchsorted(time[kept], time), 1, int(kept.sum()) - 1)
     near = np.abs(time - time[kept][np.stack([after - 1, after])]).min(axis=0)

@@ -1,7 +1,7 @@
-"""Readers that run native robot programs as their controllers would, and share nothing with the writers.
+"""Interpreters of KRL and VAL3 programs, independent of the writers.
 
-Each returns the moves in the order in which the robot makes them, with what was in force at each: tool, base, speed,
-whether the robot stops there. A line that a reader does not know stops it. Lengths in mm, angles in deg.
+Each returns the moves in order of execution, with the data in force at each: tool, base, speed, and whether the robot
+stops there. An unknown line is an error. Lengths in mm, angles in deg.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class _Krl:
         elif match := re.fullmatch(r"BAS\(#VEL_PTP,(\d+)\)", line):
             self.values |= {f"$VEL_AXIS[{axis}]": float(match[1]) for axis in range(1, 7)}
         elif line in ("GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM()", "INTERRUPT ON 3"):
-            pass  # what every module of the controller declares: stop messages
+            pass  # standard declarations of every module: stop messages
         elif line == "BAS(#INITMOV,0)":
             self.values |= {"$APO.CPTP": 0.0, "$APO.CDIS": 0.0, "$ADVANCE": 3.0}
         elif match := re.fullmatch(r"(\w+)\(\)", line):
@@ -114,7 +114,7 @@ class _Krl:
 
 
 def read_krl(source: Path) -> list[Move]:
-    """Run a KRL program; its name is that of the .src file, parts and data lie beside it."""
+    """Interpret a KRL program with the name of its .src file; parts and data are in the same folder."""
     interpreter = _Krl(source.parent)
     interpreter.call(source.stem)
     return interpreter.moves
@@ -150,7 +150,7 @@ class _Val3:
             self.step(line)
 
     def place(self, name: str, index: int = 0) -> Any:
-        """Return the pose of an element."""
+        """Return the pose of an array element."""
         return staubli_pose(*(float(self.data[name][index][key]) for key in PLACE))
 
     def step(self, line: str) -> None:
@@ -194,7 +194,7 @@ class _Val3:
 
 
 def read_val3(project: Path) -> list[Move]:
-    """Run the program start of a VAL3 project folder."""
+    """Interpret the program start of a VAL3 project folder."""
     data: dict[str, list[dict[str, str]]] = {}
     root = ElementTree.fromstring(next(project.glob("*.dtx")).read_text())
     for element in root.iter():

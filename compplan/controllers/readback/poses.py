@@ -1,6 +1,6 @@
-"""What readers of native robot programs have in common: moves, actions beside motion, poses from angles.
+"""Shared parts of the readers of native robot programs: moves, non-motion instructions, poses from angles.
 
-They share nothing with the writers. Lengths in mm, angles in deg.
+They are independent of the writers. Lengths in mm, angles in deg.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
 class Move(NamedTuple):
-    """Hold a move: where it ends, how fast it runs, whether it stops there.
+    """A move: its end, its speed, and whether it stops there.
 
-    `joints` are those of the arm and `external` the further axes, as the controller counts them; `pose` is the tool's,
-    seen from the base in force. A speed is mm/s along the path (`feed`) or a share of the axis rates (`percent`).
-    `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre, flange frame [mm];
-    `rate` that of the leading joint [deg/s]; with `flange_turn` a pose has the tool's tip and the flange's turn.
-    `via` is a pose that a move of kind "arc" goes through (of SINUMERIK its place alone).
+    `joints` are those of the arm and `external` the further axes, in the controller's convention; `pose` is the tool's
+    in the active base. The speed is in mm/s along the path (`feed`) or a share of the axis rates (`percent`).
+    `configuration` is as written in the language; `load` is the tool's mass [kg] and its centre, flange frame [mm];
+    `rate` is that of the leading joint [deg/s]; with `flange_turn` a pose has the tip's position and the flange's
+    orientation. `via` is the via pose of a move of kind "arc" (for SINUMERIK only its position).
     With `carried` the base moves with the external axes that carry the part.
-    `action` is a line that does something beside motion; its `kind` is "act".
+    `action` is a non-motion instruction; its `kind` is "act".
     """
 
     kind: str
@@ -49,7 +49,7 @@ class Move(NamedTuple):
 
 
 def build_poses(place: Any, rotation: Rotation) -> Pose:
-    """Return frames from places and rotations. Shape (4, 4), or (n, 4, 4) for n of each."""
+    """Return frames from positions and rotations. Shape (4, 4), or (n, 4, 4) for n of each."""
     matrix = rotation.as_matrix()
     pose = np.zeros((*matrix.shape[:-2], 4, 4))
     pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = matrix, place, 1.0
@@ -57,7 +57,7 @@ def build_poses(place: Any, rotation: Rotation) -> Pose:
 
 
 def _euler_pose(order: str, *numbers: float) -> Pose:
-    """Return a frame from x y z and three angles; capitals turn about turning axes, small letters about fixed ones."""
+    """Return a frame from x y z and three Euler angles; capitals are intrinsic axes, small letters extrinsic ones."""
     return build_poses(numbers[:3], Rotation.from_euler(order, numbers[3:], degrees=True))
 
 
@@ -80,12 +80,12 @@ def shift(x: float, y: float, z: float) -> Pose:
 
 
 def vector_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
-    """Universal Robots: m and a rotation vector in rad; in mm here."""
+    """Return a pose of Universal Robots in mm: position in m and a rotation vector in rad."""
     return build_poses((x * 1e3, y * 1e3, z * 1e3), Rotation.from_rotvec((a, b, c)))
 
 
 def abb_pose(place: Sequence[float], quaternion: Sequence[float]) -> Pose:
-    """ABB: the quaternion's real part stands first."""
+    """Return a pose of ABB: quaternion with its real part first."""
     w, x, y, z = quaternion
     assert math.isclose(w * w + x * x + y * y + z * z, 1.0, abs_tol=1e-6), "no unit quaternion"
     return build_poses(place, Rotation.from_quat((x, y, z, w)))
@@ -96,7 +96,7 @@ def read_numbers(text: str) -> list[float]:
     return [float(number) for number in re.findall(NUMBER, text)]
 
 
-#: Lines of each language that do something beside motion, their texts left out.
+#: Non-motion instructions of each language, with empty texts.
 BESIDE: dict[str, str] = {
     "krl": rf'MsgNotify\(""\)|HALT|\$OUT\[\d+\]=(TRUE|FALSE)|WAIT SEC {NUMBER}'
            r"|WAIT FOR \$IN\[\d+\]|\w+\(\d+\)",
@@ -114,11 +114,11 @@ BESIDE: dict[str, str] = {
 
 
 def list_lines(text: str, comment: str = ";") -> list[str]:
-    """Return the lines of a program that do something; comments, indentation and texts left out."""
+    """Return the effective lines of a program, without comments and indentation, with empty texts."""
     lines = (re.sub(r'"[^"]*"', '""', line).split(comment)[0].strip() for line in text.splitlines())
     return [line for line in lines if line]
 
 
 def read_beside(line: str, language: str) -> Move | None:
-    """Return a line that does something beside motion as a move that is none; other lines are not."""
+    """Return a non-motion instruction as a `Move` of kind "act"; None for other lines."""
     return Move("act", True, action=line) if re.fullmatch(BESIDE[language], line) else None

@@ -1,6 +1,6 @@
-"""What a program says beside where it leads: where it stops, configuration and turns, axis rates, load of the tool.
+"""Contents of a program in addition to its path: stops, configurations and turns, axis rates, load of the tool.
 
-Each is worked out here from the commanded joints by what the makers' manuals say of the words.
+Each is computed here from the commanded joints, by the definitions in the makers' manuals.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from compplan.controllers.readback.poses import Move
 from compplan.controllers.writers.joint_convention import Counting, measure_words
 from compplan.robot import Array, Robot
 
-#: A joint this near to where its turn changes may be told either way. [deg]
+#: Distance to a change of turn below which either turn is accepted. [deg]
 NEAR = 1e-3
-#: Words this near to their threshold may be told either way. [deg or mm]
+#: Distance to the threshold of a configuration word below which either value is accepted. [deg or mm]
 DOUBTFUL = 1e-2
-#: Languages that run through joint tables and stop nowhere of themselves.
+#: Languages of joint tables without stops.
 NO_STOPS = frozenset({"csv"})
-#: Axis rates [percent] may be off by this share and by this much: some languages write whole percents from 1 to 100.
+#: Accepted relative and absolute error of axis rates [percent]: some languages write whole percents from 1 to 100.
 RATE_SHARE, RATE_STEP = 0.05, 0.51
 #: Rounding of a mass [kg] and of its centre [mm].
 MASS, CENTRE = 0.01, 0.05
-#: What each word adds to cfx of a RAPID target, which of its values counts.
+#: Contribution of each configuration word to cfx of a RAPID target, and the value that counts.
 CFX = {"shoulder": ("back", 4), "elbow": ("down", 2), "wrist": ("flip", 1)}
 #: The value that sets each of the first three numbers of RCONF (no flip, lower arm, rear).
 RCONF = (("wrist", "noflip"), ("elbow", "down"), ("shoulder", "back"))
@@ -35,13 +35,13 @@ LETTERS = ("wrist", "elbow", "shoulder")
 
 @dataclass(frozen=True)
 class PostureWord:
-    """One word of the configuration at every row."""
+    """One configuration word at every row."""
 
     values: NDArray[np.str_]  #: Its value. Shape (n,).
-    sure: NDArray[np.bool_]  #: Whether it lies clear of the threshold. Shape (n,).
-    #: What each value adds to S of a KRL position, empty where not said.
+    sure: NDArray[np.bool_]  #: Whether the row is clear of the threshold. Shape (n,).
+    #: Contribution of each value to S of a KRL position, empty where not defined.
     status: Mapping[str, int] = field(default_factory=dict)
-    #: The controller's own word for each, empty where not said.
+    #: Each value in the controller's language, empty where not defined.
     native: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -56,20 +56,20 @@ def read_words(counting: Counting, robot: Robot, q: Array) -> dict[str, PostureW
 
 @dataclass(frozen=True)
 class ReportedProgram:
-    """What programs have to say, at the rows that they hold."""
+    """Expected contents of programs, at their rows."""
 
-    arm: Array  #: Joints of the arm as the controller counts them. Shape (m, 6). [deg]
+    arm: Array  #: Joints of the arm in the controller's convention. Shape (m, 6). [deg]
     words: Mapping[str, PostureWord]  #: Configuration words by name.
     rapid: NDArray[np.bool_]  #: Whether the move to each row is rapid. Shape (m,).
-    #: Whether the tool has to stand still at each row, beside the ends of rapid moves. Shape (m,).
+    #: Whether the tool has to stop at each row, in addition to the ends of rapid moves. Shape (m,).
     stands: NDArray[np.bool_]
-    share: Array  #: Share of the axis rates that the move to each row takes, nan where not known. Shape (m,).
-    mass: float | None = None  #: Mass of the tool, None where the job states none. [kg]
-    #: Its centre, the pendant's flange frame. Shape (3,). [mm]
+    share: Array  #: Share of the axis rates in the move to each row, nan where unknown. Shape (m,).
+    mass: float | None = None  #: Mass of the tool, None where it is not stated. [kg]
+    #: Centre of the tool's mass in the pendant's flange frame. Shape (3,). [mm]
     centre: Array = field(default_factory=lambda: np.zeros(3))
 
     def take(self, rows: NDArray[np.int_]) -> ReportedProgram:
-        """Return what is to be said at some of the rows."""
+        """Return the expected contents at some of the rows."""
         words = {key: replace(word, values=word.values[rows], sure=word.sure[rows]) for key, word in self.words.items()}
         return replace(
             self, arm=self.arm[rows], words=words, rapid=self.rapid[rows], stands=self.stands[rows],
@@ -77,7 +77,7 @@ class ReportedProgram:
         )  # fmt: skip
 
     def compare(self, language: str, moves: Sequence[Move]) -> list[str]:
-        """Say where the moves of a program, one a row, say something else."""
+        """Return the differences between the moves of a program, one for each row, and the expected contents."""
         said = [
             "" if language in NO_STOPS else self._compare_stops(moves), self._compare_words(language, moves),
             self._compare_shares(moves), self._compare_load(moves),
@@ -111,7 +111,7 @@ class ReportedProgram:
         return ""
 
     def _list_words(self, language: str) -> list[tuple[str, list[str], NDArray[np.bool_]]]:
-        """Return what a language says of a configuration, in its order: name, text at every row, where it is sure."""
+        """Return a language's configuration words in order: name, text at every row, rows clear of the threshold."""
         arm, words = self.arm, self.words
         clear = np.ones(len(arm), bool)
         for word in words.values():
@@ -149,7 +149,7 @@ class ReportedProgram:
         return total
 
     def _say(self, key: str) -> tuple[list[str], NDArray[np.bool_]]:
-        """Return a word in the controller's own language, and where it is sure: nowhere where it has none."""
+        """Return a word in the controller's language, and rows clear of the threshold: none where it is not defined."""
         if key not in self.words or not self.words[key].native:
             return [""] * len(self.arm), np.zeros(len(self.arm), bool)
         word = self.words[key]
@@ -190,5 +190,5 @@ def _clear(values: Array, step: float = np.inf) -> NDArray[np.bool_]:
 
 
 def _count(values: Array, step: float) -> tuple[list[str], NDArray[np.bool_]]:
-    """Return which whole step each value lies in, and where it is clear of the next."""
+    """Return the number of full steps below each value, and whether the value is clear of the next step."""
     return _texts(np.floor(values / step).astype(int)), _clear(values, step)

@@ -1,4 +1,4 @@
-"""Readers that run URScript, SINUMERIK, INFORM and AS programs as their controllers would; see kuka_staubli."""
+"""Interpreters of URScript, SINUMERIK, INFORM and AS programs; see kuka_staubli."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SCRIPT_END = rf"v=({NUMBER})(?:, r=({NUMBER}))?"
 
 
 def read_urscript(path: Path) -> list[Move]:
-    """Run a URScript program, or the numbered ones that it was cut into, in order."""
+    """Interpret a URScript program, or its numbered parts in order."""
     parts = sorted(path.parent.glob(f"{path.stem}_[0-9]*.script"), key=lambda part: int(part.stem.split("_")[-1]))
     return [move for part in ([path] if path.exists() else parts) for move in _run_script(part)]
 
@@ -73,7 +73,7 @@ def _run_script(path: Path) -> list[Move]:
 
 
 _WORD = re.compile(rf"([XYZ]) ?({NUMBER})")
-#: Words that set what the reader takes for granted.
+#: Words with the settings that the reader assumes.
 KNOWN = {"G17", "G90", "G94", "G710", "G500", "D1", "TRAORI", "ORIWKS", "ORIRPY", "G642", "TRAFOOF", "M30"}
 
 
@@ -91,7 +91,7 @@ class _Sinumerik:
     asked: Pose | None = None
 
     def ask(self, text: str) -> None:
-        """Take from the comments what tool lengths and frame of the cell have to be; people enter these numbers."""
+        """Read from comments the tool lengths and the frame that users have to enter in the cell."""
         if match := re.search(r"^; lengths of D1 of tool \d+ have to be: (Z.*)$", text, re.M):
             self.lengths = {str(5 - "XYZ".index(name)): float(value) for name, value in _WORD.findall(match[1])}
         if match := re.search(r"^; \S+ has to be the part frame: (X.*)\n; turned by (.*)$", text, re.M):
@@ -150,7 +150,7 @@ class _Sinumerik:
 
 
 def read_sinumerik(path: Path) -> list[Move]:
-    """Run a SINUMERIK part program; subprograms lie beside it."""
+    """Interpret a SINUMERIK part program; subprograms are in the same folder."""
     interpreter = _Sinumerik(path.parent)
     interpreter.run(path.read_text())
     return interpreter.moves
@@ -160,7 +160,7 @@ def read_sinumerik(path: Path) -> list[Move]:
 
 
 def read_inform(path: Path, frames: dict[str, Pose] | None = None) -> list[Move]:
-    """Run an INFORM job and those that it calls."""
+    """Interpret an INFORM job and the jobs that it calls."""
     frames = frames if frames is not None else {}
     head, body = path.read_text().split("NOP\n")
     points, stations, variables, kind = {}, {}, {}, ""
@@ -213,7 +213,7 @@ def read_inform(path: Path, frames: dict[str, Pose] | None = None) -> list[Move]
 
 
 def read_kawasaki(path: Path) -> list[Move]:
-    """Run the program of an AS file; further programs lie beside it."""
+    """Interpret the program of an AS file; further programs are in the same folder."""
     programs: dict[str, list[str]] = {}
     values: dict[str, list[float]] = {}
     for file in path.parent.glob("*.as"):

@@ -1,4 +1,4 @@
-"""Native robot programs, one file a language."""
+"""Native robot programs, one module for each language."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from compplan.robot import Robot
 
 
 class Language(Protocol):
-    """What the file of a language offers.
+    """Interface of a language module.
 
-    It may also hold its form (`FORM`, a `ProgramForm`, of languages.toml), what a user has to know of a program
-    (`describe`), and how it writes a program that calls those of several tools (`format_main`).
+    Optional: `FORM` (a `ProgramForm` from languages.toml), `describe` (notes on a program for the user), and
+    `format_main` (writes a program that calls the programs of several tools).
     """
 
     name: str
 
     def write(self, program: Program, folder: Path, most: int | None = None) -> list[Path]:
-        """Write a program into a folder, at most `most` points in a file (left out: what controllers take).
+        """Write a program into a folder, with at most `most` points in a file (left out: the language's default).
 
         Raises:
-            InputError: If the robot's joints, or what is known of them, do not fit the language.
+            InputError: If the robot's joints, or the data on them, do not fit the language.
         """
 
 
@@ -48,11 +48,11 @@ _OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "
 #: Every language, by the name of its module.
 WRITERS: Registry[Language] = Registry[Language](_OWN, __name__)
 
-#: Letters that a main program adds to the name of the job: _ALL, and _L for linear moves.
+#: Letters that a main program adds to the job name: _ALL, and _L for linear moves.
 ADDED = 6
-#: What the name of a main program ends in.
+#: Ending of the name of a main program.
 WHOLE = re.compile(r"_ALL(_[JL])?$", re.IGNORECASE)
-#: Endings of names that say how a program moves: the joints, or the tool.
+#: Endings of program names: joint moves or moves of the tool.
 KINDS = re.compile(r"_[JjLl]$")
 
 __all__ = [
@@ -70,8 +70,8 @@ def write_program(
         program: The program.
         language: One of `WRITERS`.
         folder: Folder to write to; made if needed.
-        most: Greatest number of points in a file; left out: what the controller takes.
-        any_brand: Whether a language of another brand than the robot's controller will do.
+        most: Greatest number of points in a file; left out: the language's default.
+        any_brand: Whether to accept a language of another brand than the robot's controller.
 
     Returns:
         The files written.
@@ -88,7 +88,7 @@ def write_program(
 
 
 def find_ends(program: Program, language: str) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-    """Return the rows at which a language's moves of the tool end, and where it stops as it has no smaller zone.
+    """Return the rows where a language's tool moves end, and those where it stops because it lacks a smaller zone.
 
     Shapes (k,).
     """
@@ -98,9 +98,9 @@ def find_ends(program: Program, language: str) -> tuple[NDArray[np.int_], NDArra
 
 
 def widest_zone(languages: tuple[str, ...]) -> BlendZone:
-    """Return the zone of the language among some that leaves the path the most at a corner.
+    """Return the language's blend zone that departs most from the path at a corner.
 
-    That of a language which is not listed stands in its own file (`ZONE`); where it does not, it is assumed.
+    The zone of a language that is not listed is in its module (`ZONE`); otherwise it is assumed.
     """
     zones = (ZONES.get(name) or getattr(WRITERS.get(name), "ZONE", OTHER) for name in languages)
     return max(zones, key=lambda zone: (zone.size, zone.overlap))
@@ -109,7 +109,7 @@ def widest_zone(languages: tuple[str, ...]) -> BlendZone:
 def check_brand(controller: str, language: str) -> None:
     """Refuse a language of controllers of another brand.
 
-    A controller of a brand that no language here belongs to, or that nobody names, may have any.
+    Any language is accepted for an unnamed controller, or one of a brand without a language here.
 
     Raises:
         InputError: If the controller is of another brand than the language.
@@ -126,7 +126,7 @@ def check_brand(controller: str, language: str) -> None:
 
 
 def list_languages(controller: str) -> list[str]:
-    """List the languages that a controller may have, its own brand's first: all where the brand is not known."""
+    """List the languages of a controller, those of its brand first; all languages where the brand is not known."""
     brands = {name: _brand(name) for name in WRITERS}
     own = {brand for brand in brands.values() if brand and brand.lower() in controller.lower()}
     spoken = [name for name, brand in brands.items() if not own or not brand or brand in own]
@@ -136,11 +136,11 @@ def list_languages(controller: str) -> list[str]:
 def check_languages(
     robot: Robot, languages: Sequence[str], *, file: Path, form: str = "both", any_brand: bool = False
 ) -> None:
-    """Refuse a job that asks for programs that its robot cannot have, before it is planned.
+    """Refuse a job with programs that cannot be written for its robot, before it is planned.
 
     Raises:
-        InputError: If it is of another brand, has joints or a controller.toml that a language is not written for, or
-            its controller.toml is not what it has to be.
+        InputError: If a language is of another brand or does not support the joints or controller.toml of the robot, or
+            if controller.toml is not valid.
     """
     controller = load_controller(robot).name if languages else ""
     moving = [name for name in WRITERS if name == "csv" or ((own := _form(name)) is not None and own.moves_part)]
@@ -151,7 +151,7 @@ def check_languages(
         try:
             if not any_brand:
                 check_brand(controller, language)
-            if language != "own":  # what it takes, its template says
+            if language != "own":  # its template decides what it supports
                 _rehearse(robot, language, form)
         except InputError as error:
             if error.file is not None:
@@ -160,7 +160,7 @@ def check_languages(
 
 
 def _rehearse(robot: Robot, language: str, form: str) -> None:
-    """Write two waypoints amid the joint limits, for what a language says of the robot, and throw them away."""
+    """Write two waypoints amid the joint limits into a temporary folder, to raise the errors of the language."""
     low, high = (np.where(np.isfinite(limit), limit, 0.0) for limit in (robot.lower, robot.upper))
     q = 0.5 * (low + high) + np.array([[0.0], [1e-3]])
     program = build_program(robot, q, np.full(2, 0.01), np.array([True, False]), name="rehearsal")
@@ -169,7 +169,7 @@ def _rehearse(robot: Robot, language: str, form: str) -> None:
 
 
 def describe_program(program: Program, language: str) -> list[str]:
-    """Return what a user has to know of a program in a language, one sentence each."""
+    """Return the notes on a program in a language, one sentence each."""
     notes: list[str] = []
     if program.unchecked:
         notes.append(Stop(
@@ -194,10 +194,10 @@ def describe_program(program: Program, language: str) -> list[str]:
 def write_sequence(
     program: Program, language: str, name: str, groups: Sequence[Sequence[Path]], folder: Path
 ) -> list[Path]:
-    """Write the main program of a job of several tools in a language, one for joint moves and one for linear ones.
+    """Write the main programs of a job of several tools: one for joint moves and one for linear moves.
 
-    `groups` are the files that were written for each tool, in the order in which they run. Nothing is written where the
-    language has no calls of other programs.
+    `groups` are the files written for each tool, in order of execution. Nothing is written where the language cannot
+    call other programs.
     """
     form = _form(language)
     if form is None or not form.suffix or len(groups) < 2:
@@ -223,7 +223,7 @@ def _format_main(language: str, name: str, program: Program, calls: Sequence[str
 
 
 def _find_entries(files: Sequence[Path]) -> dict[str, str]:
-    """Return the programs of a tool that are no part of another one, by the ending that says how they move."""
+    """Return the top-level programs of a tool (not parts of another one), by the ending for their kind of moves."""
     stems = [file.stem for file in files]
     parts = {stem for stem in stems for whole in stems if re.fullmatch(rf"{re.escape(whole)}_?\d+", stem)}
     return {found.group() if (found := KINDS.search(stem)) else "": stem for stem in stems if stem not in parts}

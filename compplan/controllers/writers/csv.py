@@ -1,4 +1,4 @@
-"""Joint positions as a table, as the controller counts them."""
+"""Joint positions as a table, in the controller's joint convention."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ name = "csv"
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
-    """Write NAME_joints.csv: a column a joint (A1_deg ...), feed_mm_s, rapid, and time_s where it is known."""
+    """Write NAME_joints.csv: one column for each joint (A1_deg ...), feed_mm_s, rapid, and time_s where it is known."""
     columns: dict[str, object] = {}
     if program.time is not None:
         columns["time_s"] = program.time

@@ -18,15 +18,15 @@ from compplan.errors import InputError
 from compplan.io.tables import Array
 
 name = "fanuc_ls"
-#: A remark has 32 letters.
+#: Letters of a remark.
 LONGEST_REMARK = 32
-#: Greatest and least linear speed in mm/sec; slower ones are in cm/min, at least SLOWEST of these.
+#: Greatest linear speed in mm/sec, speed below which cm/min is written, and least speed in cm/min.
 FASTEST, SLOW, SLOWEST = 2000.0, 1.0, 1.0
-#: The position register through which programs fill tool and user frame if asked.
+#: Position register through which programs set tool and user frame if `overwrite` is set.
 REGISTER = 99
-#: Motion group of what carries the part (assumed).
+#: Motion group of the part positioner (assumed).
 POSITIONER = 2
-#: Numbers of a Cartesian position.
+#: Formats of the numbers of a Cartesian position.
 PLACE = [f"{name} = {{:12.5f}}  mm" for name in "XYZ"] + [f"{name} = {{:12.6f}} deg" for name in "WPR"]
 
 
@@ -36,10 +36,10 @@ FORM = ProgramForm.load("fanuc_ls", lambda poses: place_table(poses, "xyz"))
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.LS with joint positions and NAME_L.LS with Cartesian ones; long ones call NAME_1.LS and so on.
 
-    Cutting moves are L and C with their feed, rapid moves and swings J. Cartesian positions count from a user frame of
-    the cell, with a tool frame of the cell, and are written where the configuration words (native N F, U D, T B) are
-    known. Sliding joints are extended axes (E1 ..), in mm. Joints that carry the part are a motion group of their own
-    (GP2); all positions are joint positions then, and lines are driven seen from the part (COORD).
+    Cutting moves are L and C with their feed; rapid moves and configuration changes are J. Cartesian positions refer to
+    a user frame and a tool frame of the cell. They are written where the configuration words (native N F, U D, T B) are
+    known. Sliding joints are extended axes (E1 ..), in mm. Joints that carry the part form a second motion group (GP2);
+    then all positions are joint positions, and lines are straight relative to the part (COORD).
     """
     turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 3 or (program.moves_part and program.prismatic.any()):
@@ -51,7 +51,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 
 def describe(program: Program) -> list[str]:
-    """Return what must be said of feeds, and where there is no program with positions."""
+    """Return notes on rounded feeds, and on a missing program with Cartesian positions."""
     notes = describe_feeds(program, "0.1 mm/s, below 1 mm/s of 0.1 cm/min", _round_feeds)
     if state_configurations(program) is None and not program.moves_part:
         notes.append("no program with positions: controller.toml has no native words N F, U D, T B")
@@ -59,7 +59,7 @@ def describe(program: Program) -> list[str]:
 
 
 def state_configurations(program: Program) -> list[str] | None:
-    """Return CONFIG of each position, such as "N U T, 0, 0, 0", or None where the words are not known.
+    """Return CONFIG of each position, such as "N U T, 0, 0, 0", or None where the configuration words are not known.
 
     The numbers count the turns of J1, J4 and J6 (assumed): 0 from -180 up to 180 deg.
     """
@@ -106,7 +106,7 @@ def _user_frame(part: ProgramPart) -> int:
 def _format_move(program: Program, move: WrittenMove, number: int, via: int | None, linear: bool) -> str:
     if move.kind == "joint" and (linear or program.rapid[move.row]):
         return f"J P[{number}] {int(max(round(move.percent), 1))}% FINE ;"
-    # how much of CNT100 a corner may have: a share of its size (assumed)
+    # share of CNT100 at a corner: ratio of the zone sizes (assumed)
     share = 100.0 * min(move.zone, 1e9) / max(move.own_zone, 1e-9) if linear else 100.0
     ending = "FINE" if move.stops else f"CNT{int(min(max(share, 1.0), 100.0))}"
     feed = f"{move.feed:.1f}mm/sec" if move.feed >= SLOW else f"{max(6.0 * move.feed, SLOWEST):.1f}cm/min"
@@ -115,7 +115,7 @@ def _format_move(program: Program, move: WrittenMove, number: int, via: int | No
 
 
 def _format_position(program: Program, move: WrittenMove, number: int, frame: int, words: str) -> str:
-    """Return a position: joints, or a place in a user frame where the move is no joint move; external axes behind."""
+    """Return a position: joint angles for joint moves, otherwise a pose in a user frame; then the external axes."""
     head, second = f"UF : {frame}, UT : {program.post.tool}", ""
     if words and move.kind != "joint":
         head += f",\t\tCONFIG : '{words}'"
@@ -135,9 +135,9 @@ def format_program(
     name: str, program: Program, frame: int, moves: Sequence[str], positions: Sequence[str], main: bool,
     parts: Sequence[str] = (),
 ) -> str:  # fmt: skip
-    """Return the file of a program: its head, its instructions with their numbers, its positions.
+    """Return the file of a program: its head, its numbered instructions, its positions.
 
-    `frame` is the user frame that positions count from, 0 for joint positions; a main program has frames.
+    `frame` is the user frame of the positions, 0 for joint positions. Frames are set only in a main program.
     """
     cell = program.post
     second = POSITIONER if program.moves_part else 0
@@ -160,5 +160,5 @@ def format_program(
 
 
 def format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    """Return the program that calls those of several tools."""
+    """Return the program that calls the programs of several tools."""
     return format_program(name, program, 0, [], [], False, calls)

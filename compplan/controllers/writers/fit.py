@@ -1,11 +1,10 @@
-"""As few moves as the path needs: lines and arcs through rows of a program, within a tolerance of all its rows.
+"""Fit of few moves to a program: lines and arcs through its rows, within a tolerance of all of them.
 
-A fitted move begins and ends at rows of the program; an arc goes by the rows between as near as it can. Every row that
-is left out lies within the tolerance of the move that stands for it, and what is bent within it of the chord between
-two rows. Arcs of the CAM file are tried first, as a whole. The tool turns evenly along a move. Where the plan's speed
-changes by more than `RATIO`, another move begins, so that each takes the time that the plan takes for it; starts from
-rest and stops are left to the controller. A move that it would not have the time for is joined to a neighbour, or else
-driven slower.
+A fitted move begins and ends at rows of the program; an arc follows the rows between by least squares. Every omitted
+row lies within the tolerance of its fitted move, and so does the sagitta of an arc over the chord between two rows.
+Arcs of the CAM file are tried first, in full. The tool turns evenly along a move. Where the planned speed changes by
+more than `RATIO`, another move begins, so that each move takes its planned time. Ramps from rest and to stops are left
+to the controller. A move shorter than the controller's cycle is joined to a neighbour, or otherwise driven slower.
 """
 
 from __future__ import annotations
@@ -22,34 +21,34 @@ from compplan.controllers import shapes
 from compplan.controllers.writers.program import Program
 from compplan.io.tables import Array
 
-#: Kind of a line; arcs are called by a row that they go by.
+#: Kind of a line; the kind of an arc is the index of a row near its middle.
 LINE = -1
-#: Greatest turn of the tool beside an even one. [rad]
+#: Greatest departure of the tool from an even rotation. [rad]
 TURN = float(np.radians(0.01))
-#: Rows that lie no farther apart and are turned no more are one place where positions are rounded. [mm], [rad]
+#: Distance and rotation below which rows are the same pose after rounding. [mm], [rad]
 NOWHERE, UNTURNED = 5e-4, 3e-5
 #: Greatest departure of joints that carry the part from an even motion. [deg or mm]
 CARRIED = 0.02
-#: Rows that are looked at at once, and how a search goes on from a move that fits.
+#: Rows that are evaluated at once, and factor by which the search extends a move that fits.
 BLOCK, GROW = 2048, 1.6
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """Hold a fitted program."""
+    """A fitted program."""
 
     program: Program  #: The program at the ends of its moves, with `via` of its arcs.
-    rows: NDArray[np.int_]  #: The row of each in the whole program. Shape (m,).
+    rows: NDArray[np.int_]  #: Row of each end in the original program. Shape (m,).
 
 
 @lru_cache(maxsize=2)
 def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
-    """Fit lines and arcs to the linear moves of a program; one without a tolerance stays as it is.
+    """Fit lines and arcs to the linear moves of a program; a program without a tolerance is returned unchanged.
 
-    A rounded corner becomes one row, the corner itself, that a zone of the language leads around.
+    A rounded corner becomes one row, the corner itself; the language's blend zone rounds it.
 
     Args:
-        program: The program, with poses; `tolerance` and `cycle` of it say how closely, and the least time of a move.
+        program: The program, with poses, `tolerance` (greatest distance) and `cycle` (least time of a move).
         arcs: Whether the language has arcs.
     """
     n = len(program)
@@ -75,7 +74,7 @@ def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
 
 
 def _mark_ends(program: Program) -> NDArray[np.bool_]:
-    """Mark the first and the last row, where something happens, and where the speed begins or ceases to matter."""
+    """Mark first and last row, rows with events, and rows where the speed begins or ceases to be prescribed."""
     marked = np.zeros(len(program), bool)
     marked[[0, -1]] = True
     marked[[event.place for event in program.events if event.place >= 0]] = True
@@ -85,7 +84,7 @@ def _mark_ends(program: Program) -> NDArray[np.bool_]:
 
 
 def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> Program:
-    """Return the program at some of its rows, with the feed that takes the time of the plan, or a cycle."""
+    """Return the program at some of its rows, with feeds such that a move takes its planned time, at least a cycle."""
     assert program.time is not None
     length = np.array([0.0, *(track.measure(a, b, m) for a, b, m in zip(ends[:-1], ends[1:], kind[1:], strict=True))])
     time, cut = np.diff(track.time[ends], prepend=0.0), ~program.alone(linear=True)[ends]
@@ -94,7 +93,7 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
     feed = program.feed[ends].copy()
     feed[moved] = length[moved] / np.maximum(time, program.cycle)[moved]
     feed[cut] = np.maximum(feed[cut], shapes.LEAST_FEED)
-    for k in range(1, len(feed)):  # one feed as long as it holds
+    for k in range(1, len(feed)):  # keep a feed while it changes by less than HELD
         if cut[k] and cut[k - 1] and abs(feed[k] - feed[k - 1]) <= shapes.HELD * feed[k - 1]:
             feed[k] = feed[k - 1]
     via = np.full((len(ends), 4, 4), np.nan)
@@ -106,7 +105,7 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
 
 
 class _Track:
-    """The tip along a program's rows: what a line or an arc between two of them leaves."""
+    """The tool tip along a program's rows, and the fit of lines and arcs between them."""
 
     def __init__(self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool) -> None:
         assert program.time is not None
@@ -122,7 +121,7 @@ class _Track:
         self.time = np.cumsum(np.where(moves, self.step / np.maximum(self.speed, 1e-9), lasts))
         drawn = np.zeros(len(program), np.int_) if program.arc_of is None or not arcs else program.arc_of
         edges = np.flatnonzero(np.diff(drawn, append=-1))
-        #: The row at which the arc of the file ends that leads on from each, itself where there is none.
+        #: Row at which the CAM arc that starts at each row ends; the row itself where no arc starts.
         self.drawn = np.arange(len(program))
         on = np.flatnonzero(drawn[1:])
         self.drawn[on] = edges[np.searchsorted(edges, on + 1)]
@@ -145,14 +144,14 @@ class _Track:
         return self._lengthen(first, pieces)
 
     def rests(self, a: int, b: int) -> bool:
-        """Tell whether the tool stays where it is, within rounding, in place and turn, and so does what carries it."""
+        """Return whether tool position, tool orientation and the part carriers stay constant within rounding."""
         carried = self.carried[a : b + 1]
         if np.abs(self.x[a : b + 1] - self.x[a]).max() > NOWHERE or np.abs(carried - carried[:1]).max(initial=0.0) > 0:
             return False
         return bool(np.linalg.norm(self._turn_from(a, b), axis=1).max() <= UNTURNED)
 
     def _keep_arc(self, at: int, end: int) -> tuple[int, int] | None:
-        """Return an arc of the file from a row up to another, or to a half or a third of it, where one fits."""
+        """Return a move along a CAM arc from a row up to another, or to a half or third of the arc, where one fits."""
         for pieces in (1, 2, 3) if end > at else ():
             way = self.along[at] + (self.along[end] - self.along[at]) / pieces
             far = end if pieces == 1 else int(np.searchsorted(self.along, way - 1e-9))
@@ -161,7 +160,7 @@ class _Track:
         return None
 
     def _reach(self, at: int, most: int) -> tuple[int, int]:
-        """Return how far one move from a row leads at most, and its kind."""
+        """Return the farthest end of one move from a row, and its kind."""
         end, kind = self._search(at, most, min(at + self.guess, most), lambda b: self.fits(at, b, LINE)), LINE
         if self.arcs and end < most:
             begin = max(end + 1, min(at + max(self.guess, shapes.ARC_ROWS), most))
@@ -172,7 +171,7 @@ class _Track:
         return end, kind
 
     def _search(self, at: int, most: int, begin: int, fits: Callable[[int], bool]) -> int:
-        """Return the farthest row that a move leads to, near enough; the next one where none farther does."""
+        """Return approximately the farthest row that a move can reach; the next row where no farther one fits."""
         good, bad, trial = at + 1, most + 1, begin
         while good < most:
             if trial > good and fits(trial):
@@ -188,7 +187,7 @@ class _Track:
         return good
 
     def _bound_speed(self, at: int, last: int) -> int:
-        """Return the last row before the speed has changed by too much."""
+        """Return the last row up to which the speed stays within `RATIO`."""
         if self.free[at + 1]:
             return last
         for start in range(at + 1, last + 1, BLOCK):
@@ -200,7 +199,7 @@ class _Track:
         return last
 
     def _lengthen(self, first: int, pieces: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Join moves that take less than a cycle to a neighbour, where path and speed allow it."""
+        """Join moves shorter than a cycle to a neighbour, where path and speed allow it."""
         joined: list[tuple[int, int]] = []
         for end, kind in pieces:
             while joined:
@@ -223,13 +222,13 @@ class _Track:
         return joined
 
     def _find_middle(self, a: int, b: int) -> int:
-        """Return the row that lies nearest to half of the way."""
+        """Return the row nearest to half of the path length."""
         return int(np.clip(np.searchsorted(self.along, 0.5 * (self.along[a] + self.along[b])), a + 1, b - 1))
 
     def fits(self, a: int, b: int, kind: int, flat: bool = False) -> bool:
-        """Tell whether all rows between two lie near enough to a line, or an arc by a middle row.
+        """Return whether all rows between two are within tolerance of a line, or of an arc near a middle row.
 
-        `flat` takes arcs that are too flat or too short for controllers, on the way to farther rows.
+        `flat` accepts arcs that are too flat or too short for controllers, as intermediate steps of a search.
         """
         if b - a < 2:
             return True
@@ -245,7 +244,7 @@ class _Track:
         return bool(self._measure_turn(a, b, share) <= TURN)
 
     def _follow(self, a: int, b: int, kind: int, flat: bool) -> tuple[Array, Array] | None:
-        """Return how far rows lie from a move, and at which share of it; None where there is no such move."""
+        """Return the distances of rows from a move, and their shares along it; None where there is no such move."""
         x = self.x[a : b + 1]
         if kind == LINE:
             return shapes.follow_line(x)
@@ -255,7 +254,7 @@ class _Track:
         return None if not flat and shapes.is_flat(x[0], via, x[-1]) else shapes.follow_arc(x, via)
 
     def _measure_turn(self, a: int, b: int, share: Array) -> float:
-        """Return how far the tool turns beside an even turn along a move. [rad]"""
+        """Return the greatest departure of the tool from an even rotation along a move. [rad]"""
         turned = self._turn_from(a, b)
         return float(shapes.sizes_of(turned - share[:, None] * turned[-1]).max())
 

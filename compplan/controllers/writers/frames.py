@@ -1,4 +1,4 @@
-"""Frames of robot programs, and the angles in which controllers write them."""
+"""Frames of robot programs, and the orientation angles of each controller."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from compplan.robot import Robot
 
 
 def euler_angles(rotation: Array, order: str) -> Array:
-    """Return Euler angles in scipy's letters: capitals turn about turning axes, small letters about fixed ones. [deg]
+    """Return Euler angles in scipy's notation: capitals are intrinsic axes, small letters extrinsic ones. [deg]
 
     "ZYX" are A B C of KUKA, "XYZ" rx ry rz of VAL3, "xyz" W P R of FANUC and Rx Ry Rz of Yaskawa, "ZYZ" O A T of
     Kawasaki. Where the angles are not unique, the last one is 0. Shape (n, 3, 3) -> (n, 3).
@@ -24,7 +24,7 @@ def euler_angles(rotation: Array, order: str) -> Array:
 
 
 def place_numbers(pose: Array, order: str, digits: int = 7) -> list[float]:
-    """Return a pose as controllers take it: x, y, z and three Euler angles. Shape (4, 4) [m] -> 6 numbers [mm, deg]."""
+    """Return a pose as x, y, z and three Euler angles, rounded. Shape (4, 4) [m] -> 6 numbers [mm, deg]."""
     angles = euler_angles(pose[None, :3, :3], order)[0]
     return [value + 0.0 for value in np.round(np.concatenate([pose[:3, 3] * 1e3, angles]), digits).tolist()]
 
@@ -47,17 +47,17 @@ def rotation_vectors(poses: Array) -> Array:
 
 
 def flange_turn(robot: Robot) -> Array:
-    """Return the pose of the controller's flange frame seen from the robot's flange frame. Shape (4, 4) [m].
+    """Return the pose of the controller's flange frame in the robot's flange frame. Shape (4, 4) [m].
 
-    Controllers count tools from a flange frame with z out of the flange: the one that [pendant] of controller.toml
-    states, else a frame tool0 of the URDF in the very place of the flange (ROS-Industrial), else the flange itself.
+    Controllers define tools in a flange frame with z out of the flange: that of [pendant] in controller.toml, otherwise
+    a frame tool0 of the URDF at the origin of the flange (ROS-Industrial), otherwise the flange itself.
     """
     found = locate_pendant(robot)
     return np.eye(4) if found is None else found.pose
 
 
 def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
-    """Return mass [kg] and centre [m] of what is mounted on the flange, flange frame; None where nobody states it."""
+    """Return mass [kg] and centre [m] of the bodies on the flange, flange frame; None where no mass is stated."""
     links = [robot.base, *(joint.child for joint in robot.joints)]
     beyond = links[links.index(robot.flange) :]
     poses = locate_links(robot, np.zeros((1, robot.nq)), beyond)

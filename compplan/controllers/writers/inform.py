@@ -14,11 +14,11 @@ from compplan.controllers.writers.program import Program, head_lines
 from compplan.controllers.writers.text import clean_text, list_numbers
 
 name = "inform"
-#: A remark has 32 letters.
+#: Letters of a remark.
 LONGEST_REMARK = 32
-#: The position variables through which jobs fill tool and user frame if asked.
+#: Position variables through which jobs set tool and user frame if `overwrite` is set.
 TOOL_VARIABLE, FRAME_VARIABLE = 98, 99
-#: Position level within a cut: 1 is the one that passes nearest without a stop.
+#: Position level within a cut: 1 passes nearest to the point without a stop.
 BLEND = 1
 
 
@@ -28,10 +28,10 @@ FORM = ProgramForm.load("inform", lambda poses: place_table(poses, "xyz"))
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.JBI with joint angles and, where poses and configuration words are known, NAME_L.JBI with positions.
 
-    Cutting moves of the linear job are MOVL with their feed, rapid moves and swings MOVJ; the joint job has MOVJ with
-    percents of the joint rates. Positions count from a user frame of the cell, with a tool of the cell. Joint angles
-    need a controller that takes POSTYPE ANGLE. Joints that carry the part are a station (ST1, angles EC); positions are
-    joint angles then, and lines are driven seen from the part (SMOVL .. +MOVJ EC).
+    Cutting moves of the linear job are MOVL with their feed, rapid moves and configuration changes MOVJ; the joint job
+    has MOVJ with percentages of the joint rates. Positions refer to a user frame and a tool of the cell. Joint angles
+    need a controller with POSTYPE ANGLE. Joints that carry the part are a station (ST1, angles EC); then positions are
+    joint angles, and lines are straight relative to the part (SMOVL .. +MOVJ EC).
     """
     if not program.moves_part or program.prismatic.any() or len(program.joint_names) - program.outer.sum() != 6:
         need_six_axes(program, "INFORM", sliding=0)
@@ -40,7 +40,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 
 def describe(program: Program) -> list[str]:
-    """Return what must be said of joint angles, and where there is no job with positions."""
+    """Return notes on joint angles and rounded feeds, and on a missing job with positions."""
     feeds = describe_feeds(program, "0.1 mm/s", lambda feed: np.maximum(np.round(feed, 1), 0.1))
     notes = ["joint angles need a controller that takes POSTYPE ANGLE", *feeds]
     if not program.moves_part and not {"shoulder", "elbow", "wrist"} <= set(program.words):
@@ -68,7 +68,7 @@ def _format_move(part: ProgramPart, move: WrittenMove) -> list[str]:
 
 
 def _list_points(part: ProgramPart) -> list[str]:
-    """Return the C positions of a job in order, each number once: joint angles, or Cartesian ones in a user frame."""
+    """Return the numbered C positions of a job in order: joint angles, or Cartesian positions in a user frame."""
     program, lines, last = part.program, list[str](), "none yet"
     for number, move in enumerate(part.moves):
         by_angle = program.moves_part or move.kind == "joint"
@@ -99,7 +99,7 @@ def find_configuration(program: Program, move: WrittenMove) -> list[int]:
 def format_job(
     program: Program, name: str, points: list[str], moves: list[str], *, main: bool, parts: Sequence[str] = ()
 ) -> str:
-    """Return the file of a job: its head, its positions, its instructions; `main`: with frames, header and footer."""
+    """Return the file of a job: head, positions, instructions; `main` adds frames, header and footer."""
     words = {
         "name": name, "count": sum(line.startswith("C") for line in points), "points": points, "main": main,
         "station": program.moves_part,
@@ -114,5 +114,5 @@ def format_job(
 
 
 def format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    """Return the job that calls those of several tools."""
+    """Return the job that calls the jobs of several tools."""
     return format_job(program, name, [], [], main=False, parts=calls)

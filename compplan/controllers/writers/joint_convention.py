@@ -1,4 +1,4 @@
-"""How a robot's controller counts: its joints, configuration words, geometry, and the flange frame of its tools."""
+"""Conventions of a robot's controller: joints, configuration words, geometry, and flange frame of its tools."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from compplan.robot import Robot
 from compplan.robot.pose import build_pose, follow_joints
 from compplan.robot.urdf import Urdf, read_urdf
 
-#: A name of a joint, and a zero [deg or mm], that are taken for true.
+#: Valid name of a joint, and valid zero [deg or mm].
 JointName = Annotated[str, Field(pattern=r"^[ -~]{0,31}[!-~]$")]
 Zero = Annotated[float, Field(ge=-1e5, le=1e5)]
-#: Why signs and zeros are not known.
+#: Reasons why signs and zeros are not known.
 NO_FILE = "the robot folder has no controller.toml, those of the URDF are used"
 NOT_CHECKED = "controller.toml says checked = false"
-#: Greatest departure from length 1 and from a right angle that is taken for rounding.
+#: Greatest departure from unit length and from a right angle that counts as rounding.
 ROUNDING = 1e-6
 #: A frame tool0 farther from the flange is a tool, not the flange. [m]
 SAME_PLACE = 1e-9
 
 
 class ConfigurationWord(StrictTable):
-    """One word of a configuration: a number that has one value from its threshold up and another below it.
+    """One configuration word: it has one value at or above a threshold, and another below it.
 
-    The number is a joint's position less its threshold, between -180 and 180 deg, or a coordinate of the origin of the
-    link `point`, seen from the link `frame`. `status` is what each value adds to S of a KRL position, `native` the word
-    of the controller's own language.
+    The number is a joint position minus the threshold, between -180 and 180 deg, or a coordinate of the origin of link
+    `point` in the frame of link `frame`. `status` is the contribution of each value to S of a KRL position, `native`
+    the value in the controller's language.
     """
 
     joint: str | None = None
@@ -61,7 +61,7 @@ class ConfigurationWord(StrictTable):
 
 
 class WorldTable(StrictTable):
-    """[world]: the frame that the controller's frames count from, seen from the URDF's base."""
+    """[world]: reference frame of the controller's frames, in the URDF's base frame."""
 
     position_mm: Vector3 = (0.0, 0.0, 0.0)
     rotation_deg: Vector3 = (0.0, 0.0, 0.0)
@@ -70,9 +70,9 @@ class WorldTable(StrictTable):
 class PendantTable(StrictTable):
     """[pendant] of controller.toml: the maker's flange frame (tool 0, all zero), axes of the URDF's flange frame.
 
-    x, z: where its x and z point.
-    confirmed: whether a public source says so of the pendant itself, x included.
-    source: who says so.
+    x, z: directions of its x and z axes.
+    confirmed: whether a public source confirms the pendant's frame itself, x included.
+    source: origin of the data.
     """
 
     position_mm: Vector3 = (0.0, 0.0, 0.0)
@@ -109,31 +109,31 @@ class ControllerTable(StrictTable):
 
 @dataclass(frozen=True)
 class Counting:
-    """Hold how a controller counts joints: controller = sign q + zero + coupling q, in deg and mm."""
+    """Joint convention of a controller: controller = sign q + zero + coupling q, in deg and mm."""
 
-    name: str  #: What controller it is.
-    joint_names: tuple[str, ...]  #: Its names of the joints, from the base.
+    name: str  #: Name of the controller.
+    joint_names: tuple[str, ...]  #: The controller's names of the joints, from the base.
     prismatic: NDArray[np.bool_]  #: Which joints slide. Shape (nq,).
-    matrix: Array  #: sign and coupling together. Shape (nq, nq).
-    zero: Array  #: What it counts at q = 0. Shape (nq,). [deg or mm]
-    words: Mapping[str, ConfigurationWord]  #: Its configuration words by name.
-    #: Pose of the frame that its frames count from, seen from the URDF's base. Shape (4, 4). [m]
+    matrix: Array  #: Sum of sign (diagonal) and coupling. Shape (nq, nq).
+    zero: Array  #: Controller's joint positions at q = 0. Shape (nq,). [deg or mm]
+    words: Mapping[str, ConfigurationWord]  #: Configuration words by name.
+    #: Pose of the reference frame of the controller's frames, in the URDF's base frame. Shape (4, 4). [m]
     world: Array = field(default_factory=lambda: np.eye(4))
-    unchecked: str = ""  #: Why signs and zeros are not known; "" where a controller.toml that is checked states them.
+    unchecked: str = ""  #: Reason why signs and zeros are not known; "" with a checked controller.toml.
 
 
 def _read_table(robot: Robot) -> tuple[ControllerTable | None, Path]:
-    """Read controller.toml of the robot's folder, None where there is none; its place."""
+    """Read controller.toml of the robot's folder, None if it does not exist, and return its path as well."""
     file = (robot.folder or Path()) / "controller.toml"
     there = robot.folder is not None and file.exists()
     return read_toml_model(ControllerTable, file) if there else None, file
 
 
 def load_controller(robot: Robot) -> Counting:
-    """Read controller.toml of the robot's folder; without one the controller counts as the URDF does.
+    """Read controller.toml of the robot's folder; without the file the controller has the conventions of the URDF.
 
     Raises:
-        InputError: If the file is not what it has to be, or does not fit the robot.
+        InputError: If the file is not valid or does not fit the robot.
     """
     nq, (table, file) = robot.nq, _read_table(robot)
     plain = tuple(f"J{number}" for number in range(1, nq + 1))
@@ -167,10 +167,10 @@ def load_controller(robot: Robot) -> Counting:
 
 
 def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
-    """Read how the robot's controller moves ([motion] of controller.toml), and name what is assumed of it.
+    """Read the motion model of the robot's controller ([motion] of controller.toml), and list its assumed values.
 
     Raises:
-        InputError: If the file is not what it has to be, or does not fit the robot.
+        InputError: If the file is not valid or does not fit the robot.
     """
     load_controller(robot)
     table, file = _read_table(robot)
@@ -179,7 +179,7 @@ def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
 
 
 def to_controller(controller: Counting, q: Array) -> Array:
-    """Return joint positions as the controller counts them. Shape (n, nq). [rad or m] -> [deg or mm]."""
+    """Convert joint positions to the controller's convention. Shape (n, nq). [rad or m] -> [deg or mm]."""
     q = np.asarray(q, dtype=np.float64)
     if q.ndim != 2 or q.shape[1] != len(controller.zero):
         raise ShapeError(f"q has shape {q.shape}, expected (n, {len(controller.zero)})")
@@ -187,7 +187,7 @@ def to_controller(controller: Counting, q: Array) -> Array:
 
 
 def from_controller(controller: Counting, joints: Array) -> Array:
-    """Return joint positions from what the controller counts. Shape (n, nq). [deg or mm] -> [rad or m]."""
+    """Convert joint positions from the controller's convention. Shape (n, nq). [deg or mm] -> [rad or m]."""
     counted = np.asarray(joints, dtype=np.float64) - controller.zero
     degrees = np.linalg.solve(controller.matrix, counted.T).T
     return np.where(controller.prismatic, degrees * 1e-3, np.radians(degrees))
@@ -211,9 +211,9 @@ def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Arra
 
 
 def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
-    """Return which way the wrist of a six-axis arm is bent; it changes where the fourth and last axis are in line.
+    """Return the sign of the wrist bend of a six-axis arm; it changes where fourth and last axis are in line.
 
-    With the unit vectors of the last three axes it is the sign of a5 . (a4 x a6). None for other arms. Shape (n,).
+    It is the sign of a5 . (a4 x a6), with the unit vectors of the last three axes. None for other arms. Shape (n,).
     """
     turning = [joint for joint in robot.joints[robot.carrying :] if joint.actuated and joint.kind != "prismatic"]
     if len(turning) != 6:
@@ -224,7 +224,7 @@ def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
 
 
 def measure_words(controller: Counting, robot: Robot, q: Array) -> dict[str, tuple[NDArray[np.bool_], Array]]:
-    """Return whether each configuration word has its value above the threshold, and how far that is. [deg or mm]
+    """Return whether each configuration word is at or above its threshold, and its distance from there. [deg or mm]
 
     Shapes (n,) each.
     """
@@ -251,7 +251,7 @@ def name_words(controller: Counting, robot: Robot, q: Array) -> dict[str, NDArra
 
 
 def native_words(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:
-    """Return the controller's own words for configurations; those that controller.toml translates. Shape (n,) each."""
+    """Return configurations in the controller's words, where controller.toml translates them. Shape (n,) each."""
     translated = {}
     for key, values in words.items():
         native = counting.words[key].native
@@ -261,7 +261,7 @@ def native_words(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> d
 
 
 def krl_status(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> NDArray[np.int64] | None:
-    """Return S of KRL positions, or None where controller.toml says nothing of it. Shape (n,)."""
+    """Return S of KRL positions, or None where controller.toml does not define it. Shape (n,)."""
     status = [(counting.words[key].status, values.tolist()) for key, values in words.items()]
     if not status or not all(adds for adds, _ in status):
         return None
@@ -269,10 +269,10 @@ def krl_status(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> NDA
 
 
 def believed_robot(robot: Robot) -> Robot:
-    """Return the robot with the geometry that its controller believes: controller.urdf of its folder, if there is one.
+    """Return the robot with the kinematic model of its controller: controller.urdf of its folder, if the file exists.
 
     Raises:
-        InputError: If controller.urdf is no URDF or lacks a joint of the chain.
+        InputError: If controller.urdf is not a URDF or lacks a joint of the chain.
     """
     if robot.folder is None or not (robot.folder / "controller.urdf").exists():
         return robot
@@ -290,19 +290,19 @@ def believed_robot(robot: Robot) -> Robot:
 
 @dataclass(frozen=True)
 class Pendant:
-    """Hold the maker's flange frame."""
+    """The maker's flange frame."""
 
-    pose: Array  #: Pose of it seen from the URDF's flange frame. Shape (4, 4). [m]
-    source: str  #: Who says so.
-    confirmed: bool  #: Whether that is said of the pendant itself.
-    stated: bool  #: Whether controller.toml says it; else it is the URDF's own tool0.
+    pose: Array  #: Its pose in the URDF's flange frame. Shape (4, 4). [m]
+    source: str  #: Origin of the data.
+    confirmed: bool  #: Whether the source confirms the pendant's frame itself.
+    stated: bool  #: Whether it is from controller.toml; otherwise it is tool0 of the URDF.
 
 
 def locate_pendant(robot: Robot) -> Pendant | None:
-    """Return the maker's flange frame of a robot: as controller.toml states it, else tool0 of a ROS-Industrial URDF.
+    """Return the maker's flange frame of a robot: from controller.toml, otherwise tool0 of a ROS-Industrial URDF.
 
     Raises:
-        InputError: If controller.toml is not what it has to be.
+        InputError: If controller.toml is not valid.
     """
     table, _ = _read_table(robot)
     if table is not None and table.pendant is not None:
@@ -316,7 +316,7 @@ def locate_pendant(robot: Robot) -> Pendant | None:
 
 
 def _find_tool0(robot: Robot) -> Array | None:
-    """Return the pose of a frame tool0 that stands where the flange stands, seen from it, or None. Shape (4, 4)."""
+    """Return the pose of a frame tool0 at the origin of the flange, in the flange frame, or None. Shape (4, 4)."""
     urdf = read_urdf(robot.urdf, Path("robot.urdf") if robot.folder is None else robot.folder / "robot.urdf")
     if "tool0" not in urdf.links or robot.flange not in urdf.links:
         return None
@@ -335,7 +335,7 @@ def _find_tool0(robot: Robot) -> Array | None:
 
 
 def _fixed_tail(urdf: Urdf, link: str) -> tuple[str, Array]:
-    """Return the last moving joint before a link, and the link's pose seen from that joint's child."""
+    """Return the last moving joint before a link, and the link's pose in the frame of that joint's child."""
     carrier, pose = "", np.eye(4)
     for joint in urdf.chain_to(link)[0]:
         carrier, pose = (carrier, pose @ joint.placement) if joint.kind == "fixed" else (joint.name, np.eye(4))

@@ -12,9 +12,9 @@ from compplan.controllers.writers.program import Program
 from compplan.controllers.writers.text import list_numbers
 
 name = "kawasaki_as"
-#: Letters of the program's name in a variable; variables have 15 too, and all programs of a controller share them.
+#: Letters of the program's name in a variable; variables have 15 at most, and all programs of a controller share them.
 LONGEST_VARIABLE = 9
-#: How near a point within a cut has to be passed. [mm]
+#: Required accuracy at a point within a cut. [mm]
 ACCURACY = 0.1
 
 FORM = ProgramForm.load("kawasaki_as", lambda poses: place_table(poses, "ZYZ"))
@@ -23,16 +23,16 @@ FORM = ProgramForm.load("kawasaki_as", lambda poses: place_table(poses, "ZYZ"))
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.as with joint moves (JMOVE), and NAME_L.as with lines and arcs (LMOVE, C1MOVE, C2MOVE).
 
-    Long ones hold further programs NAME_1 and so on, a file each, which the first calls. Transformations count from the
-    part frame (part+p1), angles are O A T: about z, the new y, the newest z. The language has no configuration in a
-    transformation: linear moves keep the branch of the joint move before them. A sliding joint is the seventh value.
+    Long programs call further programs NAME_1 and so on, one file each. Transformations refer to the part frame
+    (part+p1); angles are O A T: about z, the new y, the newest z. A transformation has no configuration in this
+    language: linear moves keep the branch of the joint move before them. A sliding joint is the seventh value.
     """
     need_six_axes(program, "Kawasaki AS", sliding=1)
     return FORM.write(program, folder, most, _format_part, _format_calls, can=True)
 
 
 def name_variables(name: str) -> str:
-    """Return how the variables of a program begin: with the end of its name, where tool and kind of move stand."""
+    """Return the prefix of a program's variables: the end of its name, which holds tool and kind of move."""
     return name.replace("_", "")[-LONGEST_VARIABLE:].lstrip("0123456789")
 
 

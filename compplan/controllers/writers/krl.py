@@ -16,13 +16,13 @@ name = "krl"
 ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
 EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
 RAPID_PERCENT = 20
-#: A joint move whose whole percent is off by more than this share does not hold its feed.
+#: Relative rounding error of a joint move's percentage above which its feed is reported as not kept.
 UNTRUE = 0.1
-#: How far before a corner lines and arcs leave the path where the job does not ask for less. [mm]
+#: Distance before a corner at which lines and arcs leave the path, unless the job requires less. [mm]
 WIDE = "$APO.CDIS=0.1"
-#: $BASE of a part that a positioner carries is EK of MACHINE_DEF[n], here its number (assumed).
+#: $BASE of a part on a positioner is EK of MACHINE_DEF[n], with this n (assumed).
 POSITIONER = 2
-#: A place, a frame, and joints of the arm.
+#: Formats of a pose, a frame, and joints of the arm.
 PLACE = "X {:.5f},Y {:.5f},Z {:.5f},A {:.6f},B {:.6f},C {:.6f}"
 FRAME = "{{X {:.7f},Y {:.7f},Z {:.7f},A {:.7f},B {:.7f},C {:.7f}}}"
 JOINTS = "A1 {:.6f},A2 {:.6f},A3 {:.6f},A4 {:.6f},A5 {:.6f},A6 {:.6f}"
@@ -32,17 +32,17 @@ FORM = ProgramForm.load("krl", lambda poses: place_table(poses, "ZYX"))
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME_J.src, which moves the joints, and NAME_L.src, which moves the tool; each calls its parts.
 
-    The joint program repeats the plan waypoint by waypoint, each at a percent of the axis rates. The linear one goes
-    through the geometry that the controller believes; its positions count from the part frame ($BASE), its rapid moves
-    and swings are joint moves. A rail counts as coupled: $BASE stands still while it moves; where joints carry the
-    part, $BASE moves with it (EK).
+    The joint program repeats the plan waypoint by waypoint, each at a percentage of the axis rates. The linear one
+    uses the controller's kinematic model. Its positions refer to the part frame ($BASE); its rapid moves and
+    configuration changes are joint moves. A rail is a coupled axis: $BASE stays fixed while it moves. Where joints
+    carry the part, $BASE moves with it (EK).
     """
     order_joints(program, ARM, "KRL")
     return FORM.write(program, folder, most, _format_part, _format_calls, can=program.status is not None)
 
 
 def turn_bits(arm: Sequence[float]) -> int:
-    """Return T of a KRL position: bit i is set where axis i + 1 stands below 0 deg."""
+    """Return T of a KRL position: bit i is set where axis i + 1 is below 0 deg."""
     return sum(1 << axis for axis, value in enumerate(arm) if value < 0.0)
 
 
@@ -53,7 +53,7 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
 
 
 def _format_moves(part: ProgramPart) -> list[str]:
-    """Return the lines of motion of a part, each with what sets its speed and zone where they change."""
+    """Return the lines of motion of a part, each with commands for speed and zone where they change."""
     program, stands, lines = part.program, {"zone": WIDE}, []
     columns = order_joints(program, ARM, "KRL")
     for move in part.moves:
@@ -99,7 +99,7 @@ def _fold_lines(lines: list[str]) -> list[str]:
 
 
 def describe(program: Program) -> list[str]:
-    """Return what must be said where joint moves, which know whole percents of the axis rates only, miss the feed."""
+    """Return notes on joint moves that miss the feed, since their speed is a whole percentage of the axis rates."""
     if program.form == "linear" and program.status is not None:
         return []
     percent = joint_percent(program)
@@ -118,7 +118,7 @@ def describe(program: Program) -> list[str]:
 
 
 def _format_external(program: Program, row: int) -> str:
-    """Return the external axes behind a comma; nothing of an arm without."""
+    """Return the external axes after a comma; an empty text for an arm without them."""
     held = dict(zip(program.joint_names, program.joints[row].tolist(), strict=True))
     return "".join(f",{name} {held.get(name, 0.0):.4f}" for name in EXTERNAL) if {*EXTERNAL} & {*held} else ""
 

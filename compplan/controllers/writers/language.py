@@ -1,4 +1,4 @@
-"""What the files of all languages share: kinds of programs, their parts, moves row by row."""
+"""Shared parts of all language modules: kinds of programs, division into files, moves row by row."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ from compplan.io.tables import Array, write_text
 
 
 class WrittenMove(NamedTuple):
-    """A move of a program, in the numbers of a language."""
+    """A move of a program, with the numbers of a language."""
 
-    row: int  #: Row of the program that it ends at.
+    row: int  #: Row of the program at the end of the move.
     kind: str  #: "joint", "line" or "arc".
     stops: bool  #: Whether the robot stops at its end.
-    swings: bool  #: Whether it is a joint move among lines because the configuration changes.
+    swings: bool  #: Whether it is a joint move among lines, due to a configuration change.
     feed: float  #: [mm/s]
     percent: float  #: Share of the joint rates. [%]
     arm: list[float]  #: Joints of the arm. [deg]
-    outer: list[float]  #: Joints that slide or carry the part. [mm or deg]
-    place: list[float]  #: Pose of its end in the part frame; empty in programs of joint moves.
-    via: list[float]  #: Pose that an arc goes through; empty elsewhere.
-    zone: float  #: Zone that the program has to state, infinite where the language's own will do. [m]
-    own_zone: float  #: The language's own. [m]
+    outer: list[float]  #: Joints that slide or carry the part (external axes). [mm or deg]
+    place: list[float]  #: Pose of its end in the part frame; empty in joint programs.
+    via: list[float]  #: Via pose of an arc; empty otherwise.
+    zone: float  #: Zone that the program must state, infinite where the language's default suffices. [m]
+    own_zone: float  #: Default zone of the language. [m]
 
 
 @dataclass(frozen=True)
 class ProgramPart:
     """The moves of one file."""
 
-    program: Program  #: The whole program; where the tool is moved, at the ends of its moves.
+    program: Program  #: The complete program; for tool moves, reduced to the ends of its moves.
     whole: str  #: Name of the program.
     name: str  #: Name of this part.
     parts: Mapping[str, slice]  #: Rows of all parts, by their names.
-    rows: slice  #: Rows of the program.
-    linear: bool  #: Whether the tool is moved; else the joints.
-    every: list[WrittenMove]  #: The moves of the program.
-    events: Mapping[int, list[str]]  #: Lines of what happens beside motion, by the row after which they stand.
+    rows: slice  #: Rows of this part.
+    linear: bool  #: Whether the moves are tool moves; otherwise joint moves.
+    every: list[WrittenMove]  #: All moves of the program.
+    events: Mapping[int, list[str]]  #: Lines of events (no motion), by the row that they follow.
 
     @property
     def moves(self) -> list[WrittenMove]:
@@ -56,14 +56,14 @@ class ProgramPart:
         return self.every[self.rows]
 
     def weave(self, lines: Sequence[Sequence[str]], indent: str = "") -> list[str]:
-        """Return the lines of each move with those of what happens behind it."""
+        """Return the lines of each move, followed by the lines of the events after it."""
         woven = list(self.events.get(-1, [])) if self.rows.start == 0 else []
         for move, own in zip(self.moves, lines, strict=True):
             woven += [*own, *self.events.get(move.row, [])]
         return [indent + line for line in woven]
 
     def render(self, language: str, **words: object) -> str:
-        """Return the text that a language's template makes of these words and those that all templates know."""
+        """Return the text of a language's template, with these words and those common to all templates."""
         program = self.program
         known = {"name": self.name, "parts": [*self.parts], "comments": head_lines(program), "cell": program.post}
         return render_post(program, language, {**known, **words})
@@ -71,32 +71,32 @@ class ProgramPart:
 
 @dataclass(frozen=True)
 class ProgramForm:
-    """How a language names, divides and words its programs (languages.toml), and in which numbers it states a pose."""
+    """Names, files, phrases (languages.toml) and number format of poses of a language's programs."""
 
     language: str  #: Name of its file.
-    #: Poses as the language states them. Shape (n, 4, 4) [m] -> (n, k).
+    #: Conversion of poses to the numbers of the language. Shape (n, 4, 4) [m] -> (n, k).
     numbers: Callable[[Array], Array]
-    phrases: Phrases  #: How it says what happens beside motion.
-    cell: CellWords  #: What it can call of a cell.
-    title: str  #: What messages call it.
-    longest: int  #: Letters of a name, its ending and the number of a part aside.
-    most: int  #: Points in a file where the job says nothing.
-    brand: str = ""  #: Whose controllers speak it, "" for those of many brands.
+    phrases: Phrases  #: Phrases for events.
+    cell: CellWords  #: Tool and frame data of a cell that it can call.
+    title: str  #: Name of the language in messages.
+    longest: int  #: Greatest number of letters of a name, without its ending and the number of a part.
+    most: int  #: Default number of points in a file.
+    brand: str = ""  #: Brand of its controllers, "" for several brands.
     moves_part: bool = False  #: Whether its programs move joints that carry the part.
-    reserved: Collection[str] = ()  #: Words that are no names.
-    letters: str = ""  #: How it spells names: "upper", "lower", "" as they are.
-    endings: Sequence[str] = ("", "_L")  #: What names of joint and linear programs end in.
-    between: str = "_"  #: What stands before the number of a part.
-    single: bool = False  #: Whether a program of one part is that part itself.
-    numbered: bool = True  #: Whether a name leaves room for the number of a part.
-    arcs: bool = True  #: Whether it has arcs.
+    reserved: Collection[str] = ()  #: Reserved words that cannot be names.
+    letters: str = ""  #: Case of names: "upper", "lower", "" unchanged.
+    endings: Sequence[str] = ("", "_L")  #: Endings of the names of joint and linear programs.
+    between: str = "_"  #: Separator before the number of a part.
+    single: bool = False  #: Whether a program of one part is written without a main program.
+    numbered: bool = True  #: Whether names keep letters free for the number of a part.
+    arcs: bool = True  #: Whether the language has arcs.
     carried_arcs: bool = True  #: Whether it has arcs in programs that move the part.
-    narrows: bool = True  #: Whether it has smaller zones; else it stops where its own would leave the path too far.
-    by_main: bool = True  #: Whether the name that a job gives its main program is that of the files.
-    newline: str = "\r\n"  #: What ends its lines.
+    narrows: bool = True  #: Whether zones can be made smaller; if not, robots stop where the default is too large.
+    by_main: bool = True  #: Whether the main program's name from the job names the files.
+    newline: str = "\r\n"  #: Line ending.
     percents: Sequence[float] = (100.0, 1.0)  #: Share of the joint rates in rapid moves, and least one. [%]
-    suffix: str = ""  #: Ending of the files that call others, "" where it has no such programs.
-    longest_main: int = 0  #: Letters of the name of a program that calls those of several tools; 0: `longest`.
+    suffix: str = ""  #: File extension of programs that call others, "" if the language has no calls.
+    longest_main: int = 0  #: Greatest number of letters of the name of a multi-tool main program; 0: `longest`.
 
     @classmethod
     def load(cls, language: str, numbers: Callable[[Array], Array]) -> ProgramForm:
@@ -111,8 +111,8 @@ class ProgramForm:
     ) -> list[Path]:  # fmt: skip
         """Write the joint program and, where the language `can`, the linear one; return the files.
 
-        `format_part` makes the text of a part by the name of its file, `format_main` that of what calls the parts,
-        from a part without rows.
+        `format_part` returns the texts of a part by file name. `format_main` returns those of the program that calls
+        the parts; it gets a part without rows.
         """
         points = most or self.most
         name = self.name_program(program, points)
@@ -126,18 +126,18 @@ class ProgramForm:
         return write_texts(folder, texts, self.newline)
 
     def fit(self, program: Program) -> Fitted:
-        """Return the program at the ends of the moves of the tool that the language writes."""
+        """Return the program reduced to the ends of the tool moves that the language writes."""
         return fit_moves(program, arcs=self.arcs and (self.carried_arcs or not program.moves_part))
 
     def name_program(self, program: Program, most: int) -> str:
-        """Return the name of a program, its ending aside."""
+        """Return the name of a program, without its ending."""
         room = len(str(max(1, -(-len(program) // max(most, 1))))) if self.numbered else 0
         own = name_main(program) if self.by_main else program.name
         name = legal_name(own, self.longest - room, reserved=self.reserved)
         return {"upper": name.upper(), "lower": name.lower()}.get(self.letters, name)
 
     def divide(self, name: str, count: int, most: int) -> dict[str, slice]:
-        """Return the names of parts with their rows, at most `most` of them, all about equally many."""
+        """Return the rows of each part by name: parts of nearly equal length, at most `most` rows each."""
         if most < 1:
             raise InputError(f"max_points_per_file is {most}, expected at least 1")
         edges = np.linspace(0, count, max(1, -(-count // most)) + 1).round().astype(int).tolist()
@@ -149,9 +149,9 @@ class ProgramForm:
         self, program: Program, name: str, most: int, format_part: Callable[[ProgramPart], dict[str, str]],
         format_main: Callable[[ProgramPart], dict[str, str]] | None, *, linear: bool,
     ) -> dict[str, str]:  # fmt: skip
-        """Return the files of a program of joint moves, or of lines, by their names."""
+        """Return the files of a joint program, or of a linear one, by file name."""
         program = replace(program, post=check_cell(program.post, self.cell, self.title))
-        # a job that names its one program needs no ending
+        # a single program that is named by the job has no ending
         whole = name if self.by_main and program.post.main else f"{name}{self.endings[linear]}"
         parts = self.divide(whole, len(program), most)
         moves = list_moves(program, self, linear=linear)
@@ -165,14 +165,14 @@ class ProgramForm:
 
 
 def write_texts(folder: Path, texts: Mapping[str, str], newline: str = "\n") -> list[Path]:
-    """Write texts by the names of their files; return the files."""
+    """Write texts by file name; return the files."""
     for name, text in texts.items():
         write_text(folder / name, text, newline=newline)
     return [folder / name for name in texts]
 
 
 def list_moves(program: Program, form: ProgramForm, *, linear: bool) -> list[WrittenMove]:
-    """Return the moves of a program, fitted where the tool is moved, in the numbers of a language."""
+    """Return the moves of a program (fitted, for tool moves) with the numbers of a language."""
     n = len(program)
     alone, stops = program.alone(linear=linear), program.stops(linear=linear)
     arcs = program.arcs & ~alone if linear else np.zeros(n, bool)
@@ -195,7 +195,7 @@ def list_moves(program: Program, form: ProgramForm, *, linear: bool) -> list[Wri
 
 
 def change(stands: dict[str, str], key: str, word: str) -> list[str]:
-    """Return a word that stands until another one is written, where another one stands."""
+    """Return a modal command in a list where it differs from the current one, and store it; otherwise an empty list."""
     if not word or stands.get(key) == word:
         return []
     stands[key] = word
@@ -203,7 +203,7 @@ def change(stands: dict[str, str], key: str, word: str) -> list[str]:
 
 
 def describe_feeds(program: Program, steps: str, state: Callable[[Array], Array]) -> list[str]:
-    """Return what must be said where a language states feeds in steps and some [mm/s] are off by more than 1 %."""
+    """Return a note where a language rounds feeds to steps and some [mm/s] are off by more than 1 %."""
     moves = fit_moves(program).program
     wrong = ~moves.rapid & (np.abs(state(moves.feed) - moves.feed) > 0.01 * moves.feed)
     if not wrong.any():
@@ -213,7 +213,7 @@ def describe_feeds(program: Program, steps: str, state: Callable[[Array], Array]
 
 
 def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
-    """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes."""
+    """Refuse a robot without exactly six rotating joints, or with more sliding joints than the language supports."""
     slides = int(program.outer.sum())
     if program.moves_part or len(program.joint_names) - slides != 6 or slides > sliding:
         rail = f" and up to {sliding} sliding" if sliding else ""

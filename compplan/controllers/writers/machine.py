@@ -1,7 +1,7 @@
-"""What a program switches on the machine where the CAM file does: signals of the cell, waits, stops, comments.
+"""Machine events of the CAM file in a program: signals of the cell, waits, stops, comments.
 
-An event that no signal is named for stops the program and says what the operator has to do, so that no cutter that
-stands still is fed into the part. Every language has a `Phrases`; `phrase_events` writes all of them the same way.
+An event without a signal stops the program with an instruction to the operator, so that a cutter without rotation is
+not fed into the part. Every language has a `Phrases` table; `phrase_events` writes the events of all languages.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from compplan.io.notes import Stop
 from compplan.io.tomlfile import StrictTable
 from compplan.toolpath.events import Event
 
-#: How long a program waits for a spindle that has no `spindle_ready` (assumed). [s]
+#: Waiting time for a spindle without `spindle_ready` (assumed). [s]
 SPINDLE_WAIT = 5.0
 
 
@@ -36,12 +36,12 @@ Signal = Annotated[int | str, BeforeValidator(_check_signal)]
 
 
 class Wiring(StrictTable):
-    """[output.io]: signals of the cell for events of the CAM file; events without one ask the operator.
+    """[output.io]: signals of the cell for events of the CAM file; other events stop for the operator.
 
     spindle, coolant: outputs that turn the spindle, and switch flood or mist.
-    spindle_ready: input that is on when the spindle has its speed.
-    tool_change: program that changes the tool; it gets the tool's number.
-    signals: outputs for signals of a robot program that was read, by their name there in any case of letters.
+    spindle_ready: input that is on when the spindle has reached its speed.
+    tool_change: program that changes the tool; its argument is the tool number.
+    signals: outputs for the signals of an imported robot program, by their names there (case-insensitive).
     """
 
     spindle: Signal | None = None
@@ -53,20 +53,20 @@ class Wiring(StrictTable):
 
 @dataclass(frozen=True)
 class Phrases:
-    """Hold how a language says things: templates of lines (languages.toml); a signal is its number or name."""
+    """Phrases of a language: templates of lines (languages.toml); a signal is a number or a name."""
 
-    say: str  #: Comment of a text.
-    on: str  #: Sets an output.
-    off: str  #: Clears it.
-    wait: str  #: Waits for a time. [s]
-    expect: str  #: Waits for an input.
-    pause: str  #: Stops until the operator goes on: the text says what to do.
-    call: str  #: Calls a program with a number: name (as it is, upper, lower), number.
-    longest: int | None = None  #: Letters of a line of a comment, None for as many as it takes.
-    outputs: str = ""  #: What stands before the number of an output, in languages whose signals have names; else "".
-    inputs: str = ""  #: The same of inputs.
-    first_input: int = 0  #: Inputs are counted from here.
-    native: Mapping[str, str] = field(default_factory=dict)  #: Lines of events that it has words of its own for.
+    say: str  #: Comment with a text.
+    on: str  #: Set an output.
+    off: str  #: Clear an output.
+    wait: str  #: Wait for a time. [s]
+    expect: str  #: Wait for an input.
+    pause: str  #: Stop until the operator continues; the text is the instruction.
+    call: str  #: Call a program with a number: name (unchanged, upper, lower), number.
+    longest: int | None = None  #: Letters of a comment line, None for any number.
+    outputs: str = ""  #: Prefix of the number of an output, in languages whose signals have names; otherwise "".
+    inputs: str = ""  #: The same for inputs.
+    first_input: int = 0  #: Offset of the numbers of inputs.
+    native: Mapping[str, str] = field(default_factory=dict)  #: Lines of events that the language has commands for.
 
     def write(self, phrase: str, **words: object) -> list[str]:
         """Return the lines of a phrase."""
@@ -83,10 +83,10 @@ class Phrases:
 
 
 def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, language: str) -> dict[int, list[str]]:
-    """Return the lines of a program's events by the row after which they stand; -1: before the first move.
+    """Return the lines of a program's events by the row that they follow; -1: before the first move.
 
     Raises:
-        InputError: If a signal is a name where the language takes numbers only.
+        InputError: If a signal has a name where the language only accepts numbers.
     """
     wired = {key: getattr(wiring, key) for key in ("spindle", "spindle_ready", "coolant")}
     for key, signal in {**wired, **wiring.signals}.items():
@@ -109,7 +109,7 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
 
 
 def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> tuple[list[str], list[str], str]:
-    """Return the comment of an event, the lines that do it, or else what the operator is asked to do."""
+    """Return the comment of an event, the lines that execute it, and otherwise the instruction to the operator."""
     text = clean_text(event.describe())
     if not text:
         return [], [], ""
@@ -118,7 +118,7 @@ def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> tuple[list[str
 
 
 def _phrase_event(event: Event, wiring: Wiring, phrases: Phrases) -> list[str] | None:
-    """Return the lines that do an event, natively or by the signals of the cell; None where nothing is wired for it."""
+    """Return the lines that execute an event, by native commands or signals; None where no signal is defined for it."""
     kind = event.kind
     if kind in phrases.native:
         speed = f" S{event.value:g}" if event.value > 0.0 else ""
@@ -146,12 +146,12 @@ def _phrase_event(event: Event, wiring: Wiring, phrases: Phrases) -> list[str] |
 
 
 def name_signal(signal: Signal, prefix: str) -> str:
-    """Return the name of a signal in a language that names them: 3 becomes the prefix with 3."""
+    """Return the name of a signal in a language with named signals: 3 becomes the prefix followed by 3."""
     return f"{prefix}{signal}" if isinstance(signal, int) else signal
 
 
 def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -> list[str]:
-    """Return what has to be said of events that nothing is wired for, one sentence each."""
+    """Return notes on events without a signal, one sentence each."""
     left = [event for event in events if event.kind != "comment" and event.kind not in phrases.native]
     asked = [event for event in left if plan_event(event, wiring, phrases)[2]]
     notes = []

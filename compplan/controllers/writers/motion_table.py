@@ -1,4 +1,4 @@
-"""[motion] of controller.toml: how a controller moves what a program says, and how its drives follow."""
+"""[motion] of controller.toml: how a controller executes a program, and how its drives follow."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
 
-#: Share of a second in which a joint without a stated acceleration reaches its full velocity (assumed). [s]
+#: Time in which a joint without a stated acceleration reaches its full velocity (assumed). [s]
 FULL_SPEED = 0.3
-#: Greatest lag of a drive that is taken for true. [s]
+#: Greatest valid lag of a drive. [s]
 LONGEST_LAG = 0.5
-#: Lag, acceleration lag and lost motion of a joint that are taken for true. [ms], [ms^2], [deg or mm]
+#: Valid lag, acceleration lag and lost motion of a joint. [ms], [ms^2], [deg or mm]
 Lag = Annotated[float, Field(ge=0.0, le=1e3 * LONGEST_LAG)]
 AccelerationLag = Annotated[float, Field(ge=-1e6 * LONGEST_LAG**2, le=1e6 * LONGEST_LAG**2)]
 LostMotion = Annotated[float, Field(ge=0.0, le=1.0)]
-#: Source of a model that nobody measured.
+#: Source of a model without measurements.
 ASSUMED = "assumed"
 
 
 class MotionTable(StrictTable):
-    """[motion] of controller.toml: every key may be left out, which the defaults below then stand for (assumed).
+    """[motion] of controller.toml: every key is optional, with the defaults below (assumed).
 
-    cycle_ms: step of the interpolator. blend_share: length of a corner's blend over its zone.
-    acceleration_mm_s2: of the tip. smoothing_ms: time over which speed is averaged (S-shape).
-    lag_ms, acceleration_lag_ms2, lost_motion_deg: one number a joint; lost motion of a slide in mm.
+    cycle_ms: step of the interpolator. blend_share: ratio of a corner's blend length to its zone.
+    acceleration_mm_s2: of the tip. smoothing_ms: averaging time of the speed (S-shape).
+    lag_ms, acceleration_lag_ms2, lost_motion_deg: one number for each joint; lost motion of a slide in mm.
     """
 
     cycle_ms: Annotated[float, Field(ge=0.1, le=100.0)] = 4.0
@@ -47,29 +47,29 @@ class MotionTable(StrictTable):
 
 @dataclass(frozen=True)
 class ServoMotion:
-    """Hold how a controller moves."""
+    """Motion model of a controller and its drives."""
 
     cycle: float  #: Step of the interpolator. [s]
-    blend_share: float  #: Length of a corner's blend over its zone.
+    blend_share: float  #: Ratio of a corner's blend length to its zone.
     acceleration: float  #: Greatest acceleration of the tip along and across the path. [m/s^2]
-    smoothing: float  #: Time over which the speed along the path is averaged. [s]
+    smoothing: float  #: Averaging time of the speed along the path. [s]
     lag: Array  #: First-order lag T1 of each drive. Shape (nq,). [s]
-    acceleration_lag: Array  #: What the drive falls behind per acceleration, T2. Shape (nq,). [s^2]
-    lost_motion: Array  #: Full width that a joint loses where it turns back. Shape (nq,). [rad or m]
+    acceleration_lag: Array  #: Lag of the drive per acceleration, T2. Shape (nq,). [s^2]
+    lost_motion: Array  #: Full width of a joint's lost motion at reversal. Shape (nq,). [rad or m]
     velocity_limits: Array  #: Shape (nq,). [rad/s or m/s]
     acceleration_limits: Array  #: Shape (nq,). [rad/s^2 or m/s^2]
-    source: str = ASSUMED  #: Who says so, or "assumed".
+    source: str = ASSUMED  #: Origin of the data, or "assumed".
 
 
 def read_motion(
     table: MotionTable | None, prismatic: NDArray[np.bool_], limits: tuple[Array, Array], file: Path | None = None
 ) -> ServoMotion:
-    """Return the motion that a table [motion] states; without one, or without a key, the assumed values.
+    """Return the motion model of a table [motion]; without the table, or without a key, the assumed values.
 
     `limits` are velocity and acceleration limits of the joints, infinite where unknown. Shape (nq,) each.
 
     Raises:
-        InputError: If a list does not hold one number a joint.
+        InputError: If a list does not hold one number for each joint.
     """
     table = MotionTable() if table is None else table
     nq = len(prismatic)
@@ -90,7 +90,7 @@ def read_motion(
 
 
 def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mapping[str, Any]:
-    """Return the table [motion] that states a motion."""
+    """Return a motion model as a table [motion]."""
     unit = np.where(prismatic, 1e3, 180.0 / np.pi)
     stated = {
         "cycle_ms": 1e3 * motion.cycle, "blend_share": motion.blend_share,
@@ -103,6 +103,6 @@ def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mappin
 
 
 def list_assumed_motion(table: MotionTable | None) -> list[str]:
-    """Name the keys of [motion] that nobody stated."""
+    """Return the keys of [motion] whose values are assumed."""
     stated = set() if table is None or table.source == ASSUMED else table.model_fields_set
     return [name for name in MotionTable.model_fields if name not in {*stated, "source"}]

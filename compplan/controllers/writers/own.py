@@ -1,4 +1,4 @@
-"""A post of one's own: one Jinja template that writes the whole program, moves included; no Python."""
+"""Custom post-processor: one Jinja template that writes the complete program, moves included; no Python."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LONGEST_NAME = 60
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
-    """Write NAME with the ending that the template's name has before .jinja."""
+    """Write a file NAME with the file extension that the template's name has before .jinja."""
     template = program.post.template
     if template is None:
         raise InputError("programs 'own' need a template: output.templates own; compplan init template own writes one")
@@ -40,7 +40,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 
 def _list_moves(program: Program) -> list[dict[str, Any]]:
-    """Return what a template may know of each move: kind, end, feed, whether it stops, and what happens behind it."""
+    """Return the data of each move for a template: kind, end, feed, whether it stops, and the events after it."""
     linear = program.form != "joint"
     alone, stops, arcs = program.alone(linear=linear), program.stops(linear=linear), program.arcs
     places = _say_poses(program.positions) if linear else [None] * len(program)
@@ -62,7 +62,7 @@ def _list_moves(program: Program) -> list[dict[str, Any]]:
 
 
 def _say_poses(poses: Array) -> list[dict[str, Any]]:
-    """Return poses in the words of every make: place, and the turn as each of them states it."""
+    """Return poses as positions and as orientations in the notation of every maker."""
     place = (poses[:, :3, 3] * 1e3 + 0.0).tolist()
     turns = {key: place_table(poses, order)[:, 3:].tolist() for key, order in
              (("abc_deg", "ZYX"), ("wpr_deg", "xyz"), ("val3_deg", "XYZ"), ("zyz_deg", "ZYZ"))}  # fmt: skip

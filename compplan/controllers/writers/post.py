@@ -1,9 +1,9 @@
-"""What stands around the moves of a program: a Jinja template a language, and one of a user's own in its place.
+"""Text around the moves of a program: a Jinja template for each language, which a user's template can replace.
 
-A template gets the words of its language's writer; docs/programs.md names them. They are plain data (tables, lists,
-text, numbers) and the template runs in a sandbox that changes none of them, so that a template of another person
-cannot reach a file or a program. An unknown word is an error, and what comes out has to be plain ASCII in lines that
-the controller takes.
+A template gets the words of its language's writer; docs/programs.md lists them. They are plain data (tables, lists,
+text, numbers). The template runs in a sandbox and cannot change them, so a template by a third party cannot access
+files or programs. An unknown word is an error; the result must be plain ASCII, in lines not longer than the controller
+accepts.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from compplan.io.tables import read_text
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-#: Letters of a line that a controller takes where languages.toml does not say (assumed).
+#: Letters of a line that a controller accepts, unless languages.toml has a number (assumed).
 LONGEST_LINE = 1000
 
 
 @dataclass(frozen=True)
 class CellWords:
-    """What a language can call of a cell by itself: "number" or "name" for tool and frame, "" where it has none."""
+    """Data of a cell that a language can call: "number" or "name" for tool and frame, "" where it cannot."""
 
     tool: str = ""
     base: str = ""
-    #: Numbers of tool and frame where a job names none: languages whose programs always count from numbered ones.
+    #: Default numbers of tool and frame, in languages whose programs always refer to numbered ones.
     numbers: Mapping[str, int | str] = field(default_factory=dict)
 
 
 def check_cell(post: Post, cell: CellWords, language: str) -> Post:
-    """Return what a job asks for with the numbers that a language needs in any case.
+    """Return the post settings of a job, completed by the default numbers of a language.
 
     Raises:
-        InputError: If the job names tool or frame in a way that the language does not know.
+        InputError: If the job refers to tool or frame in a way that the language does not support.
     """
     for key, kind in (("tool", cell.tool), ("base", cell.base)):
         value = getattr(post, key)
@@ -60,7 +60,7 @@ def check_cell(post: Post, cell: CellWords, language: str) -> Post:
 
 
 def describe_cell(post: Post, cell: CellWords) -> list[Stop]:
-    """Return what has to be settled at the machine where programs count from the cell's own data."""
+    """Return a note on the data to be set at the machine, where programs refer to tool and frame of the cell."""
     if post.overwrite:
         return []
     named = {"tool": post.tool, "frame": post.base}
@@ -71,15 +71,15 @@ def describe_cell(post: Post, cell: CellWords) -> list[Stop]:
 
 
 def name_main(program: Program) -> str:
-    """Return the name that a job gives its main program, else that of the program."""
+    """Return the job's name of the main program, otherwise the name of the program."""
     return program.post.main or program.name
 
 
 def render_post(program: Program, language: str, words: Mapping[str, Any]) -> str:
-    """Return the text that a language's template, or the user's own, makes of a program.
+    """Render a program's text with the template of the language, or of the user.
 
     Raises:
-        InputError: If the template is not one, uses a word that there is not, or makes lines that controllers refuse.
+        InputError: If the template is invalid, uses an unknown word, or produces lines that controllers refuse.
     """
     from jinja2 import TemplateError
 
@@ -104,7 +104,7 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
 
 
 def render_own(name: str, words: Mapping[str, Any]) -> str:
-    """Return the text that a template of the package, which no user replaces, makes of some words."""
+    """Render a template of the package that users cannot replace."""
     return _environment().from_string(read_post(name)).render(to_plain(words))
 
 
@@ -117,10 +117,10 @@ def read_post(language: str) -> str:
 
 
 def to_plain(words: Mapping[str, Any]) -> Any:
-    """Return words as tables, lists, text, numbers, truth values and None, all that a template may hold.
+    """Return words as tables, lists, text, numbers, truth values and None, the only types in a template.
 
-    The cell's own template file is left out: its path is an object with methods that write files. Other types are
-    refused.
+    The path of the job's template file is left out, because it is an object with methods that write files. Other
+    types are refused.
     """
     return json.loads(json.dumps(words, default=_flatten))
 

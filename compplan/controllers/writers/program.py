@@ -1,4 +1,4 @@
-"""A robot program before it has a language: joint positions as the controller counts them, feeds and poses."""
+"""Robot program independent of a language: joint positions in the controller's convention, feeds and poses."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from compplan.io.tables import Array
 from compplan.robot import Robot
 from compplan.toolpath.events import Event, find_halts
 
-#: Joint positions that are written as zero, without a sign. [deg or mm]
+#: Joint positions below this are written as zero, without a sign. [deg or mm]
 ZERO = 5e-7
-#: What a program holds row by row, joints and words aside: shape of a row of each.
+#: Shape of one row of each attribute of a program with rows, except joints and configuration words.
 BY_ROW: dict[str, tuple[int, ...]] = {
     "feed": (), "rapid": (), "exact": (), "time": (), "tcp": (4, 4), "status": (), "bent": (), "free": (),
     "arc_of": (), "line_of": (), "corner": (), "corner_shift": (3,), "asked": (), "via": (4, 4),
@@ -39,76 +39,76 @@ BY_ROW: dict[str, tuple[int, ...]] = {
 
 @dataclass(frozen=True)
 class Post:
-    """How a job wants programs of a language written around their moves."""
+    """Settings of a job for the text around the moves of a program."""
 
-    template: Path | None = None  #: File of its own template, or None for the one of the package.
-    tool: int | str | None = None  #: Number or name of the cell's own tool data, None for those of the job.
-    base: int | str | None = None  #: Number or name of the cell's own frame, None for the part frame of the job.
-    overwrite: bool = False  #: Whether programs fill the cell's tool data and frame with those of the job.
+    template: Path | None = None  #: File of the job's template, or None for the package's template.
+    tool: int | str | None = None  #: Number or name of the cell's tool data, None for the tool of the job.
+    base: int | str | None = None  #: Number or name of the cell's frame, None for the part frame of the job.
+    overwrite: bool = False  #: Whether programs overwrite the cell's tool data and frame with those of the job.
     main: str | None = None  #: Name of the main program, None for that of the job.
 
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Hold a program; row i describes the move that ends at waypoint i."""
+    """A program; row i describes the move that ends at waypoint i."""
 
-    name: str  #: Name; the languages shorten it to what they allow.
-    joints: Array  #: Commanded joint positions as the controller counts them. Shape (n, nq). [deg or mm]
+    name: str  #: Name; writers shorten it to what a language allows.
+    joints: Array  #: Commanded joint positions in the controller's convention. Shape (n, nq). [deg or mm]
     joint_names: tuple[str, ...]  #: The controller's names of the joints, from the base.
     prismatic: NDArray[np.bool_]  #: Which joints slide. Shape (nq,).
     feed: Array  #: Feed; 0 for rapid moves. Shape (n,). [mm/s]
     rapid: NDArray[np.bool_]  #: Which moves are rapid. Shape (n,).
-    #: Commanded TCP poses in the geometry that the controller believes, base frame. Shape (n, 4, 4). [m]
+    #: Commanded TCP poses by the controller's kinematic model, base frame. Shape (n, 4, 4). [m]
     tcp: Array
-    #: Pose of the TCP frame seen from the controller's flange frame (z out of the flange). Shape (4, 4). [m]
+    #: Pose of the TCP frame in the controller's flange frame (z out of the flange). Shape (4, 4). [m]
     tool: Array = field(default_factory=lambda: np.eye(4))
-    #: Waypoints where the tool stands still, beside those that `stops` finds, or None. Shape (n,).
+    #: Exact stops in addition to those that `stops` finds, or None. Shape (n,).
     exact: NDArray[np.bool_] | None = None
     time: Array | None = None  #: Time at each waypoint, or None. Shape (n,). [s]
     rates: Array | None = None  #: Greatest joint rates, or None. Shape (nq,). [deg/s or mm/s]
-    #: Pose of the part frame seen from the base. Cartesian positions count from it. Shape (4, 4). [m]
+    #: Pose of the part frame in the base frame; reference of Cartesian positions. Shape (4, 4). [m]
     part: Array = field(default_factory=lambda: np.eye(4))
-    #: Pose of the frame that the controller's frames count from, seen from the base. Shape (4, 4). [m]
+    #: Pose of the reference frame of the controller's frames, in the base frame. Shape (4, 4). [m]
     world: Array = field(default_factory=lambda: np.eye(4))
-    mass: float | None = None  #: Mass of the tool, or None where nobody states it. [kg]
+    mass: float | None = None  #: Mass of the tool, or None where it is not stated. [kg]
     #: Centre of its mass in the controller's flange frame. Shape (3,). [m]
     centre: Array = field(default_factory=lambda: np.zeros(3))
     status: NDArray[np.int64] | None = None  #: S of KRL positions, or None. Shape (n,).
-    #: Which way the wrist is bent: False below the fifth axis' singular angle, or None. Shape (n,).
+    #: Sign of the wrist bend: False below the fifth axis' singular angle, or None. Shape (n,).
     bent: NDArray[np.bool_] | None = None
     #: Value of each configuration word at every waypoint: {"wrist": ["flip", ...], ...}. Shape (n,) each.
     words: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
-    #: The controller's own words for them, where controller.toml has them. Shape (n,) each.
+    #: The same in the controller's words, where controller.toml has them. Shape (n,) each.
     native: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
-    unchecked: str = ""  #: Why signs and zeros of the joints are not known; "" where they are.
+    unchecked: str = ""  #: Reason why signs and zeros of the joints are not known; "" where they are.
     robot: str = ""  #: Name of the robot.
-    controller: str = ""  #: What controller it is.
+    controller: str = ""  #: Name of the controller.
     comments: tuple[str, ...] = ()  #: Lines for the head of every file.
-    #: What happens beside motion, each after the row that it names; -1: before the first move.
+    #: Machine events, each after the row in `place`; -1: before the first move.
     events: tuple[Event, ...] = ()
-    wiring: Wiring = field(default_factory=Wiring)  #: Signals of the cell that do it.
-    post: Post = field(default_factory=Post)  #: How the job wants it written around the moves.
-    tolerance: float = 0.0  #: How far written lines and arcs may lie beside the tip; 0: one move a waypoint. [m]
+    wiring: Wiring = field(default_factory=Wiring)  #: Signals of the cell for the events.
+    post: Post = field(default_factory=Post)  #: Settings for the text around the moves.
+    tolerance: float = 0.0  #: Greatest distance of written lines and arcs from the tip; 0: a move per waypoint. [m]
     cycle: float = 0.0  #: Least time of a written move. [s]
-    #: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
+    #: Moves without a prescribed speed, such as those that blend in a correction, or None. Shape (n,).
     free: NDArray[np.bool_] | None = None
-    form: str = "both"  #: "linear": moves of the tool alone where a language can write them; "joint", "both".
-    #: Pose that an arc to each waypoint goes through, nan where a line leads there, or None. Shape (n, 4, 4). [m]
+    form: str = "both"  #: "linear": only tool moves where a language can write them; "joint", "both".
+    #: Via pose of the arc to each waypoint, nan for lines, or None. Shape (n, 4, 4). [m]
     via: Array | None = None
     #: Number of the arc of the CAM file that each move is a chord of, 0 for none; or None. Shape (n,).
     arc_of: NDArray[np.int_] | None = None
-    #: Line of the CAM file that each move stands on, 0 where that is not known; or None. Shape (n,).
+    #: CAM file line of each move, 0 where not known; or None. Shape (n,).
     line_of: NDArray[np.int_] | None = None
-    #: Which joints carry the part, or None. `tcp` and `part` are then seen from what they carry. Shape (nq,).
+    #: Which joints carry the part, or None. `tcp` and `part` are then relative to the last of them. Shape (nq,).
     carries: NDArray[np.bool_] | None = None
-    #: How far the zone at each row may lead beside the path, or None for as far as the language's own. Shape (n,). [m]
+    #: Greatest distance from the path in the zone of each row, or None for the language's default zone. Shape (n,). [m]
     corner: Array | None = None
-    #: Vector from a row to the corner that programs state in its place, nan at rows of a rounded corner that they leave
-    #: out, 0 elsewhere; or None. Base axes. Shape (n, 3). [m]
+    #: Vector from a row to the corner that replaces it in programs; nan at omitted rows of a rounded corner, 0 at other
+    #: rows; or None. Base axes. Shape (n, 3). [m]
     corner_shift: Array | None = None
-    asked: Array | None = None  #: Feed that the CAM file asks for, or None. Shape (n,). [mm/s]
-    blend_share: float = 1.0  #: Length of the controller's blends over their zones.
-    smoothing: float = 0.04  #: Time over which the controller averages the speed. [s]
+    asked: Array | None = None  #: Feed of the CAM file, or None. Shape (n,). [mm/s]
+    blend_share: float = 1.0  #: Ratio of the controller's blend lengths to their zones.
+    smoothing: float = 0.04  #: Averaging time of the speed in the controller. [s]
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
@@ -124,7 +124,7 @@ class Program:
         return len(self.joints)
 
     def take(self, rows: NDArray[np.int_]) -> Program:
-        """Return the program at some of its rows, ends of moves and events among them."""
+        """Return the program reduced to some rows, which include ends of moves and events."""
         some: dict[str, Any] = {
             name: None if (values := getattr(self, name)) is None else values[rows] for name in ("joints", *BY_ROW)
         }
@@ -137,22 +137,22 @@ class Program:
 
     @property
     def corners(self) -> NDArray[np.bool_]:
-        """Tell the rows that stand for a rounded corner of the path. Shape (n,)."""
+        """Rows at a rounded corner of the path. Shape (n,)."""
         return np.zeros(len(self), bool) if self.corner_shift is None else np.abs(self.corner_shift).max(axis=1) > 0.0
 
     @property
     def moves_part(self) -> bool:
-        """Tell whether joints carry the part."""
+        """Whether joints carry the part."""
         return self.carries is not None and bool(self.carries.any())
 
     @property
     def outer(self) -> NDArray[np.bool_]:
-        """Tell which joints are external axes: those that slide, or carry the part. Shape (nq,)."""
+        """External axes: joints that slide, or carry the part. Shape (nq,)."""
         return self.prismatic if self.carries is None else self.prismatic | self.carries
 
     @property
     def base_frame(self) -> Array:
-        """Pose of the part frame seen from the frame that the controller counts from (from what carries the part).
+        """Pose of the part frame in the controller's reference frame (in the frame of the last carrier of the part).
 
         Shape (4, 4) [m].
         """
@@ -160,28 +160,28 @@ class Program:
 
     @property
     def positions(self) -> Array:
-        """Commanded TCP poses seen from the part frame. Shape (n, 4, 4) [m]."""
+        """Commanded TCP poses in the part frame. Shape (n, 4, 4) [m]."""
         return np.asarray(np.linalg.inv(self.part) @ self.tcp)
 
     @property
     def arcs(self) -> NDArray[np.bool_]:
-        """Tell the moves that are arcs. Shape (n,)."""
+        """Moves that are arcs. Shape (n,)."""
         return np.zeros(len(self), bool) if self.via is None else np.isfinite(self.via[:, 0, 0])
 
     @property
     def via_positions(self) -> Array:
-        """Poses that arcs go through, seen from the part frame; nan elsewhere. Shape (n, 4, 4) [m]."""
+        """Via poses of arcs in the part frame; nan for other moves. Shape (n, 4, 4) [m]."""
         via = np.full((len(self), 4, 4), np.nan) if self.via is None else self.via
         return np.asarray(np.linalg.inv(self.part) @ via)
 
     def write_comment_line(self, row: int, sign: str) -> str:
-        """Return the line of the CAM file that a move stands on as a comment behind it, by a language's sign."""
+        """Return a comment with the CAM file line of a move, after the comment sign of a language."""
         line = 0 if self.line_of is None else int(self.line_of[row])
         return f" {sign} CAM line {line}" if line else ""
 
     @property
     def swings(self) -> NDArray[np.bool_]:
-        """Tell the cutting moves in which a configuration word or the wrist's bend changes: a straight move cannot.
+        """Cutting moves in which a configuration word or the wrist bend changes, so that a straight move is impossible.
 
         Shape (n,).
         """
@@ -191,11 +191,11 @@ class Program:
         return changed & ~self.rapid
 
     def alone(self, *, linear: bool) -> NDArray[np.bool_]:
-        """Tell the moves that are joint moves of their own: rapid ones, and swings among linear ones. Shape (n,)."""
+        """Return which moves are joint moves: rapid moves, and configuration changes among linear ones. Shape (n,)."""
         return self.rapid | self.swings if linear else self.rapid
 
     def stops(self, *, linear: bool) -> NDArray[np.bool_]:
-        """Tell the moves that stop at their end: those alone, what comes before one, events, `exact`. Shape (n,)."""
+        """Return which moves end in a stop: joint moves, moves before them, events, and `exact`. Shape (n,)."""
         alone = self.alone(linear=linear)
         stops = alone | np.append(alone[1:], True)
         stops[find_halts(self.events)] = True
@@ -216,23 +216,23 @@ def build_program(
     events: Sequence[Event] = (),
     wiring: Wiring | None = None,
 ) -> Program:
-    """Build a program from commanded joint positions: in the controller's counting, and with its geometry.
+    """Build a program from commanded joint positions, in the controller's joint convention and kinematic model.
 
     Args:
-        robot: The robot; its folder says how its controller counts.
+        robot: The robot; its folder holds the controller's conventions.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         feed: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
         rapid: Which moves are rapid. Shape (n,).
         name: Name of the program.
         time: Time at each waypoint, or None. Shape (n,). [s]
         comments: Lines for the head of every file.
-        part: Pose of the part frame seen from the base; left out: the base itself. Shape (4, 4). [m]
-        exact: Waypoints where the tool stands still, beside the ends of cuts and of rapid moves. Shape (n,).
-        events: What happens beside motion, each after the waypoint that it names; -1: before the first move.
-        wiring: Signals of the cell that do it; left out: none, the programs stop and ask the operator.
+        part: Pose of the part frame in the base frame; left out: the base itself. Shape (4, 4). [m]
+        exact: Exact stops in addition to the ends of cuts and of rapid moves. Shape (n,).
+        events: Machine events, each after the waypoint in `place`; -1: before the first move.
+        wiring: Signals of the cell for the events; left out: none, so programs stop for the operator.
 
     Raises:
-        InputError: If controller.toml or controller.urdf of the robot's folder is not what it has to be.
+        InputError: If controller.toml or controller.urdf of the robot's folder is not valid.
     """
     believed = believed_robot(robot)
     tip = locate_link(believed, q, robot.tcp)
@@ -261,7 +261,7 @@ def build_program(
 
 
 def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
-    """Return what a program holds of how its controller counts joints and frames, by the names of `Program`."""
+    """Return the attributes of `Program` that depend on the controller's conventions, by name."""
     controller = load_controller(robot)
     words, limits, joints = name_words(controller, robot, q), robot.velocity_limits, to_controller(controller, q)
     return {
@@ -274,7 +274,7 @@ def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
 
 
 def head_lines(program: Program) -> list[str]:
-    """Return what stands at the head of every file, safe in every language."""
+    """Return the comment lines at the head of every file, with characters that every language accepts."""
     lines = [f"{program.name}: {len(program)} waypoints for {program.robot} {program.controller}".rstrip()]
     if program.unchecked:
         lines.append(f"SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: {program.unchecked}")
@@ -284,7 +284,7 @@ def head_lines(program: Program) -> list[str]:
 
 
 def order_joints(program: Program, wanted: Sequence[str], language: str) -> list[int]:
-    """Return the columns of joints that a language calls by these names; refuse a controller without one of them."""
+    """Return the columns of joints with these names; refuse a controller without one of them."""
     missing = [name for name in wanted if name not in program.joint_names]
     if missing:
         own = list(program.joint_names)
@@ -294,10 +294,9 @@ def order_joints(program: Program, wanted: Sequence[str], language: str) -> list
 
 
 def joint_shares(program: Program) -> Array:
-    """Return the share of the joint rates that each move asks for; nan where it is not known, and for rapid moves.
+    """Return the greatest share of its rate that a joint needs in each move; nan where unknown and for rapid moves.
 
-    The move from one waypoint to the next takes the time that `time` says, else distance over feed; the joint that asks
-    for the greatest share of its rate decides. Shape (n,).
+    The duration of a move is the difference of `time`, otherwise distance over feed. Shape (n,).
     """
     shares = np.full(len(program), np.nan)
     if program.time is not None:
@@ -314,6 +313,6 @@ def joint_shares(program: Program) -> Array:
 
 
 def joint_percent(program: Program, rapid: float = 100.0, least: float = 1.0) -> Array:
-    """Return each move's share of the joint rates, `rapid` for rapid moves, 10 where unknown. Shape (n,). [%]"""
+    """Return each move's percentage of the joint rates, `rapid` for rapid moves, 10 where unknown. Shape (n,). [%]"""
     shares = joint_shares(program)
     return np.clip(np.where(program.rapid, rapid, np.where(np.isfinite(shares), 100.0 * shares, 10.0)), least, 100.0)

@@ -14,17 +14,17 @@ from compplan.io.tables import Array
 
 name = "rapid"
 UNUSED = "9E9"
-#: The mechanical unit that carries the part (assumed).
+#: Mechanical unit that carries the part (assumed).
 POSITIONER = "STN1"
-#: What RAPID adds up to cfx: wrist centre behind axis 1, behind the lower arm, axis 5 below 0.
+#: Contributions to cfx: wrist centre behind axis 1, wrist centre behind the lower arm, axis 5 below 0.
 CFX = {"shoulder": {"front": 0, "back": 4}, "elbow": {"up": 0, "down": 2}, "wrist": {"noflip": 0, "flip": 1}}
-#: A frame, a zone of one's own [mm], [deg] (z0's ratios of tip, turn and external axes).
+#: Formats of a frame and of a custom zone [mm], [deg] (z0's ratios of tip, rotation and external axes).
 FRAME = "[[{:.5f},{:.5f},{:.5f}],[{:.9f},{:.9f},{:.9f},{:.9f}]]"
 ZONE = "[FALSE,{0:.3f},{0:.3f},{0:.3f},{1:.4f},{0:.3f},{1:.4f}]"
 
 
 def _state_poses(poses: Array) -> Array:
-    """Return poses as RAPID states them: place [mm] and quaternion. Shape (n, 4, 4) -> (n, 7)."""
+    """Return poses in RAPID's notation: position [mm] and quaternion. Shape (n, 4, 4) -> (n, 7)."""
     return np.column_stack([poses[:, :3, 3] * 1e3, quaternions(poses)])
 
 
@@ -34,9 +34,9 @@ FORM = ProgramForm.load("rapid", _state_poses)
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.mod with joint moves and, where poses are known, NAME_L.mod with linear ones; each calls its parts.
 
-    Robot targets count from a work object that is the part frame. Rapid moves (500 mm/s) and swings (at the feed) are
-    joint moves and stop. Sliding joints are external axes (mm), and so are joints that carry the part (deg): a
-    mechanical unit that moves the user frame of the work object.
+    Robot targets refer to a work object at the part frame. Rapid moves (500 mm/s) and configuration changes (at the
+    feed) are joint moves with a stop. Sliding joints are external axes (mm). Joints that carry the part are external
+    axes as well (deg), in a mechanical unit that moves the user frame of the work object.
     """
     turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 6:
@@ -98,7 +98,7 @@ def _state_target(program: Program, move: WrittenMove) -> str:
 
 
 def find_configuration(program: Program, move: WrittenMove) -> list[int]:
-    """Return confdata: quadrants of axes 1, 4 and 6, and cfx (0 where the words are not known)."""
+    """Return confdata: quadrants of axes 1, 4 and 6, and cfx (0 where the configuration words are not known)."""
     cfx = sum(shares.get(str(program.words[key][move.row]), 0) for key, shares in CFX.items() if key in program.words)
     return [*(int(np.floor(move.arm[axis] / 90.0)) for axis in (0, 3, 5)), cfx]
 

@@ -30,11 +30,11 @@ FORM = ProgramForm.load("sinumerik", lambda poses: place_table(poses, "xyz"))
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.MPF, or NAME_1.SPF and so on with a NAME.MPF that calls them.
 
-    Positions count from the part frame, set by TRANS and AROT on top of G500; X Y Z are the tool tip, A2 B2 C2 (ORIRPY)
-    turn the flange about x, the fixed y and the fixed z: the turn of the tool is part of the programmed orientation,
-    its offset is correction D1 (lengths in Z, Y and X for G17). Cutting moves are G1 and CIP in CP travel with their
-    feed (G94, mm/min), rapid moves and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below
-    0). A sliding joint is the axis E1. Names of axes and the transformation are the machine's: check them.
+    Positions refer to the part frame, set by TRANS and AROT on top of G500. X Y Z are the tool tip; A2 B2 C2 (ORIRPY)
+    rotate the flange about fixed x, y and z. They include the orientation of the tool; its offset is correction D1
+    (lengths in Z, Y and X for G17). Cutting moves are G1 and CIP in CP mode with their feed (G94, mm/min). Rapid moves
+    and configuration changes are G0 in PTP mode with STAT (status as in KRL) and TU (bit set for an axis below 0). A
+    sliding joint is the axis E1. Check names of axes and the transformation on the machine.
     """
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.status is None:
@@ -54,7 +54,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 
 def _format_part(stands: dict[str, str], middles: Array, part: ProgramPart) -> dict[str, str]:
-    """Return a part; `stands` are the travel and the zone behind the one before, `middles` what arcs go through."""
+    """Format a part; `stands`: modal travel and zone commands of the part before, `middles`: via points of arcs."""
     lines = []
     for move in part.moves:
         zone = "G642" if move.zone == np.inf else f"G641 ADIS={1e3 * move.zone:.3f}"

@@ -13,9 +13,9 @@ from compplan.controllers.writers.zones import ZONES
 from compplan.io.tables import Array
 
 name = "urscript"
-#: What sets the load: controllers of the e-Series deprecate what CB3 alone knows.
+#: Command that sets the load: controllers of the e-Series deprecate the only one that CB3 has.
 PAYLOAD = {"Universal Robots CB3": "set_payload"}
-#: Accelerations, which the language wants stated: its own defaults. [rad/s^2, m/s^2]
+#: Accelerations, required by the language: its defaults. [rad/s^2, m/s^2]
 JOINT_ACCELERATION, TOOL_ACCELERATION = 1.4, 1.2
 RAPID_SHARE, UNKNOWN_SHARE, SLOWEST = 0.2, 0.1, 1e-5
 #: A pose. [m, rad]
@@ -23,7 +23,7 @@ POSE = "p[{:.9f}, {:.9f}, {:.9f}, {:.9f}, {:.9f}, {:.9f}]"
 
 
 def _state_poses(poses: Array) -> Array:
-    """Return poses as URScript states them: place [m] and rotation vector [rad]. Shape (n, 4, 4) -> (n, 6)."""
+    """Return poses in URScript's notation: position [m] and rotation vector [rad]. Shape (n, 4, 4) -> (n, 6)."""
     return np.asarray(np.round(np.column_stack([poses[:, :3, 3], rotation_vectors(poses)]), 9) + 0.0, np.float64)
 
 
@@ -33,8 +33,8 @@ FORM = ProgramForm.load("urscript", _state_poses)
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.script with joint moves and, where poses are known, NAME_L.script with linear ones.
 
-    Long ones are cut into NAME_1.script and so on, each a program of its own, to be run in order; each calls itself
-    behind its end, so that a script that is sent to the controller runs. Positions count from the part frame
+    Long ones are divided into NAME_1.script and so on, each an independent program, to be run in order. Each calls
+    itself at its end, so that a script that is sent to the controller runs. Positions refer to the part frame
     (pose_trans). The controller has no configuration words: linear moves keep the branch of the joint move before them.
     """
     need_six_axes(program, "URScript", sliding=0)
@@ -89,7 +89,7 @@ def _joint_speeds(program: Program) -> Array:
 
 
 def _blend_radii(part: ProgramPart) -> Array:
-    """Return how far before each waypoint its corner may be rounded; 0 where it is reached exactly. Shape (n,). [m]"""
+    """Return the blend radius of each waypoint; 0 where it is reached exactly. Shape (n,). [m]"""
     program, zone = part.program, ZONES["urscript"]
     step = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1)
     room = np.minimum(np.append(np.inf, step), np.append(step, np.inf))

@@ -16,11 +16,11 @@ from compplan.controllers.writers.zones import ZONES
 from compplan.errors import InputError
 
 name = "val3"
-#: Frames, points with their configuration, and joints in the data of a project.
+#: Formats of frames, points with their configuration, and joints in the data of a project.
 FRAME = 'x="{:.7f}" y="{:.7f}" z="{:.7f}" rx="{:.7f}" ry="{:.7f}" rz="{:.7f}" fatherId="{}"'
 POINT = 'x="{:.5f}" y="{:.5f}" z="{:.5f}" rx="{:.6f}" ry="{:.6f}" rz="{:.6f}" {} fatherId="fPart[0]"'
 JOINTS = 'j1="{:.6f}" j2="{:.6f}" j3="{:.6f}" j4="{:.6f}" j5="{:.6f}" j6="{:.6f}"'
-#: Words of a point's configuration, and the word that keeps the one at hand.
+#: Words of a point's configuration, and the word that keeps the current one.
 WORDS = {
     "shoulder": ({"righty", "lefty"}, "ssame"),
     "elbow": ({"epositive", "enegative"}, "esame"),
@@ -34,9 +34,9 @@ FORM = ProgramForm.load("val3", lambda poses: place_table(poses, "XYZ"))
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write the project NAME with joint motions and, where poses are known, NAME_L with linear ones.
 
-    A project holds NAME.pjx, its data (.dtx) and programs (.pgx): start, stop, and one a part. movej runs through joint
-    positions, movel through points in the part frame, no faster along the path than the feed. Rapid moves and swings
-    are joint motions at 20 % of the joint rates and stop at their end.
+    A project holds NAME.pjx, its data (.dtx) and programs (.pgx): start, stop, and one for each part. movej goes
+    through joint positions, movel through points in the part frame, with the feed as speed limit. Rapid moves and
+    configuration changes are joint motions at 20 % of the joint rates and stop at their end.
     """
     if program.joints.shape[1] != 6 or program.prismatic.any():
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"
@@ -46,7 +46,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
     number = [*part.parts].index(part.name) + 1
-    events = {  # what does something waits for the arm
+    events = {  # other than comments, events wait for the end of motion
         row: ["waitEndMove()"] * any(not line.startswith("//") for line in lines) + lines
         for row, lines in part.events.items()
     }
@@ -55,7 +55,7 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
 
 
 def _format_project(part: ProgramPart) -> dict[str, str]:
-    """Return what a project holds beside its parts: list of programs, data, and the programs that start and stop it."""
+    """Return the files of a project in addition to its parts: program list, data, start and stop programs."""
     words = {"name": part.whole, "parts": [f"part{number}" for number in range(1, len(part.parts) + 1)]}
     start = part.render("val3", **words, comments=_remarks(part.program, part.linear))
     texts = {
@@ -78,7 +78,7 @@ def _remarks(program: Program, linear: bool) -> list[str]:
 
 
 def _format_moves(part: ProgramPart, number: int) -> list[list[str]]:
-    """Return the motion lines of a part: joint moves, lines and arcs, at a speed and with a zone where those change."""
+    """Return the motion lines of a part: joint moves, lines and arcs, with speed and zone where they change."""
     usual = f"{1e3 * ZONES['val3'].size:g}"
     stands, lines, quick, through = {"leave": f"mPath.leave={usual}", "reach": f"mPath.reach={usual}"}, [], 0, 0
     for index, move in enumerate(part.moves):
@@ -102,7 +102,7 @@ def _format_moves(part: ProgramPart, number: int) -> list[list[str]]:
 
 
 def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
-    """Return the digital inputs and outputs that the programs use, as data of the project."""
+    """Return the digital inputs and outputs of the programs, as data of the project."""
     wiring = program.wiring
     outputs = [wiring.spindle, wiring.coolant, *wiring.signals.values()]
     inputs = [wiring.spindle_ready]
@@ -136,7 +136,7 @@ def _list_data(part: ProgramPart) -> list[tuple[str, str, list[str]]]:
 
 
 def _name_configurations(program: Program) -> list[str]:
-    """Return the configuration at each row, in the controller's words where they are known."""
+    """Return the configuration at each row, in the controller's words if known, otherwise as "same"."""
     columns = []
     for key, (known, same) in WORDS.items():
         native = program.native[key].tolist() if key in program.native else []

@@ -1,12 +1,12 @@
-"""How far before a corner each language's programs let the controller leave the path, as they are written.
+"""Blend zones: distance before a corner at which the controller may leave the path, for each language.
 
-The figure is what the program says, or what the maker's manual gives for the word that it says; where neither gives one
-it is assumed. A zone reaches at most half way to the nearer neighbour. `compplan trace` finds which share of it a
-controller uses (`blend_share`).
+The distance is stated in the program, or is the manual's value for the word in the program; otherwise it is assumed. A
+zone reaches at most half way to the nearer neighbour. `compplan trace` identifies the share of it that a controller
+uses (`blend_share`).
 
-A parabola that begins r before a corner and ends r behind it passes the corner at r |t' - t| / 4, t and t' the
-directions of travel before and behind it. Where that is more than a program allows there (`Program.corner`), its zone
-is made smaller. At a corner that the plan rounds the zone has the size that passes it at the same distance.
+A parabola that begins r before a corner and ends r behind it passes the corner at r |t' - t| / 4, with t and t' the
+tangents before and behind it. Where that is more than the program allows there (`Program.corner`), the zone is made
+smaller. At a corner that the plan rounds, the zone has the size that passes it at the same distance.
 """
 
 from __future__ import annotations
@@ -21,44 +21,44 @@ from compplan.controllers.writers.program import Program
 from compplan.controllers.writers.text import LANGUAGES
 from compplan.io.tables import Array
 
-#: Speed of a move whose feed is not stated, the fastest that is taken for true. [m/s]
+#: Speed of a move without a stated feed: the greatest plausible one. [m/s]
 FASTEST = 20.0
-#: A move that is shorter leads nowhere. [m]
+#: Length below which a move is omitted. [m]
 NOWHERE = 1e-8
-#: Steps that smaller zones are written in. [m]
+#: Step to which smaller zones are rounded. [m]
 STEP = 1e-6
 
 
 @dataclass(frozen=True)
 class BlendZone:
-    """Hold the zone of a language's corners."""
+    """Blend zone of a language."""
 
     size: float  #: Distance from the corner. [m]
-    source: str  #: Where the figure is from, or "assumed".
-    share: float = 0.5  #: Most of it as a share of the shorter neighbour.
-    #: Time whose way at the feed counts too, in half smoothing times of the controller: where one move slows down while
-    #: the next one speeds up.
+    source: str  #: Origin of the number, or "assumed".
+    share: float = 0.5  #: Greatest share of the shorter neighbouring move.
+    #: Extra size due to the overlap of speed ramps: the distance at the feed in `overlap` times half the smoothing time
+    #: of the controller.
     overlap: float = 0.0
 
 
 ZONES = {name: BlendZone(**table["zone"]) for name, table in LANGUAGES.items()}
-#: Zone of a language that is not listed, such as a post of one's own.
+#: Zone of a language that is not listed, such as a custom post-processor.
 OTHER = BlendZone(1e-4, "assumed")
 
 
 def mark_moves(program: Program) -> NDArray[np.bool_]:
-    """Tell the moves of a fitted program that lead somewhere, or stop; a controller reads past others. Shape (m,)."""
+    """Return which moves of a fitted program have a length, or stop; a controller skips the others. Shape (m,)."""
     step = np.linalg.norm(np.diff(program.positions[:, :3, 3], axis=0), axis=1)
     alone, stops = program.alone(linear=True), program.stops(linear=True)
     return np.r_[True, step > NOWHERE] | alone | program.arcs | stops
 
 
 def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
-    """Return the zones of a fitted program at the ends of its moves as a language has them, and where they are smaller.
+    """Return the blend zones at the ends of a fitted program's moves, and where they must be smaller than the default.
 
     Returns:
-        Zones, 0 at exact stops, shape (m,) [m]; those that the program has to state because the language's own would
-        leave the path too far, infinite elsewhere, shape (m,) [m]; the language's own, shape (m,) [m].
+        Zones, 0 at exact stops, shape (m,) [m]; zones that the program must state because the default departs too far
+        from the path, infinite elsewhere, shape (m,) [m]; default zones of the language, shape (m,) [m].
     """
     kept = mark_moves(program)
     position, via = program.positions[kept, :3, 3], program.via_positions[kept, :3, 3]
@@ -89,12 +89,12 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
 
 
 def mark_narrow(program: Program, language: str) -> NDArray[np.bool_]:
-    """Tell the moves of a fitted program at whose end a language's own zone would leave the path too far. (m,)"""
+    """Return at which moves' ends the default zone of a language would depart too far from the path. Shape (m,)."""
     _, stated, own = find_zones(program, ZONES[language])
     return stated < own
 
 
 def stop_at_corners(program: Program, language: str) -> Program:
-    """Return a fitted program that stops where a language without smaller zones would leave the path too far."""
+    """Return a fitted program with stops where the default zone of a language without smaller ones is too large."""
     narrow = mark_narrow(program, language)
     return replace(program, exact=narrow if program.exact is None else program.exact | narrow)

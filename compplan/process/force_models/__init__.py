@@ -1,13 +1,12 @@
-"""Force models, one file each: numbers of a process, and the wrench on the tool that follows from them along a path.
+"""Force models, one module each: parameters of a process, and the resulting wrench on the tool along a path.
 
-Each file holds what the model is called in `words`, and its `table`: the keys of a job's [process] with their ranges,
-`model` being the name of the file. Tables differ in what the wrench
-follows from:
+Each module holds a short description, `words`, and its `table`: the keys of a job's [process] with their ranges, where
+`model` is the name of the module. Base classes of tables differ in the inputs of the wrench:
 
-    PathForceTable     `wrench_along(nominal)`, path axes: from path and feed alone      compplan.toolpath.contact
-    CuttingTable       `cutter`, `spindle`, `shape`: from what a cutter meets of stock    compplan.process.cutting
+    PathForceTable     `wrench_along(nominal)`, path axes: only path and feed             compplan.toolpath.contact
+    CuttingTable       `cutter`, `shape`: engagement of the cutter in the stock           compplan.process.cutting
 
-A new model is one new file and one line here.
+A new model is one new module and one line here.
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ from compplan.toolpath.contact import ForceTable
 
 
 class ForceModel(Protocol):
-    """What the file of a force model offers; `words` say in a few words what it is, in help and on pages."""
+    """Interface of a force model's module; `words` is its short description in help and on pages."""
 
     words: str
     table: type[ForceTable]
 
 
-#: Every force model, by the name of its file.
+#: Every force model, by the name of its module.
 FORCE_MODELS: Registry[ForceModel] = Registry[ForceModel]((
     "columns",
     "constant",
@@ -41,5 +40,5 @@ FORCE_MODELS: Registry[ForceModel] = Registry[ForceModel]((
 
 
 def name_force_model(name: str) -> str:
-    """Name a force model as pages do: in its words, and as a job does."""
+    """Return the name of a force model for pages: its description, and its name in a job."""
     return f"{FORCE_MODELS[name].words} ({name})"

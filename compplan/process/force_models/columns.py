@@ -1,4 +1,4 @@
-"""The force of the toolpath file itself."""
+"""Force model with the wrench columns of the toolpath file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ words = "wrench columns of the toolpath file"
 
 
 class ColumnsProcess(ForceTable):
-    """The wrench columns of the toolpath file, part axes; zero where the file has none but `required` is false."""
+    """The wrench columns of the toolpath file, part axes; zero if the file has none and `required` is false."""
 
     model: Literal["columns"] = "columns"
     required: bool = True

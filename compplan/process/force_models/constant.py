@@ -1,4 +1,4 @@
-"""One wrench all along the path."""
+"""Force model with one constant wrench along the path."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ words = "one wrench all along"
 
 
 class ConstantProcess(ContactTable):
-    """The same wrench all along; `during_rapid` keeps it in rapid moves too (a dead weight)."""
+    """The same wrench along the path; `during_rapid` keeps it in rapid moves too (a dead weight)."""
 
     model: Literal["constant"]
     force_N: Vector3

@@ -1,18 +1,18 @@
-"""Mean thrust and torque of a drill, from how much of its point is in the material.
+"""Mean thrust and torque of a drill, from the share of its point in the material.
 
 The relation is that of a maker's table for twist drills [Tungaloy], D in mm, f in mm a turn, K a constant of the
 material (1 for grey cast iron of 177 HB):
 
     thrust = 570 K D f^0.85 N          torque = 0.01 K D^2 (0.630 + 16.84 f) N m
 
-It is written as two lips, so that it is linear in its coefficients (f_z: feed a lip, R = D / 2):
+It is written for two lips, so that it is linear in its coefficients (f_z: feed a lip, R = D / 2):
 
     thrust = N k_a f_z^0.85 R          torque = N (k_t f_z + k_e) R^2 / 2
 
-with k_a the push against the feed, k_t and k_e along the cutting speed. The chisel edge makes half of the thrust of a
-conventional point (so textbooks say [Ghosh, Mallik]), and a thinned web takes four fifths of that away (assumed). While
-the point enters or leaves, the lips count by the length that is in the material, the chisel edge by whether the middle
-of the point is. The forces of the lips across the axis cancel. Valid for moves along the axis.
+with k_a against the feed, k_t and k_e along the cutting speed. The chisel edge causes half of the thrust of a
+conventional point (textbooks [Ghosh, Mallik]); a thinned web removes four fifths of that (assumed). While the point
+enters or leaves, the lips count with their length in the material, the chisel edge if the middle of the point is
+inside. The forces of the lips across the axis cancel. Valid for moves along the axis.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ words = "thrust and torque of a drill"
 SOURCE = "thrust and torque of twist drills by a tool maker's table (Tungaloy general catalogue, technical reference)"
 #: Exponent of the thrust in Kienzle's form, 1 - 0.85.
 EXPONENT = (0.0, 0.0, 0.15)
-#: Per unit of K, two lips: along the speed [N/mm^2], of the edge [N/mm], against the feed [N/mm^1.85].
+#: Coefficients at K = 1, two lips: along the speed [N/mm^2], of the edge [N/mm], against the feed [N/mm^1.85].
 TANGENTIAL, EDGE, AXIAL = 16.84 * 10.0 * 8.0, 0.630 * 10.0 * 4.0, 570.0 * 2.0**0.85
 #: The chisel edge's share of the radius, and of the thrust of a conventional point (assumed).
 WEB, CHISEL = 0.2, 0.5
-#: Share of the chisel edge's thrust that a thinned web takes away (assumed).
+#: Share of the chisel edge's thrust that a thinned web removes (assumed).
 THINNED = 0.8
-#: Relative standard deviation of the level (assumed): points, coatings and wear differ by so much.
+#: Relative standard deviation of the level (assumed), due to points, coatings and wear.
 SCATTER = 0.3
-#: Constant K of the materials, and its source: assumed where a neighbour of the table stands in.
+#: Constant K of the materials, and its source: assumed where the table has only a similar material.
 DRILLED: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def drill_coefficients(material: str) -> Coefficients:
-    """Return what a material resists a drill's lips with: along the speed, across (none), against the feed."""
+    """Return the coefficients of a drill's lips in a material: along the speed, across (zero), against the feed."""
     constant, words = DRILLED[material]["constant"], DRILLED[material]["source"]
     return Coefficients(
         (TANGENTIAL * constant, 0.0, AXIAL * constant), (EDGE * constant, 0.0, 0.0), EXPONENT, SCATTER, (0.02, 0.5),
@@ -55,9 +55,9 @@ def drill_coefficients(material: str) -> Coefficients:
 
 
 def shape_drilling(found: Engagement, lips: int) -> MillingShape:
-    """Work out what each coefficient of a drill contributes to the mean wrench at its tip, path axes.
+    """Compute the factor of each coefficient of a drill in the mean wrench at its tip, path axes.
 
-    Moves across the axis carry nothing.
+    Moves across the axis have no force.
     """
     edge = found.cutter.slices
     inner, outer = edge.knots[:-1, 0], edge.knots[1:, 0]
@@ -75,7 +75,7 @@ def shape_drilling(found: Engagement, lips: int) -> MillingShape:
 
 
 class DrillProcess(CuttingTable):
-    """A drill: thrust and torque of lips and chisel edge that stand opposite each other."""
+    """A drill: thrust and torque of its lips and chisel edge; lips are opposite each other."""
 
     model: Literal["drill"]
     point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
@@ -99,17 +99,17 @@ class DrillProcess(CuttingTable):
         return drill_coefficients(str(self.material))
 
     def cutter(self) -> Cutter:
-        """Return the drill's shape; its margins do not cut, so that its flute ends with its point."""
+        """Return the drill's shape; its margins do not cut, so its flute ends with its point."""
         radius = 0.5e-3 * self.diameter_mm
         point = float(np.radians(self.point_deg))
         return Cutter(radius, radius / float(np.tan(0.5 * point)) if point < np.pi else 0.0, point=point)
 
     def shape(self, found: Engagement) -> MillingShape:
-        """Return what each coefficient contributes to thrust and torque, from the engagement."""
+        """Return the factor of each coefficient in thrust and torque, from the engagement."""
         return shape_drilling(found, self.teeth)
 
     def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
-        """Say where the drill moves sideways in material."""
+        """Return a note where the drill moves sideways in material."""
         aside = found.touches & cuts & (np.abs(found.travel[:, 0]) > np.abs(found.travel[:, 1]))
         if not aside.any():
             return []

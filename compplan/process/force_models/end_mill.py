@@ -1,4 +1,4 @@
-"""An end mill whose force follows from what it meets of the stock."""
+"""Force model of an end mill with a force from its engagement in the stock."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from compplan.process.cutting import CuttingTable
 from compplan.process.engagement import Cutter
 
 words = "end mill in what it meets of the stock"
-#: Flute length that is assumed where none is given, in diameters.
+#: Default flute length (assumed), in diameters.
 FLUTES = 3.0
 
 
 class ToolModeTable(StrictTable):
-    """[process.tool_mode]: the lowest mode of tool and holder across the tool, for the limit of depth."""
+    """[process.tool_mode]: the lowest bending mode of tool and holder, for the stability limit of depth."""
 
     frequency_Hz: float = Field(ge=1.0, le=2e4)
     stiffness_N_mm: float = Field(ge=1.0, le=1e7)
@@ -24,7 +24,7 @@ class ToolModeTable(StrictTable):
 
 
 class EndMillProcess(CuttingTable):
-    """An end mill whose engagement follows from stock and path, see `compplan.process.cutting`."""
+    """An end mill with engagement from stock and path, see `compplan.process.cutting`."""
 
     model: Literal["end_mill"]
     flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)

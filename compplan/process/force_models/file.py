@@ -1,4 +1,4 @@
-"""A wrench that a file holds, along the path."""
+"""Force model with a wrench along the path from a file."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""Friction stir welding: torque by Schmidt, Hattel and Wert (2004), forces from the pressure under the shoulder.
+"""Friction stir welding: torque by Schmidt, Hattel and Wert (2004), forces from the given axial force.
 
 With a contact shear stress s on a flat shoulder (radius R), probe side and probe tip (radius r, height h)
 
     M = 2/3 pi s (R^3 + 3 r^2 h)
 
 [Schmidt, Hattel, Wert, Modelling Simul. Mater. Sci. Eng. 12 (2004) 143; as quoted in reviews]. Sticking: s is the yield
-shear stress at welding temperature; sliding: friction times pressure. Axial force: as set at the machine. Traverse and
-side force as shares of it are assumed. +- 20 % is assumed. Valid for the steady
-weld, not for plunging and dwelling; the ramp of contact stands in for these.
+shear stress at welding temperature; sliding: friction times pressure. Axial force: as set at the machine. The shares of
+traverse and side force are assumed, and so is an uncertainty of 20 %. Valid for the steady weld, not for plunging and
+dwelling, which the ramp of contact replaces.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class FrictionStirProcess(PathForceTable, ContactTable):
         return float(2.0 / 3.0 * np.pi * self.shear_N_mm2 * body * 1e-3)
 
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench at every waypoint, path axes, none while the tool is lifted off. Shape (n, 6).
+        """Return the wrench at every waypoint, path axes, zero while the tool is lifted off. Shape (n, 6).
 
         The side force points to the left.
         """
@@ -64,7 +64,7 @@ class FrictionStirProcess(PathForceTable, ContactTable):
         return np.tile(row, (len(nominal), 1)) * ~lifts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
-        """Say what was set in the job and what was assumed."""
+        """Return notes on inputs and assumptions."""
         return [
             f"Friction stir welding: torque {self.torque:.3g} N m by Schmidt and others (2004), "
             f"shear stress {self.shear_N_mm2:g} N/mm2 and axial force as set in the job; traverse and side "

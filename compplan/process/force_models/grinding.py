@@ -1,8 +1,8 @@
-"""Grinding and sanding with a normal force that is held: the tangential force is a share of it.
+"""Grinding and sanding with a controlled normal force: the tangential force is proportional to it.
 
 The ratio of tangential to normal force is 0.3 to 0.6 for most pairings [Malkin and Guo, Grinding Technology, 2nd ed.
-2008]; 0.45 is assumed, and so is +- 25 %. Valid for steady contact of a wheel, belt or pad. The normal force acts along
-the tool axis (a disc or pad that lies on the surface).
+2008]; 0.45 and an uncertainty of 25 % are assumed. Valid for steady contact of a wheel, belt or pad. The normal force
+acts along the tool axis (a disc or pad that is flat on the surface).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from compplan.toolpath.contact import PathForceTable, lifts
 from compplan.toolpath.toolpath import Toolpath
 
 words = "grinding or sanding"
-#: Tangential by normal force, assumed.
+#: Ratio of tangential to normal force (assumed).
 RATIO = 0.45
 
 
@@ -30,12 +30,12 @@ class GrindingProcess(PathForceTable):
     direction: Literal["against", "along"] = "against"
 
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench on the tool at every waypoint, path axes; none while it is lifted off. Shape (n, 6)."""
+        """Return the wrench on the tool at every waypoint, path axes; zero while it is lifted off. Shape (n, 6)."""
         along = RATIO * self.normal_N * (-1.0 if self.direction == "against" else 1.0)
         return np.tile([along, 0.0, self.normal_N, 0.0, 0.0, 0.0], (len(nominal), 1)) * ~lifts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
-        """Say what was assumed."""
+        """Return notes on assumptions."""
         return [f"Grinding: normal force as set in the job, tangential by normal force {RATIO:g} (assumed)."]
 
 

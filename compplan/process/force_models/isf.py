@@ -1,4 +1,4 @@
-"""Incremental sheet forming with forces that are given."""
+"""Incremental sheet forming with given forces."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ words = "incremental sheet forming with given forces"
 
 
 class IsfProcess(PathForceTable, ContactTable):
-    """Incremental sheet forming: the sheet pushes the tool up and away from the wall, more the further it goes.
+    """Incremental sheet forming: the sheet pushes the tool up and away from the wall, increasingly along the path.
 
-    The axial force acts along the tool axis towards the spindle, the lateral force away from the wall that is formed
-    (`wall_side`: on which side of the travel it stands, seen down the tool axis: "right" on a cone that is formed
-    counter-clockwise from its rim inwards, so that the force points to its axis).
-    Both grow linearly along the cutting length, from `start_share` of the level given to the level itself.
+    The axial force acts along the tool axis towards the spindle, the lateral force away from the formed wall.
+    `wall_side` is the side of the travel on which the wall is, viewed down the tool axis: "right" on a cone formed
+    counter-clockwise from its rim inwards, so that the force points to its axis.
+    Both grow linearly along the cutting length, from `start_share` of the given level to the level itself.
     """
 
     model: Literal["isf"]
@@ -30,7 +30,7 @@ class IsfProcess(PathForceTable, ContactTable):
     wall_side: Literal["left", "right"] = "right"
 
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench of incremental sheet forming, path axes, contact aside. Shape (n, 6) [N, N m]."""
+        """Return the wrench of incremental sheet forming, path axes, without contact ramps. Shape (n, 6) [N, N m]."""
         progress = cutting_progress(nominal)
         level = self.start_share + (1.0 - self.start_share) * progress / max(progress[-1], 1e-300)
         side = 1.0 if self.wall_side == "right" else -1.0

@@ -4,17 +4,16 @@
 
 R_m tensile strength [N/mm^2], t thickness, d tool diameter, h scallop height [mm], a wall angle [deg]; F_z in N.
 Source: Aerens, Eyckens, Van Bael, Duflou, Int. J. Adv. Manuf. Technol. 46 (2010) 969, the form for materials that they
-did not test; it stands as it is commonly quoted and was not checked against the print. Their five materials' own forms
-could not be sourced. Quotes of it leave open whether h is the height of the scallop or the step-down. It is read as the
-scallop: the groove of a ball of diameter d whose crests, step-down / sin(a) apart along the wall, stand h above its
-bottom, is the groove of the radial part below. The other reading gives a larger force; the note states both, and the
-spread of the level holds both. The note also states the ratio of radial to axial force that follows from equilibrium: a
-strip of sheet under even tension T, bent over the ball from the flat into the wall, pushes by T sin(a) along the axis
-and T (1 - cos(a)) aside, a ratio of tan(a / 2). Valid, as far as
-known, for t 0.8 to 2 mm, d 10 to 25 mm, step-down 0.25 to 2 mm, a 20 to 65 deg, steel and aluminium sheet. Radial and
-tangential parts are assumed: the mean normal of the contact stands halfway between wall and scallop, tan((a + b) / 2)
-with cos(b) = 1 - 2 h / d, and friction drags against the travel. The force builds up over the first contours, linearly
-over a depth of the tool's radius (assumed).
+did not test, as commonly quoted; not checked against the print. The separate forms of their five materials could not be
+sourced. Quotes leave open whether h is the scallop height or the step-down. Here h is the scallop height. The grooves
+of a ball of diameter d are step-down / sin(a) apart along the wall, with crests h above their bottom; the radial part
+below uses the same groove. With the step-down as h, the force is larger; the note states both, and the uncertainty of
+the level covers both. The note also states the ratio of radial to axial force from the equilibrium of a strip of sheet
+under uniform tension T, bent over the ball from the flat into the wall: it pushes with T sin(a) along the axis and
+T (1 - cos(a)) to the side, a ratio of tan(a / 2). Valid, as far as known, for t 0.8 to 2 mm, d 10 to 25 mm, step-down
+0.25 to 2 mm, a 20 to 65 deg, steel and aluminium sheet. Radial and tangential parts are assumed: the mean normal of the
+contact is halfway between wall and scallop, tan((a + b) / 2) with cos(b) = 1 - 2 h / d, and friction acts against the
+travel. The force builds up over the first contours, linearly over a depth of the tool's radius (assumed).
 """
 
 from __future__ import annotations
@@ -31,23 +30,23 @@ from compplan.toolpath.contact import PathForceTable, last_set, lifts, path_axes
 from compplan.toolpath.toolpath import Toolpath
 
 words = "incremental sheet forming from sheet, tool and path"
-#: Friction of the tool on the sheet, assumed.
+#: Friction coefficient of the tool on the sheet (assumed).
 FRICTION = 0.1
-#: Range that the regression is taken to hold in.
+#: Assumed range of validity of the regression. [mm], [deg]
 VALID = {
     "thickness": (0.8, 2.0), "tool_diameter": (10.0, 25.0), "step_down": (0.25, 2.0), "wall_angle": (20.0, 65.0)
 }  # fmt: skip
-#: Walls are steeper than this. [rad]
+#: Least angle of a wall. [rad]
 FLATTEST = float(np.radians(8.0))
-#: A neighbouring contour lies this far below, in steps down.
+#: Range of depth in which the next contour is expected, in step-downs.
 NEXT_CONTOUR = (0.6, 1.4)
 
 
 class IsfRegressionProcess(PathForceTable):
-    """Force of incremental sheet forming from sheet, tool and path."""
+    """Force of incremental sheet forming, from sheet, tool and path."""
 
-    #: Relative standard deviation of the level, assumed: .15 of the regression and .2 of the reading of h. Twice of it
-    #: holds a step-down of up to 80 scallop heights, 80^0.09 = 1.48.
+    #: Relative standard deviation of the level (assumed): .15 for the regression, .2 for the interpretation of h. Twice
+    #: this value covers a step-down of up to 80 scallop heights, 80^0.09 = 1.48.
     uncertainty: ClassVar[float] = 0.25
     model: Literal["isf_regression"]
     thickness_mm: float = Field(gt=0.0, le=10.0)
@@ -56,10 +55,10 @@ class IsfRegressionProcess(PathForceTable):
     wall_side: Literal["left", "right"] = "right"
 
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench on the forming tool at every waypoint, path axes; none while it is lifted off. (n, 6)
+        """Return the wrench on the forming tool at every waypoint, path axes; zero while it is lifted off. (n, 6)
 
         Raises:
-            InputError: If step-down or wall angle do not follow from the path.
+            InputError: If step-down or wall angle cannot be determined from the path.
         """
         depth = _sink(nominal)
         step, angle = find_contours(nominal)
@@ -74,7 +73,7 @@ class IsfRegressionProcess(PathForceTable):
         return wrench * share[:, None] * ~lifts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
-        """Say what was assumed, and what lies outside the range that the regression holds in."""
+        """Return notes on assumptions, and on values outside the range of the regression."""
         step, angle = find_contours(nominal)
         typical = float(np.degrees(np.median(angle)))
         found = {"thickness": self.thickness_mm, "tool_diameter": self.tool_diameter_mm, "step_down": step,
@@ -100,7 +99,7 @@ class IsfRegressionProcess(PathForceTable):
 
 
 def scallop_height(step_down: float, diameter: float, angle: Array) -> Array:
-    """Return how high the crest between two contours stands above the grooves of a ball end. [mm]
+    """Return the height of the crest between two contours above the grooves of a ball end. [mm]
 
     `step_down` is the depth from contour to contour [mm], `angle` that of the wall against the sheet. [rad]
     """
@@ -119,7 +118,7 @@ def steady_axial_force(strength: float, thickness: float, diameter: float, heigh
 
 
 def radial_ratio(height: Array | float, diameter: float, angle: Array | float) -> Array:
-    """Return radial over axial force where the contact's mean normal stands halfway between wall and scallop."""
+    """Return radial over axial force for a mean contact normal halfway between wall and scallop."""
     groove = np.arccos(np.clip(1.0 - 2.0 * np.asarray(height) / diameter, -1.0, 1.0))
     return np.asarray(np.tan(0.5 * (np.asarray(angle) + groove)))
 
@@ -131,10 +130,10 @@ def find_contours(nominal: Toolpath) -> tuple[float, Array]:
 
 
 def find_step_down(nominal: Toolpath) -> float:
-    """Find how much deeper the tool goes from contour to contour: of levels, or of the turns of a helix. [m]
+    """Return the step-down between contours: of levels, or of the turns of a helix. [m]
 
     Raises:
-        InputError: If the path does not go round.
+        InputError: If the path does not go round and down.
     """
     rows = np.flatnonzero(~nominal.rapid)
     place, depth = nominal.position[rows], _sink(nominal)[rows]
@@ -156,7 +155,7 @@ def find_step_down(nominal: Toolpath) -> float:
 
 
 def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
-    """Find the angle of the wall against the sheet: from each waypoint to the nearest of the next contour down.
+    """Return the angle of the wall against the sheet: from each waypoint to the nearest one of the next lower contour.
 
     The last contour keeps the angle of the one above. Shape (n,). [rad]
 
@@ -178,7 +177,7 @@ def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
         aside = flat[other] - flat[here]
         along = np.einsum("ni,ni->n", aside, travel[here])
         distance = np.linalg.norm(aside - along[:, None] * travel[here], axis=1)
-        # the last contour has none below it: what is found then lies ahead, or across the part
+        # the last contour has none below it; a match is then ahead, or across the part
         beside = (np.abs(along) <= np.maximum(distance, step_down)) & (distance <= step_down / np.tan(FLATTEST))
         found = np.arctan2(depth[other] - depth[here], np.maximum(distance, 1e-9))
         angle[here[beside]] = found[beside]
@@ -190,7 +189,7 @@ def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
 
 
 def _sink(nominal: Toolpath) -> Array:
-    """Return how deep the tip stands below the first waypoint of the cut, along its axis. Shape (n,). [m]"""
+    """Return the depth of the tip below the highest waypoint of the cut, along its axis. Shape (n,). [m]"""
     cutting = np.flatnonzero(~nominal.rapid)
     height = nominal.position @ nominal.axis[0]
     top = height[cutting].max() if len(cutting) else height.max()

@@ -17,7 +17,7 @@ words = "mean force of an end mill of given depth and width"
 class MillingProcess(PathForceTable, ContactTable):
     """Mean force of one revolution of an end mill with constant cutting coefficients, see `milling_wrench`.
 
-    Above stock_top_mm (z of the part) there is no force, and less of it where the tool is in by less than depth_mm.
+    Above stock_top_mm (z of the part) there is no force; less than depth_mm below it the force is reduced linearly.
     """
 
     follows_feed: ClassVar[bool] = True
@@ -38,16 +38,16 @@ class MillingProcess(PathForceTable, ContactTable):
         return self
 
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench of `milling_wrench` at the feed across the tool axis."""
+        """Return the wrench of `milling_wrench` at the feed component across the tool axis."""
         return milling_wrench(self, nominal.feed * travel_across(nominal))
 
 
 def milling_wrench(process: MillingProcess, feed: Array) -> Array:
     """Return the mean wrench of one revolution of an end mill at a feed [m/s], path axes. (n,) -> (n, 6) [N, N m]
 
-    Valid for a spindle that turns clockwise seen from the spindle (M3) and many revolutions a waypoint. With the tooth
-    at angle psi from the travel towards the left, chip thickness h = f cos(psi) (f: feed a tooth) and constant
-    coefficients the force on the tool is F = N ap / (2 pi) * integral of h (kt z x r - kr r) over the
+    Valid for a spindle that turns clockwise viewed from the spindle (M3) and many revolutions per waypoint. psi is the
+    angle of the tooth from the travel towards the left, h = f cos(psi) the chip thickness (f: feed a tooth). With
+    constant coefficients the force on the tool is F = N ap / (2 pi) * integral of h (kt z x r - kr r) over the
     engagement [Altintas2012], kt = kc, kr = radial_ratio kc.
     `material_side` right with M3 is climb milling.
     """
