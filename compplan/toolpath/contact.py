@@ -1,7 +1,7 @@
 """Contact of a process and its axes: share of the wrench, cutting length, path frame and TCP frame.
 
 The origin of the path frame is the tool tip. z is the tool axis (tip to spindle), x the feed direction projected
-perpendicular to z, and y = z x x, the left-hand side of the feed direction seen from the spindle.
+perpendicular to z, and y = z x x points to the left of the feed direction in a view from the spindle.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WRENCH_HEADERS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Greatest plausible extent of a toolpath. [m]
 WIDEST = 100.0
-#: Least plausible extent, and the extent below which a note asks for the unit. [m]
+#: Least plausible extent, and the extent below which a note questions the unit. [m]
 NARROWEST, SMALL = 1e-5, 1e-3
 #: Plausible range of the feed of cutting moves. [m/s]
 SLOWEST, FASTEST = 1e-6, 1e2

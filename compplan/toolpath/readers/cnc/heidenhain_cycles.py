@@ -119,7 +119,7 @@ class HeidenhainCycles:
         return self.value(text)
 
     def call(self, place: Point | None = None) -> None:
-        """Drill at the position of the tool, or at a place, whose height is added to the surface Q203 of the cycle."""
+        """Drill at the position of the tool, or at another one, whose height is added to the surface Q203."""
         if place is not None:
             above = self.cycle.values.get("Q203", 0.0) if self.cycle else 0.0
             self._drill_over(place, {"Q203": above + place[self.words.tool_axis]}, "CYCL CALL at positions")
@@ -130,7 +130,7 @@ class HeidenhainCycles:
         self._drill(self.cycle)
 
     def _drill_over(self, place: Point, changes: Mapping[str, float], what: str) -> None:
-        """Move rapidly above a place at the current height, and drill there with modified values of the cycle."""
+        """Move rapidly above a position at the current height, and drill there with modified values of the cycle."""
         if self.cycle is None or self.cycle.number in OLD:
             raise InputError(f"{what} needs a cycle from 200 before it")
         height = self.it.course.position[self.words.tool_axis]
@@ -184,7 +184,7 @@ class HeidenhainCycles:
                 go_to_level(course, axis, top)
 
     def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
-        """Mill a bore (cycle 208): from its centre outwards, down a helix, a full circle at the bottom, to the centre."""
+        """Mill a bore (cycle 208): outwards from its centre, down a helix, full circle at the bottom, back."""
         radius, course, plane = self.words.radii.get(self.words.tool), self.it.course, self.it.state.plane
         if radius is None:
             raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")

@@ -168,7 +168,7 @@ class Machine:
                 if milli:
                     log.note(f"G4 P{values['P']:g} is taken in milliseconds", line)
                 wait = max(values["P"], 0.0) * (1e-3 if milli else 1.0)
-            elif "S" in values:  # in turns
+            elif "S" in values:  # in revolutions
                 wait = 60.0 * values["S"] / state.spindle if state.spindle > 0.0 else 0.0
             log.happen("dwell", line, value=wait)
 
