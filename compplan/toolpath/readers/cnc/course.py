@@ -168,7 +168,7 @@ class Course:
         self.begun = True
 
     def check_place(self, axes: Iterable[int]) -> None:
-        """Refuse a hole with an unknown coordinate among these axes."""
+        """Refuse a block that depends on an unknown coordinate of these axes."""
         unknown = set(axes).intersection(self.unknown)
         if unknown and not self.muted:
             find_start(self.position, unknown, None, self.reason)
