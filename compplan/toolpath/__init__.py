@@ -1,1 +1,1 @@
-"""The path that the tool shall take: toolpaths, their generators and CAM readers, process wrenches."""
+"""Nominal toolpaths: their generators, CAM readers, corner rounding and contact of the process."""

@@ -1,7 +1,7 @@
-"""When and along which axes a process acts: contact, the length cut so far, path axes and tool axes.
+"""Contact of a process and its axes: share of the wrench, cutting length, path frame and TCP frame.
 
-The path frame stands at the tool tip: z is the tool axis (tip to spindle), x the direction of travel across it, and
-y = z x x, the left-hand side for somebody who looks down the tool axis along the travel.
+The origin of the path frame is the tool tip. z is the tool axis (tip to spindle), x the feed direction projected
+perpendicular to z, and y = z x x points to the left of the feed direction in a view from the spindle.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
 from compplan.toolpath.toolpath import Toolpath
 
-#: Axes that a wrench is given in.
+#: Frame in which a wrench is expressed.
 Frame = Literal["part", "base", "tool", "path"]
-#: Share of a move that goes along the tool axis, from which on it lifts the tool off.
+#: Least component of the direction of a move along the tool axis for a retract.
 STEEP = 0.71
-#: Share of a move that goes across the tool axis, from which on it has a direction of travel.
+#: Least component of the direction of a move perpendicular to the tool axis that defines x of the path frame.
 ASIDE = 1e-6
-#: Sine of the angle between the tool axis and x of the TCP frame below which they are one direction.
+#: Sine of the angle between the tool axis and x of the TCP frame below which they count as parallel.
 SIDE = float(np.sin(np.radians(1.0)))
 
 
 class ForceTable(StrictTable):
-    """Keys of every force model: the name that a job gives it."""
+    """Keys of every force model: its name in a job."""
 
     model: str
 
 
 class ContactTable(ForceTable):
-    """Keys of every model that switches on at contact and off in rapid moves.
+    """Keys of every model whose wrench acts in contact and is zero in rapid moves.
 
     ramp_mm is the length over which the wrench grows from 0 after contact.
     """
@@ -44,21 +44,21 @@ class ContactTable(ForceTable):
 
 
 class PathForceTable(ForceTable):
-    """Keys of every model whose wrench stands in path axes and follows from the path alone."""
+    """Keys of every model whose wrench is expressed in path axes and follows from the path alone."""
 
-    follows_feed: ClassVar[bool] = False  #: Whether the force depends on the feed that is driven.
+    follows_feed: ClassVar[bool] = False  #: Whether the force depends on the actual feed.
 
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench on the tool at every waypoint, path axes, contact aside. Shape (n, 6). [N, N m]"""
+        """Return the wrench on the tool at every waypoint in contact, path axes. Shape (n, 6). [N, N m]"""
         raise NotImplementedError
 
     def describe(self, nominal: Toolpath) -> list[str]:
-        """Say where its numbers come from and what was assumed, one sentence each."""
+        """Return the sources of its numbers and its assumptions, one sentence each."""
         return []
 
 
 def path_axes(nominal: Toolpath) -> Array:
-    """Return the axes of the path frame at every waypoint as columns; a plunge keeps the x of its neighbours.
+    """Return the axes of the path frame at every waypoint as columns; a plunge takes x from an adjacent move.
 
     Shape (n, 3, 3).
     """
@@ -76,19 +76,19 @@ def path_axes(nominal: Toolpath) -> Array:
 
 
 def travel_across(nominal: Toolpath) -> Array:
-    """Return which share of each move goes across the tool axis: 1 in a plane, 0 in a plunge or a lift. Shape (n,)."""
+    """Return the component of each move perpendicular to the tool axis: 0 in a plunge or a retract. Shape (n,)."""
     return np.asarray(np.linalg.norm(np.cross(_travel(nominal), nominal.axis), axis=1))
 
 
 def lifts(nominal: Toolpath) -> NDArray[np.bool_]:
-    """Tell which moves lift the tool off, more along its axis than across it. Shape (n,)."""
+    """Find the moves that retract the tool, more along its axis than across it. Shape (n,)."""
     travel = _travel(nominal)
     rise = np.einsum("ni,ni->n", travel, nominal.axis)
     return np.asarray(rise > STEEP * np.linalg.norm(travel, axis=1))
 
 
 def last_set(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Return for each row the last flagged row up to it; before the first flagged row, that one. Shape (n,)."""
+    """Return the last flagged row up to each row; before the first flagged row, the first one. Shape (n,)."""
     rows = np.flatnonzero(flags) if flags.any() else np.zeros(1, dtype=int)
     return np.asarray(rows[np.maximum(np.searchsorted(rows, np.arange(len(flags)), side="right") - 1, 0)])
 
@@ -101,7 +101,7 @@ def _travel(nominal: Toolpath) -> Array:
 
 
 def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
-    """Return the axes of the TCP frame as columns: z out of the tool, x as near to `tool_x` as that allows.
+    """Return the axes of the TCP frame as columns: z out of the tool, x the projection of `tool_x` normal to z.
 
     Shape (n, 3, 3).
     """
@@ -115,7 +115,7 @@ def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
 
 
 def check_tool_x(nominal: Toolpath, tool_x: Array, file: Path | None = None) -> None:
-    """Refuse an x of the TCP frame, base axes (3,), that points along the tool axis of a path in the base frame."""
+    """Refuse an x of the TCP frame, base axes (3,), that is parallel to the tool axis of a path in the base frame."""
     wanted = tool_x / np.linalg.norm(tool_x)
     along = np.flatnonzero(np.linalg.norm(np.cross(nominal.axis, wanted), axis=1) < SIDE)
     if len(along):
@@ -131,7 +131,7 @@ def contact_share(nominal: Toolpath, ramp: float) -> Array:
     length, n = nominal.arc_length, len(nominal)
     share = np.where(nominal.rapid, 0.0, 1.0)
     index = np.arange(n)
-    # contact: the last waypoint that was reached in a rapid move, or the first waypoint
+    # contact: the last waypoint reached by a rapid move, or the first waypoint
     contact = np.maximum.accumulate(np.where(nominal.rapid, index, 0))
     if ramp > 0.0:
         share *= np.clip((length - length[contact]) / ramp, 0.0, 1.0)
@@ -139,5 +139,5 @@ def contact_share(nominal: Toolpath, ramp: float) -> Array:
 
 
 def cutting_progress(nominal: Toolpath) -> Array:
-    """Return the length cut so far at every waypoint, rapid moves not counted. Shape (n,) [m]."""
+    """Return the cutting length up to every waypoint, without rapid moves. Shape (n,) [m]."""
     return np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])

@@ -1,12 +1,12 @@
-"""Corners of a toolpath, rounded within a tolerance, so that the tool need not rest there.
+"""Rounding of toolpath corners within a tolerance, so that the tool does not stop there.
 
-Before a corner the tool runs out, behind it it starts, both at once: at share u of a rounding that begins a before a
-corner C and ends a behind it,
+A rounding superposes the end of the move before a corner C and the start of the move after it. It begins at the
+distance a before C and ends at a after C. At the parameter u from 0 to 1,
 
     x(u) = p(-a (1 - u)^n) + p(a u^n) - C,
 
-p the path by its length from the corner. With n = 2 that is a parabola between straight moves, which bends the least.
-With n = 4 and u even in time the tool slows down and starts as a run that is smoothed does
+with p the path as a function of its length from the corner. n = 2 is a parabola between straight moves, which has the
+least curvature. With n = 4 and u linear in time the tool decelerates and accelerates as in a smoothed motion
 (`compplan.planning.timing`).
 """
 
@@ -21,30 +21,30 @@ from numpy.typing import NDArray
 from compplan.io.tables import Array
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 
-#: Turns of the travel below this are no corners. [rad]
+#: Least change of direction of a corner. [rad]
 CORNER = float(np.radians(8.0))
-#: A corner turns this much more than its neighbours; a sampled curve does not.
+#: Least ratio of the turn of a corner to the turns at its neighbours; distinguishes it from a sampled curve.
 SHARPER = 3.0
-#: Powers of a rounding: one that the feed is kept along, and one that the tool slows down on.
+#: Powers n of a rounding: at constant feed, and with deceleration.
 KEPT, SLOWED = 2, 4
-#: Points on a rounded corner, by its power; share of the way to the next corner that its roundings may take.
+#: Points on a rounded corner, by its power; greatest share of the distance to the next corner that one may occupy.
 ROUND_POINTS, SHARE = {KEPT: 7, SLOWED: 17}, 0.45
-#: Share of the tolerance that is taken beside an arc, and the turn of one. [1, rad]
+#: Share of the tolerance that is used next to an arc; least turn between the chords of an arc. [1, rad]
 BESIDE_ARC, BEND = 0.95, 1e-4
-#: How far a leg of a corner may bulge from a line, as a share of what a zone may lead beside the corner.
+#: Greatest bulge of a leg of a corner, as a share of the allowed deviation at the corner.
 ON_LINE = 0.1
-#: How far the commanded tip may lie beside the legs of a corner, in what zones may lead beside it:
-#: what it makes up for as the tool slows down there is not as planned where a zone leads around the corner (assumed).
+#: Greatest distance of the commanded tip from the legs of a corner, in multiples of the allowed deviation there:
+#: beyond it, the planned correction of the decelerating tool does not hold where a zone rounds the corner (assumed).
 STRAYS = 2.0
 
 
 def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> Toolpath:
     """Round the corners of the cut within a tolerance of the path.
 
-    A corner turns the travel by more than a few degrees and much more than its neighbours do. The rounding of one of
-    turn phi passes it at 2 a sin(phi / 2) / 2^n; a is measured along the path, chords of arcs that it spans are left
-    out. The tool axis turns as the path does. Points crowd towards the corner, so that interpolation between them does
-    not swing out. The tolerance is the greatest distance from the path [m], the power n KEPT or SLOWED.
+    A corner changes the direction by at least 8 deg and much more than its neighbours. The rounding of a corner of
+    turn phi passes it at the distance 2 a sin(phi / 2) / 2^n. a is measured along the path; waypoints within it are
+    replaced. The tool axis is rounded like the path. Points become denser towards the corner, so that interpolation
+    does not overshoot. The tolerance is the greatest distance from the path [m], the power n KEPT or SLOWED.
     """
     corners, turn = find_corners(toolpath)
     if tolerance <= 0 or not len(corners):
@@ -62,7 +62,7 @@ def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> To
         places.append(np.interp(along[i] + a * (behind - before), lengths, np.arange(len(along))))
         for side, end in ((-1, along[i - 1]), (1, along[i + 1])):
             count = max(math.ceil(math.log2(max(SHARE * abs(float(end - along[i])) / (1.6 * a), 1e-9))), 0)
-            far = 1.6 * a * 2.0 ** np.arange(count)  # from just beyond the rounding outwards, each twice the one before
+            far = 1.6 * a * 2.0 ** np.arange(count)  # outwards from the end of the rounding, with doubled distances
             places.append(np.interp(along[i] + side * far, lengths, np.arange(len(along))))
     every = np.unique(np.concatenate([np.flatnonzero(kept), *places]))
     divided = divide_toolpath(toolpath, every)
@@ -83,7 +83,7 @@ def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> To
 
 
 def _reach_corners(toolpath: Toolpath, corners: NDArray[np.int_], along: Array, turn: Array, wanted: Array) -> Array:
-    """Return how far before and behind each corner its rounding begins, other corners and ends of cuts left alone."""
+    """Return the length a of each rounding, limited by other corners, events and ends of cuts. Shape (k,) [m]."""
     rapid, n = toolpath.rapid, len(toolpath)
     fixed = np.zeros(n, bool)
     fixed[[0, -1]] = True
@@ -99,7 +99,7 @@ def _reach_corners(toolpath: Toolpath, corners: NDArray[np.int_], along: Array, 
 
 
 def find_corners(toolpath: Toolpath) -> tuple[NDArray[np.int_], Array]:
-    """Find the corners of the cut; also return the turn of the travel at every waypoint, shape (n,) [rad]."""
+    """Find the corners of the cut; also return the change of direction at every waypoint, shape (n,) [rad]."""
     steps = np.diff(toolpath.position, axis=0)
     length = np.linalg.norm(steps, axis=1, keepdims=True)
     travel = steps / np.maximum(length, 1e-12)
@@ -116,7 +116,7 @@ def find_corners(toolpath: Toolpath) -> tuple[NDArray[np.int_], Array]:
 
 
 def find_roundings(toolpath: Toolpath) -> list[tuple[int, int]]:
-    """List first and last waypoint of every rounded corner."""
+    """Return the first and last waypoint of every rounded corner."""
     if toolpath.rounded is None:
         return []
     edges = np.diff(np.r_[0, (toolpath.rounded > 0.0).astype(int), 0])
@@ -124,12 +124,12 @@ def find_roundings(toolpath: Toolpath) -> list[tuple[int, int]]:
 
 
 def find_corner_shifts(toolpath: Toolpath, tip: Array, beside: Array) -> Array | None:
-    """Return the vector from the middle waypoint of each rounding to the corner that it rounds, which programs state.
+    """Return the vector from the middle waypoint of each rounding to its sharp corner, for programs with zones.
 
-    Between straight moves the middle of a rounding lies on the line from the middle of its ends to the corner. A
-    rounding stays as it is where a leg of it is no line, or the commanded tip (n, 3) [m] lies too far beside the legs;
-    `beside` (n,) [m] is how far zones of a program may lead beside the path. Shape (n, 3) [m]: 0 at all other
-    waypoints, nan at those of a rounding, which programs leave out; None where there is no corner.
+    Between straight moves the middle of a rounding lies on the line from the midpoint of its ends to the corner. A
+    rounding is kept where a leg is curved, or the commanded tip (n, 3) [m] is too far from the legs. `beside` (n,) [m]
+    is the greatest deviation of the zones of a program from the path. Shape (n, 3) [m]: 0 at other waypoints, nan at
+    the other waypoints of a replaced rounding, which programs omit; None without such a corner.
     """
     x = toolpath.position
     shift, found = np.zeros_like(toolpath.position), False
@@ -151,7 +151,7 @@ def find_corner_shifts(toolpath: Toolpath, tip: Array, beside: Array) -> Array |
 
 
 def measure_beside(x: Array, corner: Array) -> float:
-    """Return how far places lie beside the lines from the first to a corner and on to the last. Shape (k, 3). [m]."""
+    """Return the greatest distance of points (k, 3) from the lines that join the first and last one to a corner [m]."""
     arms = x - corner
     off = []
     for leg in (arms[0], arms[-1]):
@@ -161,10 +161,10 @@ def measure_beside(x: Array, corner: Array) -> float:
 
 
 def find_shares(position: Array) -> tuple[Array, float]:
-    """Find the path parameter u of waypoints on a rounding of power SLOWED, and the factor `a` over its length.
+    """Compute the parameter u of waypoints on a rounding of power SLOWED, and the ratio of `a` to its length.
 
-    Between straight moves |x'(u)| = 4 a |(1 - u)^3 t_1 + u^3 t_2|, t the directions of travel. Waypoints from its first
-    to its last, shape (k, 3) [m]; u from 0 to 1, shape (k,).
+    Between straight moves |x'(u)| = 4 a |(1 - u)^3 t_1 + u^3 t_2|, t the directions of the moves. `position` holds the
+    waypoints from first to last, shape (k, 3) [m]; u is from 0 to 1, shape (k,).
     """
     steps = np.diff(position, axis=0)
     length = np.linalg.norm(steps, axis=1)

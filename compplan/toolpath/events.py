@@ -1,4 +1,4 @@
-"""What a CAM file asks of the machine beside motion: spindle, coolant, tools, dwells, stops, outputs, comments."""
+"""Machine functions of a CAM file: spindle, coolant, tool changes, dwells, stops, outputs, comments."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 
 from compplan.io.tables import Array
 
-#: Events that end something: they wait until everything at their place is done.
+#: Events that switch off: they follow all motion at their waypoint.
 ENDING = frozenset({"spindle_off", "coolant_off"})
-#: Events that the tool need not stand still for.
+#: Events that do not stop the tool.
 PASSING = frozenset({"comment"})
 
 
 @dataclass(frozen=True)
 class Event:
-    """Hold an event, of a kind that `describe` lists, after a waypoint (-1: before the first move).
+    """Machine function after a waypoint (`place`, -1: before the first move); `describe` lists the kinds.
 
-    Its value is a speed [1/min], a time [s], the number of a tool or the state of a signal (0 or 1), its text a comment
-    or the name of a tool, signal or program. Events at one place happen in their order.
+    The value is a speed [1/min], a time [s], the number of a tool or the state of a signal (0 or 1). The text is a
+    comment or the name of a tool, signal or program. Events at one waypoint are executed in their order.
     """
 
     place: int
@@ -29,7 +29,7 @@ class Event:
     text: str = ""
 
     def describe(self) -> str:
-        """Return what happens, for people."""
+        """Return a readable description of the event."""
         speed = f" at {self.value:g} 1/min" if self.value > 0.0 else ""
         return {
             "spindle_cw": f"spindle clockwise{speed}", "spindle_ccw": f"spindle counter-clockwise{speed}",
@@ -41,10 +41,10 @@ class Event:
 
 
 def move_events(events: Sequence[Event], places: Array) -> tuple[Event, ...]:
-    """Return events of a path at the places of another one that is made from it.
+    """Assign the events of a path to the waypoints of a path derived from it.
 
-    What begins something happens as soon as its place is reached, what ends something when the place is left. Places
-    (m,) are the old waypoint numbers of the new waypoints, fractional on a move, never falling.
+    An event that switches on is executed when its waypoint is reached, one that switches off when it is left. `places`
+    (m,) are the old waypoint numbers of the new waypoints, fractional within a move, non-decreasing.
     """
     if not events:
         return ()
@@ -58,15 +58,15 @@ def move_events(events: Sequence[Event], places: Array) -> tuple[Event, ...]:
 
 
 def find_halts(events: Sequence[Event]) -> list[int]:
-    """Return the waypoints at which the tool stands still for an event, -1 left out."""
+    """Return the waypoints at which the tool stops for an event, without -1."""
     return sorted({event.place for event in events if event.place >= 0 and event.kind not in PASSING})
 
 
 def guard_cuts(events: Sequence[Event], cut: Array) -> tuple[tuple[Event, ...], int]:
-    """Put a stop before every cut that a file makes with a spindle that stands still, though it turns it elsewhere.
+    """Insert a program stop before every cut with a stopped spindle, in files that start the spindle.
 
-    A tool change leaves the spindle standing. Files that never turn a spindle are left as they are. `cut` (n,) says
-    which moves cut; the move of row i ends at waypoint i. Return the events and how many stops were put in.
+    A tool change stops the spindle. Files that never start a spindle are not changed. `cut` (n,) marks cutting moves;
+    the move of row i ends at waypoint i. Return the events and the number of inserted stops.
     """
     if not any(event.kind in ("spindle_cw", "spindle_ccw") for event in events):
         return tuple(events), 0
@@ -80,7 +80,7 @@ def guard_cuts(events: Sequence[Event], cut: Array) -> tuple[tuple[Event, ...], 
         if not turning and first < len(rows) and rows[first] <= until:
             text = "the file cuts from here with the spindle stopped: start it"
             guarded.append(Event(int(rows[first]) - 1, "stop", 0.0, text))
-            added, turning = added + 1, True  # once: the operator has answered for what follows
+            added, turning = added + 1, True  # one stop: the operator starts the spindle
 
     for event in events:
         check(event.place)

@@ -1,6 +1,6 @@
-"""Toolpaths that are computed: circle, planar spiral and the frustum cone of incremental sheet forming (ISF).
+"""Generated toolpaths: circle, planar spiral and the frustum cone of incremental sheet forming (ISF).
 
-All of them stand in the part frame: the circle and the spiral around its origin, the cone hangs below its upper rim.
+All are in the part frame, around its origin; the upper rim of the cone is at z = 0.
 Each is a table of a job; a new one is a table with `generate` and one line of `GENERATORS`.
 """
 
@@ -18,7 +18,7 @@ from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
 from compplan.toolpath.toolpath import MOST_WAYPOINTS, Toolpath
 
-#: Turns that are taken for true.
+#: Greatest number of turns.
 MOST_TURNS = 1e4
 #: Position at parameter u of a curve. (n,) -> (n, 3) [m]
 Curve = Callable[[Array], Array]
@@ -26,9 +26,9 @@ NO_CORNERS: Array = np.zeros(0)
 
 
 class GeneratorTable(StrictTable):
-    """Keys that every generator has: feed and density of waypoints; the tool axis is z of the part.
+    """Keys of every generator: feed and density of waypoints; the tool axis is z of the part frame.
 
-    approach_mm is the height above the ends, along the tool axis, that rapid moves come from and go to; 0: none.
+    approach_mm is the height above both ends, along the tool axis, of the rapid approach and retract; 0: none.
     """
 
     feed_mm_s: float = Field(gt=0.0)
@@ -43,7 +43,7 @@ class GeneratorTable(StrictTable):
         return self
 
     def generate(self) -> Toolpath:
-        """Generate the toolpath; an InputError where the parameters contradict each other."""
+        """Generate the toolpath; raise an InputError if the parameters are inconsistent."""
         raise NotImplementedError
 
     def _count_waypoints(self, length: float) -> int:
@@ -55,9 +55,9 @@ class GeneratorTable(StrictTable):
         return max(2, round(count))
 
     def _walk(self, curve: Curve, grid: Array, corners: Array = NO_CORNERS) -> Toolpath:
-        """Put waypoints on a curve at equal distances along it, between its corners (k,) where it has any.
+        """Place waypoints on a curve, equidistant between its ends and corners (k,).
 
-        The grid (m,) holds parameters so close that chords between them tell the length.
+        The grid (m,) holds parameters dense enough that the sum of the chords is the length of the curve.
         """
         lengths = _measure(curve, grid)
         if not lengths[-1] > 0.0:
@@ -81,7 +81,7 @@ def _measure(curve: Curve, grid: Array) -> Array:
 
 
 def _place_stations(bounds: Array, count: int) -> Array:
-    """Return lengths along a curve [m]: its bounds, and between them about equal distances, `count` in all if enough.
+    """Return `count` lengths along a curve [m], nearly equidistant, that include its bounds (more if needed for them).
 
     `bounds` are start, corners and end, in order.
     """
@@ -109,7 +109,7 @@ def _angles(turns: float) -> Array:
 
 
 class CircleTable(GeneratorTable):
-    """A circle in the xy plane from the x axis on, counter-clockwise seen from +z, for turns < 0 clockwise."""
+    """Circle in the xy plane that starts on the x axis, counter-clockwise about +z; clockwise for turns < 0."""
 
     generator: Literal["circle"] = "circle"
     radius_mm: float = Field(gt=0.0)
@@ -126,9 +126,9 @@ class CircleTable(GeneratorTable):
 
 
 class SpiralTable(GeneratorTable):
-    """An Archimedean spiral in the xy plane, from inside to outside, counter-clockwise seen from +z.
+    """Archimedean spiral in the xy plane, from inside to outside, counter-clockwise about +z.
 
-    r(u) = inner + (outer - inner) u / (2 pi turns); where length_mm is given the turns follow from it.
+    r(u) = inner + (outer - inner) u / (2 pi turns); the turns follow from length_mm if it is given.
     """
 
     generator: Literal["spiral"] = "spiral"
@@ -157,18 +157,18 @@ class SpiralTable(GeneratorTable):
                 raise InputError(f"spiral length {length * 1e3:g} mm, must exceed the difference of its radii")
             if length < _measure(spiral(1e-3), _angles(1e-3))[-1]:
                 raise InputError(f"spiral length {length * 1e3:g} mm, must be more than a thousandth of a turn")
-            # The spiral is longer than the circles it passes, pi (outer + inner) a turn: this bounds the turns.
+            # Upper bound of the turns: a turn of the spiral is longer than a circle of mean radius, pi (outer + inner).
             most = length / (np.pi * (outer + inner)) + 1.0
             turns = float(brentq(lambda n: _measure(spiral(n), _angles(n))[-1] - length, 1e-3, most, xtol=1e-12))
         return self._walk(spiral(turns), _angles(turns))
 
 
 class ConeTable(GeneratorTable):
-    """The frustum cone of ISF: from the upper rim down and inwards, counter-clockwise seen from +z.
+    """Frustum cone of ISF, from the upper rim down and inwards, counter-clockwise about +z.
 
-    The rim lies in z = 0 around the origin, the wall at wall_angle_deg against the horizontal; pitch_mm is the depth of
-    one turn, of a helix or of circles joined by straight steps down the wall (z_level). The waypoints are the tool tip;
-    there is no allowance for the tool radius.
+    The rim is a circle around the origin at z = 0, wall_angle_deg is the angle of the wall to the horizontal. pitch_mm
+    is the depth of one turn of the helix, or of one circle; circles are joined by straight steps down the wall
+    (z_level). The waypoints are the tool tip, without compensation of the tool radius.
     """
 
     generator: Literal["isf_cone"] = "isf_cone"
@@ -197,7 +197,7 @@ class ConeTable(GeneratorTable):
         count = max(1, round(turns))
 
         def level_point(u: Array) -> Array:
-            """Go from 0 to 2 on every level: first down the wall at angle 0, from 1 on round."""
+            """Return points at u, 2 per level: the step down the wall at angle 0, then from 1 on the circle."""
             level = np.minimum(np.floor(u / 2.0), count - 1)
             part = u - 2.0 * level
             down = (level + np.minimum(part, 1.0)) * depth / count

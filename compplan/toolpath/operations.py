@@ -1,4 +1,4 @@
-"""What a CAM file does with one tool after the other: an operation is what is cut between two tool changes."""
+"""Operations of a CAM file: the cuts between two tool changes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from compplan.toolpath.toolpath import Toolpath, select_waypoints
 
 @dataclass(frozen=True)
 class Operation:
-    """Hold a stretch of a file that one tool cuts, the tool's own change the first event of its toolpath.
+    """Section of a file that one tool cuts; the tool change is the first event of its toolpath.
 
-    The T number is 0 where the file cuts before it calls a tool, or calls it by `name`, which is "" else.
+    `number` is the T number, 0 before the first tool call or for a tool called by `name` (otherwise "").
     """
 
     number: int
@@ -25,14 +25,14 @@ class Operation:
 
     @property
     def tool(self) -> str:
-        """What the file calls the tool: T3, or its name."""
+        """Tool of the operation, by its T number (T3) or name."""
         return repr(self.name) if self.name else f"T{self.number}"
 
 
 def split_operations(toolpath: Toolpath) -> tuple[Operation, ...]:
-    """Divide a toolpath at its tool changes; what one tool does in a row stays whole, calls that cut nothing go.
+    """Divide a toolpath at its tool changes; consecutive sections of one tool are joined, sections without cut dropped.
 
-    A path of one tool is returned as it is.
+    A path of one tool is returned unchanged.
     """
     changes = [k for k, event in enumerate(toolpath.events) if event.kind == "tool"]
     cuts = np.flatnonzero(~toolpath.rapid[1:]) + 1
@@ -60,7 +60,7 @@ def split_operations(toolpath: Toolpath) -> tuple[Operation, ...]:
 
 
 def stop_all(events: Sequence[Event], last: int) -> list[Event]:
-    """Return events that end with spindle and coolant off, as a tool change leaves them."""
+    """Append spindle and coolant off to events, if they are on, as a tool change does."""
     turning = cooling = False
     for event in events:
         turning = event.kind in ("spindle_cw", "spindle_ccw") or (turning and event.kind != "spindle_off")
@@ -70,7 +70,7 @@ def stop_all(events: Sequence[Event], last: int) -> list[Event]:
 
 
 def _cut_out(toolpath: Toolpath, before: int, last: int, events: Sequence[Event]) -> Toolpath:
-    """Return the rows after one row up to another. A cut that begins at once begins where the tool stood before."""
+    """Return the rows after `before` up to `last`; row `before` is the start if the first move is a cut."""
     begin = before + 1 if before < 0 or toolpath.rapid[before + 1] else before
     path = select_waypoints(toolpath, np.arange(begin, last + 1))
     rapid, feed = path.rapid.copy(), path.feed.copy()
@@ -82,7 +82,7 @@ def _cut_out(toolpath: Toolpath, before: int, last: int, events: Sequence[Event]
 
 
 def select_operation(toolpath: Toolpath, number: int) -> Toolpath:
-    """Return one operation of a toolpath, counted from 1; an InputError if there are not as many."""
+    """Return one operation of a toolpath, counted from 1; raise an InputError if there are fewer."""
     found = split_operations(toolpath)
     if number > len(found):
         tools = ", ".join(operation.tool for operation in found)

@@ -1,4 +1,4 @@
-"""Read a toolpath: a CSV table, a CAM file through its reader, or columns that are in memory already."""
+"""Read a toolpath from a CSV table, a CAM file or columns in memory."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from compplan.toolpath.toolpath import COLUMNS, Toolpath, check_toolpath, toolpa
 
 
 def read_toolpath(source: Any, *, cam: CamTable | None = None, feed: float | None = None) -> Toolpath:
-    """Read a toolpath in the part frame; its notes say what was assumed or read past.
+    """Read a toolpath in the part frame; its notes list assumptions and skipped statements.
 
     Args:
-        source: A CSV table, or a CAM file (`compplan.toolpath.readers.READERS`); or the columns of such a table, units
-            in their names: `{"position_mm": array of shape (n, 3), "feed_mm_s": 20.0}`; or a toolpath.
-        cam: What a CAM file does not say by itself.
-        feed: Feed of cutting moves in place of the file's own. [m/s]
+        source: A CSV table or a CAM file (`compplan.toolpath.readers.READERS`); or the columns of such a table, with
+            units in their names: `{"position_mm": array of shape (n, 3), "feed_mm_s": 20.0}`; or a toolpath.
+        cam: Options that a CAM file does not state.
+        feed: Feed of cutting moves that replaces the feed of the file. [m/s]
 
     Raises:
-        InputError: With file and line, if the file is not what it has to be.
+        InputError: With file and line, if the file is invalid.
 
     """
     if isinstance(source, Toolpath):

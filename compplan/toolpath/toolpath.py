@@ -1,6 +1,6 @@
-"""The toolpath: where the tool tip goes, how the tool stands, how fast, and what pushes on it.
+"""Toolpath: position of the tool tip, tool axis, feed and process wrench at waypoints.
 
-Row i describes the move that ends at waypoint i: its feed, and whether it is a rapid move. Row 0 is the start.
+Row i holds the feed and the rapid flag of the move that ends at waypoint i. Row 0 is the start.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from compplan.toolpath.events import Event, move_events
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WRENCH_HEADERS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-#: Greatest extent of a toolpath that is taken for true. [m]
+#: Greatest plausible extent of a toolpath. [m]
 WIDEST = 100.0
-#: Least extent that is taken for true, and the extent below which a path is asked about. [m]
+#: Least plausible extent, and the extent below which a note questions the unit. [m]
 NARROWEST, SMALL = 1e-5, 1e-3
-#: Feeds of cutting moves that are taken for true. [m/s]
+#: Plausible range of the feed of cutting moves. [m/s]
 SLOWEST, FASTEST = 1e-6, 1e2
-#: Greatest number of waypoints that a division may make.
+#: Greatest number of waypoints after resampling.
 MOST_WAYPOINTS = 5_000_000
-#: Greatest departure of |(i, j, k)| from 1 that is taken for rounding.
+#: Greatest deviation of |(i, j, k)| from 1 that counts as rounding.
 AXIS_ROUNDING = 1e-3
 
-#: What an absurd extent asks about the unit of a table.
+#: Hint on the unit of a table for an implausible extent.
 UNIT_HINTS = {
     "m": "; columns are read in m, name them x_mm y_mm z_mm if the file is in millimetres",
     "mm": "; columns are read in mm, name them x_um y_um z_um if the file is in micrometres",
@@ -49,21 +49,21 @@ COLUMNS = (
 
 @dataclass(frozen=True, repr=False)
 class Toolpath(Shown):
-    """Hold a toolpath, the nominal, in one frame.
+    """Nominal toolpath in one frame.
 
     Args:
         position: Tool tip. Shape (n, 3). [m]
         axis: Tool axis, unit vector from the tip towards the spindle. Shape (n, 3).
-        feed: Programmed feed of the move that ends here; 0 where none is known (rapid moves). Shape (n,). [m/s]
+        feed: Programmed feed of the move that ends here, 0 if unknown (rapid moves). Shape (n,). [m/s]
         rapid: Whether the move that ends here is rapid. Shape (n,).
         wrench: Predicted wrench of the environment on the tool, at the tip, or None. Shape (n, 6). [N, N m]
         frame: Frame of position, axis and wrench: "part" or "base".
-        source: File or generator that it came from, for messages.
-        notes: What was assumed or read past when it was read, one sentence each.
-        events: What happens beside motion, in order.
-        rounded: How far each waypoint was moved off the programmed path to round a corner, or None. Shape (n,). [m]
-        arc: Number of the arc of the file that the move that ends here is a chord of, 0 for none; or None. Shape (n,).
-        line: Line of the file, from 1, that the move that ends here stands on, 0 where that is not known; or None.
+        source: File or generator of the toolpath, for messages.
+        notes: Assumptions and skipped statements of the reader, one sentence each.
+        events: Machine functions, in order.
+        rounded: Distance of each waypoint from the programmed path, due to a rounded corner, or None. Shape (n,). [m]
+        arc: Number of the arc in the file of which the move that ends here is a chord, 0: none; or None. Shape (n,).
+        line: Line of the file, from 1, of the move that ends here, 0 if unknown; or None.
             Shape (n,).
 
     Raises:
@@ -102,7 +102,7 @@ class Toolpath(Shown):
         return len(self.position)
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return how long it is, how fast, and what was assumed when it was read."""
+        """Return length, extent, feed, force and the first notes."""
         feed = self.feed[1:][~self.rapid[1:]]
         span = " x ".join(f"{1e3 * size:.4g}" for size in np.ptp(self.position, axis=0)) if len(self) else "0"
         force = "none given" if self.wrench is None else (
@@ -118,7 +118,7 @@ class Toolpath(Shown):
         ]  # fmt: skip
 
     def columns(self) -> dict[str, Any]:
-        """Return a row a waypoint, as `write_toolpath` writes it."""
+        """Return the columns of the CSV table that `write_toolpath` writes, one row per waypoint."""
         names = ("x_mm", "y_mm", "z_mm")
         columns: dict[str, Any] = {name: to_unit(self.position[:, k], name) for k, name in enumerate(names)}
         columns |= {name: self.axis[:, index] for index, name in enumerate("ijk")}
@@ -128,7 +128,7 @@ class Toolpath(Shown):
         return columns
 
     def curves(self) -> Curves:
-        """Return the path seen from above. [mm]."""
+        """Return the path in the xy plane. [mm]."""
         x, y = self.position[:, 0] * 1e3, self.position[:, 1] * 1e3
         cut = Curve("cut", np.where(self.rapid, np.nan, x), np.where(self.rapid, np.nan, y), "after")
         whole = Curve("rapid", x, y, "neutral")
@@ -143,7 +143,7 @@ class Toolpath(Shown):
 
     @property
     def arc_length(self) -> Array:
-        """Distance travelled up to each waypoint, rapid moves included. Shape (n,) [m]."""
+        """Path length up to each waypoint, rapid moves included. Shape (n,) [m]."""
         return np.concatenate([[0.0], np.cumsum(self.steps)])
 
     @property
@@ -155,11 +155,11 @@ class Toolpath(Shown):
 def check_toolpath(
     toolpath: Toolpath, *, file: str | Path | None = None, table: Table | None = None, need_feed: bool = True
 ) -> Toolpath:
-    """Return the toolpath if a robot can follow it, else raise an InputError.
+    """Check a toolpath and return it with normalised tool axes; raise an InputError if it is invalid.
 
-    It has at least two waypoints, a cut of some length, finite values, feeds above 0 on cutting moves (`need_feed`),
-    unit vectors as tool axes, and an extent that is no mistake of units. Messages name `file` (default: its source) or
-    the line of the table that it was read from.
+    Required are at least two waypoints, a cutting length above 0, finite values, feeds above 0 on cutting moves
+    (`need_feed`), unit tool axes, and a plausible extent. Messages name `file` (default: the source of the toolpath) or
+    the line of the table.
     """
     file = file or (table.file if table is not None else None) or toolpath.source or None
 
@@ -206,7 +206,7 @@ def check_toolpath(
 
 
 def toolpath_from_table(table: Table, *, feed: float | None = None) -> Toolpath:
-    """Return the toolpath that a table holds: x y z, i j k, feed, rapid, wrench; forces alone mean no moments."""
+    """Build a toolpath from the columns of a table: x y z, i j k, feed, rapid, wrench; missing moments are 0."""
     n = len(table)
     position = table.stack(("x", "y", "z"))
     axis = table.stack(("i", "j", "k")) if "i" in table else np.tile([0.0, 0.0, 1.0], (n, 1))
@@ -230,14 +230,14 @@ def toolpath_from_table(table: Table, *, feed: float | None = None) -> Toolpath:
 
 
 def write_toolpath(toolpath: Toolpath, path: str | Path) -> None:
-    """Write a toolpath as CSV: x_mm y_mm z_mm i j k feed_mm_s rapid, and the wrench where there is one."""
+    """Write a toolpath as CSV: x_mm y_mm z_mm i j k feed_mm_s rapid, and the wrench if present."""
     write_table(path, toolpath.columns())
 
 
 def place_toolpath(toolpath: Toolpath, T_base_part: Array) -> Toolpath:
-    """Express a toolpath of the part frame in the robot's base frame; the wrench keeps its point, the tool tip.
+    """Transform a toolpath from the part frame to the base frame of the robot; the wrench remains at the tool tip.
 
-    `T_base_part` is the pose of the part frame seen from the base frame. Shape (4, 4). [m]
+    `T_base_part` is the pose of the part frame in the base frame. Shape (4, 4). [m]
     """
     rotation = T_base_part[:3, :3]
     wrench = toolpath.wrench
@@ -248,13 +248,13 @@ def place_toolpath(toolpath: Toolpath, T_base_part: Array) -> Toolpath:
 
 
 def _take_moves(toolpath: Toolpath, index: NDArray[np.int_]) -> dict[str, Any]:
-    """Return what belongs to moves, of those that end at waypoints."""
+    """Return the columns that describe moves, at the waypoints where the moves end."""
     columns = {name: getattr(toolpath, name) for name in ("feed", "rapid", "arc", "line")}
     return {name: None if values is None else values[index] for name, values in columns.items()}
 
 
 def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
-    """Return the toolpath at some of its waypoints."""
+    """Return the toolpath at selected waypoints."""
     wrench, rounded = (None if values is None else values[index] for values in (toolpath.wrench, toolpath.rounded))
     return replace(
         toolpath, position=toolpath.position[index], axis=toolpath.axis[index], wrench=wrench, rounded=rounded,
@@ -265,8 +265,8 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
 def resample_toolpath(toolpath: Toolpath, max_step: float) -> Toolpath:
     """Divide cutting moves so that no step is longer than `max_step` [m].
 
-    Rapid moves stay whole. Every waypoint stays, so corners stay sharp; waypoints in between lie on the straight move,
-    the tool axis turns along the great circle, the wrench goes over linearly, feed and rapid are those of the move.
+    Rapid moves are not divided. All waypoints are kept, so corners stay sharp. New waypoints lie on the straight move;
+    the tool axis is interpolated on the great circle, the wrench linearly. Feed and rapid flag are those of the move.
     """
     if not max_step > 0.0:
         raise InputError(f"the longest step is {max_step * 1e3:g} mm, must be greater than 0")
@@ -276,7 +276,7 @@ def resample_toolpath(toolpath: Toolpath, max_step: float) -> Toolpath:
     if pieces.sum() > MOST_WAYPOINTS:
         message = f"a step of {max_step * 1e3:g} mm makes {pieces.sum()} waypoints, allowed are {MOST_WAYPOINTS}"
         raise InputError(message, file=toolpath.source or None)
-    move = np.repeat(np.arange(len(pieces)), pieces)  # the move that each new waypoint ends in
+    move = np.repeat(np.arange(len(pieces)), pieces)  # the move that contains each new waypoint
     first = np.concatenate([[0], np.cumsum(pieces)[:-1]])
     share = (np.arange(pieces.sum()) - first[move] + 1.0) / pieces[move]
     angle = turn[move]
@@ -290,7 +290,7 @@ def resample_toolpath(toolpath: Toolpath, max_step: float) -> Toolpath:
 
 
 def _bow(toolpath: Toolpath, before: NDArray[np.int_], share: Array) -> Array:
-    """Return how far places on rounded corners lie beside their moves: on parabolas through three waypoints. (m, 3)."""
+    """Return the offset of points on rounded corners from the chords, by parabolas through 3 waypoints. (m, 3) [m]."""
     if toolpath.rounded is None:
         return np.zeros((len(before), 3))
     x, curved = toolpath.position, toolpath.rounded > 0.0
@@ -305,10 +305,10 @@ def _bow(toolpath: Toolpath, before: NDArray[np.int_], share: Array) -> Array:
 
 
 def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
-    """Return the toolpath at fractional waypoints; feed and rapid are those of the move that a place lies on.
+    """Return the toolpath at fractional waypoints; feed and rapid flag are those of the move that contains a place.
 
-    Places (m,) are waypoint numbers, fractional between waypoints, never falling. Those on a rounded corner lie on its
-    curve, others on the straight move.
+    `places` (m,) are waypoint numbers, fractional between waypoints, non-decreasing. Places on a rounded corner lie on
+    its curve, all others on the straight move.
     """
     before = np.clip(np.floor(places).astype(int), 0, len(toolpath) - 2)
     share = (places - before)[:, None]
@@ -328,11 +328,11 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
 
 
 def interpolate(length: NDArray[Any], places: NDArray[Any], values: Array) -> Array:
-    """Interpolate values (b, ...) at places along a path (b,) to other lengths (n,). Shape (n, ...)."""
+    """Interpolate values (b, ...) at path lengths `places` (b,) to other path lengths (n,). Shape (n, ...)."""
     flat = values.reshape(len(places), -1)
     return np.stack([np.interp(length, places, v) for v in flat.T], axis=1).reshape(-1, *values.shape[1:])
 
 
 def pick_even(values: NDArray[Any], most: int) -> NDArray[Any]:
-    """Return at most so many of some values (n, ...), evenly spread, both ends included."""
+    """Return at most `most` of the values (n, ...), evenly spaced, both ends included."""
     return values[np.unique(np.linspace(0, len(values) - 1, min(len(values), most)).astype(int))]

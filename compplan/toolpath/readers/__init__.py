@@ -1,12 +1,12 @@
-"""Readers of CAM files, one file a language: they give the toolpath in the part frame, and the facts about the file.
+"""Readers of CAM files, one module per language, for the toolpath in the part frame and the facts about the file.
 
-Each reader offers `name`, the `suffixes` of its files, `recognise(text)`, and `read(text, file, options) -> CamFile`.
-`recognise` gets the head of a file and says how surely it is of that language: 0 (or False) not, 1 (True) it may be,
-2 it has marks that no other language has (BEGIN PGM, %_N_NAME_MPF). The suffix only decides between equals.
+Each reader has `name`, the `suffixes` of its files, `recognise(text)`, and `read(text, file, options) -> CamFile`.
+`recognise` returns the confidence that the head of a file is in the language: 0 (False) it is not, 1 (True) possible,
+2 or more: it has marks of this language alone (BEGIN PGM, %_N_NAME_MPF). The suffix decides between equal confidences.
 A new reader is one new file and one line in `READERS`.
 
-What a reader does not know and may move the tool is refused: an InputError with file and line. Functions of the readers
-raise it, or a ValueError, without them; whoever follows the program adds them.
+Unknown statements that may move the tool raise an InputError with file and line. Functions of the readers raise an
+InputError or ValueError without file and line, which the interpreter of the program adds.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from compplan.toolpath.readers.moves import CamFacts, CamFile
 from compplan.toolpath.readers.options import CamTable, use_machine
 from compplan.toolpath.toolpath import Toolpath
 
-#: Letters of the head of a file by which its language is known.
+#: Length of the head of a file from which its language is recognised. [characters]
 HEAD_LETTERS = 100_000
 
 
 _OWN = ("gcode", "apt", "krl", "rapid", "heidenhain", "sinumerik")
-#: Every reader, by the name of its language, which is that of its module.
+#: Readers by the name of their language, which is the name of the module.
 READERS: Registry[Any] = Registry[Any](_OWN, __name__)
 
 __all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "find_reader", "list_suffixes", "read_cam", "refuse_idle"]
 
 
 def list_suffixes() -> list[str]:
-    """List the suffixes of CAM files that are known."""
+    """Return the suffixes of all known CAM files."""
     return [suffix for reader in READERS.values() for suffix in reader.suffixes]
 
 
 def find_reader(path: Path, text: str) -> Any:
-    """Return the reader of a file: that whose language the text is most surely in, its suffix between equals; or None.
+    """Return the reader with the highest confidence for a file; the suffix decides between equals. None if unknown.
 
-    A text that no reader recognises goes to the reader of its suffix.
+    A text that no reader recognises is read by the reader of its suffix.
     """
     head, suffix = text[:HEAD_LETTERS], path.suffix.lower()
     ranks = {name: (int(reader.recognise(head)), suffix in reader.suffixes) for name, reader in READERS.items()}
@@ -52,9 +52,9 @@ def find_reader(path: Path, text: str) -> Any:
 
 
 def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
-    """Read a CAM file: its text says what language it is in, and its suffix where the text leaves it open.
+    """Read a CAM file; its language is recognised from the text, or from the suffix if the text is ambiguous.
 
-    An InputError with file and line says what is not as it has to be.
+    Raise an InputError with file and line if the file is invalid.
     """
     path = Path(path)
     text = read_bounded(path)
@@ -75,7 +75,7 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
 
 
 def set_missing_feed(file: CamFile, feed_mm_s: float) -> CamFile:
-    """Give a feed [mm/s] to the cutting moves for which a file states none, or 0; a note says how many."""
+    """Set the feed [mm/s] of cutting moves without feed, or with feed 0, and note their number."""
     path = file.toolpath
     bare = ~path.rapid & (path.feed == 0.0)
     bare[:1] = False
@@ -88,7 +88,7 @@ def set_missing_feed(file: CamFile, feed_mm_s: float) -> CamFile:
 
 
 def refuse_idle(cam: CamFile) -> Toolpath:
-    """Return the toolpath of a file that cuts something; refuse one that cuts nothing, or drills holes alone."""
+    """Return the toolpath of a file with a cut; refuse a file without cut, or with skipped drilling cycles only."""
     if cam.facts.cutting_moves or cam.facts.rotary_only_moves or cam.toolpath.cutting_length > 0.0:
         return cam.toolpath
     if cam.facts.cycles:

@@ -1,4 +1,4 @@
-"""APT cutter location files (ISO 4343): GOTO, arcs in their dialects, cycles, feeds, units, machine records."""
+"""Reader of APT cutter location files (ISO 4343): GOTO, dialects of arcs, cycles, feeds, units, machine records."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REFUSED = {
     "COPY", "INDEX", "TRACUT", "REFSYS", "MIRROR", "SCALE", "MACRO", "CALL", "LOOPST", "SPLINE", "BSPLINE", "BSPLN",
     "POCKET", "HELIX", "PITCH", "PLUNGE", "GOLFT", "GORGT", "GOUP", "GODOWN", "GOBACK", "GO",
 }  # fmt: skip
-#: Records that switch the machine, that hold text, and that say nothing of the path.
+#: Records that switch machine functions, that hold text, and that do not affect the path.
 SWITCHES = {"SPINDL", "COOLNT", "LOADTL", "LOAD", "TLCHG", "DELAY", "DWELL", "STOP", "OPSTOP", "AUXFUN"}
 TEXT = ("PARTNO", "PPRINT", "REMARK", "TPRINT", "TITLES", "TOOL PATH", "LETTER", "$$")
 SILENT = {
@@ -30,30 +30,30 @@ SILENT = {
     "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "CLDIST", "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM",
     "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", *SWITCHES,
 }  # fmt: skip
-#: mm/s for one unit of feed; mm for one unit of feed a revolution, None: a unit of length.
+#: Units of feed in mm/s, and of feed per revolution in mm (None: the unit of length of the file).
 FEED_UNITS = {"MMPM": 1.0 / 60.0, "MMPMIN": 1.0 / 60.0, "MPM": 1000.0 / 60.0, "MMPS": 1.0, "IPM": INCH / 60.0,
               "FPM": 12 * INCH / 60.0}  # fmt: skip
 REVOLUTION_UNITS = {"MMPR": 1.0, "IPR": INCH, "PERREV": None, "UPR": None}
-#: Cycles that leave the hole with the feed.
+#: Cycles that retract from the hole at the feed.
 FEED_OUT = ("BORE", "TAP", "REAM", "THREAD")
 CLOCKWISE, ANTICLOCKWISE = {"CLW", "CLOCKWISE", "CW"}, {"CCLW", "CCW", "ANTICLOCKWISE", "COUNTERCLOCKWISE"}
-#: Tangent arcs that must speak against the sense that is assumed before it is turned round.
+#: Least number of arcs tangent in reverse before the assumed sense of rotation is reversed.
 FEWEST_VOTES = 3
 #: Greatest number of turns of one arc.
 MOST_TURNS = 10_000
 
 
 def recognise(text: str) -> bool:
-    """Tell whether a text of unknown suffix is APT/CL."""
+    """Return whether a text is an APT cutter location file."""
     return re.search(r"^[ \t]*GOTO[ \t]*/", text, re.MULTILINE) is not None
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read an APT cutter location file.
 
-    The sense of an arc about the axis of its CIRCLE record follows from the words CLW and CCLW where there are any;
-    clockwise in the long records of NX; by the right hand else. Where most arcs then leave the move before them
-    backwards and none forwards, the sense is turned round, with a note.
+    The sense of an arc about the axis of its CIRCLE record is given by the words CLW and CCLW. Without them it is
+    clockwise in the long records of NX and right-handed otherwise. If more than 80 % of the arcs tangent to the move
+    before them then start in reverse, the sense of all arcs is reversed, with a note.
     """
     reader = _AptReader(options, flipped=False)
     for flipped in (False, True):
@@ -74,7 +74,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 @dataclass(frozen=True)
 class _Pending:
-    """Hold an arc record until the point that ends it: a point of its axis [mm], the axis, sense, turns."""
+    """Arc record before its end point is known: a point on its axis [mm], the axis, sense and turns."""
 
     centre: Point
     normal: Point
@@ -83,11 +83,11 @@ class _Pending:
 
 
 class _AptReader:
-    """Follow a file record by record."""
+    """Interpret a file record by record."""
 
     def __init__(self, options: CamTable, *, flipped: bool) -> None:
         self.options, self.flipped = options, flipped
-        self.line = self.first = 0  # the line that is read, and that of the first point
+        self.line = self.first = 0  # current line, line of the first point
         self.log, self.state = MoveLog(CHORD_MM, self), State()
         self.machine = Machine(self.state, self.log, frozenset(), frozenset())
         self.scale = INCH if options.unit == "inch" else 1.0
@@ -99,13 +99,13 @@ class _AptReader:
         self.cycle: AptCycle | None = None
         self.arc: _Pending | None = None
         self.direction: Point | None = None
-        #: Direction of the cut before, and how many arcs go on from it, and turn back on it.
+        #: Direction at the end of the previous cut; number of arcs that start tangent to it, forwards and in reverse.
         self.before: Point | None = None
         self.votes = [0, 0]
         self.frames: set[tuple[float, ...]] = set()
 
     def run(self, text: str) -> None:
-        """Read every record."""
+        """Interpret every record."""
         for self.line, record in split_records(text):
             major, _, minor = record.partition("/")
             major = re.sub(r"^N?\d+\s+", "", major.strip().upper())
@@ -129,7 +129,7 @@ class _AptReader:
         self.log.note(message, self.line)
 
     def _carry_out(self, major: str, minor: str, record: str) -> None:
-        """Carry out one record."""
+        """Execute one record."""
         words = minor.upper()
         if major == "GOTO":
             self._goto(read_numbers(minor))
@@ -183,7 +183,7 @@ class _AptReader:
         self.nx = self.nx or major == "TLDATA"
 
     def _switch(self, major: str, words: str) -> None:
-        """Carry out a record that switches the machine, as M codes do."""
+        """Execute a record that switches machine functions, as M codes do."""
         number, line = next((float(text) for text in NUMBER.findall(words)), None), self.line
         code = {"STOP": 0.0, "OPSTOP": 1.0}.get(major, number)
         if major == "SPINDL":
@@ -205,7 +205,7 @@ class _AptReader:
             self.note(f"AUXFUN/{words[:20]} is not read")
 
     def _begin_cut(self, axis: Point) -> None:
-        """Let a cut begin where the tool is; refuse it where that is not known."""
+        """Begin a cut at the position of the tool; refuse it if the position is unknown."""
         if self.placed:
             return
         reason = "after GOHOME" if self.away else "no FROM or RAPID comes before it"
@@ -217,7 +217,7 @@ class _AptReader:
         self.placed = True
 
     def _point(self, numbers: list[float]) -> tuple[Point, Point]:
-        """Return tip and tool axis of a record; the axis stays where it is not given."""
+        """Return tip and tool axis of a record; without i, j, k the axis is unchanged."""
         if len(numbers) not in (2, 3, 6) and len(numbers) < 6:
             raise InputError(f"{len(numbers)} numbers, expected x, y, z or x, y, z, i, j, k")
         if len(numbers) == 2 and not self.placed:
@@ -229,7 +229,7 @@ class _AptReader:
         return numbers[0] * self.scale, numbers[1] * self.scale, numbers[2] * self.scale
 
     def _shift(self, numbers: list[float]) -> None:
-        """Carry out GODLTA: a step, or a distance along the tool axis."""
+        """Execute GODLTA: a displacement, or a distance along the tool axis."""
         if len(numbers) not in (1, 3):
             raise InputError(f"{len(numbers)} numbers, expected dx, dy, dz or a distance along the tool axis")
         axis = self.log.axis
@@ -252,7 +252,7 @@ class _AptReader:
         self.feed, self.revolution_feed = numbers[0] * self.scale / 60.0, None  # PERMIN, UPM, or no word at all
         if unit := next((word for word in units if word in FEED_UNITS), ""):
             self.feed = numbers[0] * FEED_UNITS[unit]
-            if not (self.unit or self.options.unit):  # that of lengths is taken from the feed
+            if not (self.unit or self.options.unit):  # unit of lengths from the feed
                 if unit[0] == "I" and (self.placed or self.log.waypoints):
                     raise InputError("a feed in inches follows points of no stated unit; state it with --unit")
                 self.unit, self.scale = ("inch", INCH) if unit[0] == "I" else ("mm", 1.0)
@@ -265,7 +265,7 @@ class _AptReader:
             self.note("feeds without a unit are taken per minute")
 
     def _speed(self) -> float:
-        """Return the feed in mm/s, 0 where none is known."""
+        """Return the feed in mm/s, 0 if unknown."""
         feed, spindle = self.feed, self.state.spindle
         if self.revolution_feed is not None:
             feed = self.revolution_feed * spindle / 60.0 if spindle > 0.0 else None
@@ -284,7 +284,7 @@ class _AptReader:
                 self._set_feed(self.cycle.feed)
 
     def _drill(self, cycle: AptCycle, point: Point, axis: Point) -> None:
-        """Go to a hole, and cut it where holes are cut; pecks, dwells and turned tools are left out."""
+        """Move to a hole and cut it if cycles are expanded; pecks, dwells and spindle reversal are left out."""
         log = self.log
         if self.options.cycles != "expand":
             self.note("drilling cycles are left out: the tool moves rapidly above the holes (option cycles)")
@@ -302,7 +302,7 @@ class _AptReader:
         log.rapid(above, axis)
 
     def _goto(self, numbers: list[float]) -> None:
-        """Move to a point: rapidly, above a hole, along a pending arc, or straight."""
+        """Move to a point: rapidly, with a drilling cycle, along a pending arc, or straight."""
         point, axis = self._point(numbers)
         self.first = self.first or self.line
         rapid, self.rapid = self.rapid, False
@@ -324,7 +324,7 @@ class _AptReader:
         self.before = combine(1.0 / length, point, -1.0 / length, start) if length > 1e-6 and not rapid else None
 
     def _note_arc(self, words: str) -> None:
-        """Keep an arc record until the GOTO that ends it."""
+        """Store an arc record until the GOTO with its end point."""
         if re.match(r"\s*[XYZIJKR]\s*,", words):
             self._cut_lettered(words)
             return
@@ -345,7 +345,7 @@ class _AptReader:
         self.arc = _Pending(self._scaled(numbers), _axis(numbers[3:6]), clockwise == self.flipped, turns)
 
     def _cut_lettered(self, words: str) -> None:
-        """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end and centre from the start; clockwise."""
+        """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end, centre relative to the start; clockwise by default."""
         pairs = re.findall(rf"([XYZIJK])\s*,\s*({DECIMAL})", words)
         values = {letter: float(number) * self.scale for letter, number in pairs}
         if values.keys().isdisjoint("IJK"):
@@ -359,7 +359,7 @@ class _AptReader:
         self._cut_arc(pending, start, (x, y, z), self.log.axis)
 
     def _follow_circle(self, words: str) -> None:
-        """Read TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,x,y,z): the line ends where the arc ends (CATIA)."""
+        """Read TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,x,y,z): the arc ends at the end of the line (CATIA)."""
         circle = re.search(r"\(\s*CIRCLE\s*/([^()]*)\)", words)
         end = re.search(r"\(\s*(?:LINE|POINT)\s*/([^()]*)\)", words)
         centre, last = (find_numbers(found.group(1)) if found else [] for found in (circle, end))
@@ -371,11 +371,11 @@ class _AptReader:
         self._cut_arc(_Pending(middle, normal, right_hand), start, self._scaled(last[-3:]), normal)
 
     def _cut_arc(self, pending: _Pending, start: Point, end: Point, axis: Point) -> None:
-        """Cut along an arc, and keep how it leaves for the arc after it."""
+        """Cut along an arc, and store its end direction for the next arc."""
         arc = arc_about(start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns)
         arc.check_circle()
         along = 0.0 if self.before is None else dot(arc.tangent(0.0), self.before)
-        if abs(along) > 0.99:  # it goes on from the move before it, or turns back on it
+        if abs(along) > 0.99:  # tangent to the previous move, forwards or in reverse
             self.votes[0 if along > 0.0 else 1] += 1
         self.log.arc(arc, end, self._speed())
         if max(abs(one - other) for one, other in zip(axis, self.log.axis, strict=True)) > 1e-6:
@@ -385,7 +385,7 @@ class _AptReader:
 
 
 def _axis(vector: list[float]) -> Point:
-    """Return the direction of a tool axis."""
+    """Return a tool axis as a unit vector."""
     length = math.hypot(*vector)
     if len(vector) != 3 or not 1e-3 < length < 1e3:
         raise InputError(f"tool axis {vector} is no direction")

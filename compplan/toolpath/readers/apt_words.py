@@ -1,4 +1,4 @@
-"""The records of an APT file and their fields: numbers are numbers whole, or they are refused; drilling cycles."""
+"""Records of an APT file and their fields, with strict syntax of numbers; drilling cycles."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, split_lines
 
 NUMBER = re.compile(rf"{DECIMAL}(?:[EeDd][-+]?\d+)?")
 WORD = re.compile(r"[A-Z][A-Z0-9._+\-/ ]*")
-#: Words that begin with digits: 1STPECK, 3DCUT, 5AXIS; a number with a letter O for a zero, or an exponent, is none.
+#: Words that begin with digits: 1STPECK, 3DCUT, 5AXIS; not a number with a letter O for zero, or with an exponent.
 ORDINAL = re.compile(r"\d{1,2}(?!O+\b)[A-Z]{3,}[A-Z0-9_\-]*")
-#: Words of a cycle: its depth, the level that the feed begins at, the one that the tool goes back to, its feed.
+#: Words of a cycle: depth, level of the start of the feed, retract level, feed.
 DEPTH, CLEAR, RETRACT = ("DEPTH", "DEEP", "FEDTO"), ("RAPTO", "CLEAR", "CLEARANCE"), ("RTRCTO", "RETURN")
 FEED_WORDS = {"MMPM", "MMPMIN", "IPM", "MMPR", "IPR", "PERMIN", "PERREV", "FEDRAT", "UPM", "UPR", "FPM", "MPM"}
-#: Words followed by a number that does not shape the path.
+#: Words followed by a number that does not affect the path.
 OTHER = {"1STPECK", "BACKFEED", "BOTTOM", "BRKCHP", "CAM", "CHIP", "CSINK", "DECR", "DWELL", "DWELLR", "INCR", "LEAD",
          "MINPECK", "MMPP", "NUMBER", "OPTION", "ORIENT", "PECK", "PECKMIN", "PITCH", "REV", "RPM", "SEC", "SPINDL",
          "STEP", "STEP1", "STEP2", "SUBPECK", "TIMES", "TPI"}  # fmt: skip
 
 
 def split_records(text: str) -> Iterator[tuple[int, str]]:
-    """Yield each record with the line that it begins in; $ continues it, lines of $$ are comments."""
+    """Yield each record with its first line; $ continues a record, lines with $$ are comments."""
     pending, first = "", 0
     for number, raw in enumerate(split_lines(text), start=1):
         if not pending and raw.lstrip().startswith("$$"):
@@ -44,7 +44,7 @@ def split_records(text: str) -> Iterator[tuple[int, str]]:
 
 
 def split_fields(minor: str) -> list[float | str]:
-    """Return the fields of a record, numbers as such."""
+    """Return the fields of a record, numbers as float."""
     texts = [text.strip() for text in (minor.upper().split(",") if "," in minor else minor.upper().split())]
     if len(texts) > 3 and not texts[-1]:
         texts.pop()
@@ -60,12 +60,12 @@ def split_fields(minor: str) -> list[float | str]:
 
 
 def find_numbers(minor: str) -> list[float]:
-    """Return the numbers of a record that may hold words as well."""
+    """Return the numbers of a record that may also contain words."""
     return [field for field in split_fields(minor) if not isinstance(field, str)] if minor else []
 
 
 def read_numbers(minor: str) -> list[float]:
-    """Return the fields of a record that holds numbers alone."""
+    """Return the fields of a record of numbers only."""
     for field in split_fields(minor) if minor else ():
         if isinstance(field, str):
             raise InputError(f"field {field[:20]!r} is no number")
@@ -74,10 +74,10 @@ def read_numbers(minor: str) -> list[float]:
 
 @dataclass(frozen=True)
 class AptCycle:
-    """Hold a drilling cycle, in the unit of the file: its kind (DRILL, TAP ..) and feed words, as those of FEDRAT.
+    """Drilling cycle in the unit of the file: its kind (DRILL, TAP ..) and feed words as in FEDRAT.
 
-    `depth` lies below the programmed point along the tool axis (None: not said), the feed begins at `clear` above it,
-    the tool comes and goes at `retract`.
+    Levels are relative to the programmed point along the tool axis: `depth` below it (None: not stated), `clear` above
+    it for the start of the feed, `retract` above it for approach and retract.
     """
 
     kind: str
@@ -88,9 +88,9 @@ class AptCycle:
 
 
 def read_cycle(minor: str) -> AptCycle:
-    """Read CYCLE/kind with DEPTH, d or FEDTO, d, CLEAR or RAPTO, c and MMPM, f; or their order without words.
+    """Read CYCLE/kind with DEPTH, d or FEDTO, d, CLEAR or RAPTO, c and MMPM, f; or positional values without words.
 
-    A depth is of either sign. In order, a feed stands after its unit or before it: CYCLE/kind, d, MMPM, f, c (ISO) or
+    A depth has either sign. A positional feed follows or precedes its unit: CYCLE/kind, d, MMPM, f, c (ISO) or
     CYCLE/kind, d, f, IPM, c.
     """
     fields = split_fields(minor)

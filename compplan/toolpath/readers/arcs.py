@@ -1,4 +1,4 @@
-"""Circular and helical arcs in space: their length, and points on many of them at once."""
+"""Circular and helical arcs in space: construction, length and sampled points."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from compplan.errors import InputError
 from compplan.io.tables import Array
 
 Point = tuple[float, float, float]
-#: Greatest step of angle between points on an arc, however small it is. [rad]
+#: Greatest angle between points on an arc of any radius. [rad]
 COARSEST = math.radians(10.0)
-#: How far start and end may differ in radius: rounding of CAM output. [mm, share of the radius]
+#: Tolerance of the radii at start and end, for rounded CAM output. [mm, share of the radius]
 MISMATCH_MM = 0.02
 MISMATCH_SHARE = 2e-3
-#: ... and never more than this, as in LinuxCNC. [mm]
+#: Upper limit of this tolerance, as in LinuxCNC. [mm]
 MOST_MISMATCH_MM = 0.5
-#: Greatest coordinate that is taken for true: a hundred kilometres; greatest radius of an arc: a kilometre. [mm]
+#: Greatest plausible coordinate (100 km) and radius of an arc (1 km). [mm]
 FARTHEST, LARGEST_RADIUS = 1e8, 1e6
-#: Greatest angle of a circle: a hundred turns. [rad]
+#: Greatest angle of a circle: 100 turns. [rad]
 MOST_ANGLE = 200.0 * math.pi
 #: Angles [rad] and lengths [mm] below this count as zero.
 NOTHING = 1e-9
 
 
 class OffCircleError(InputError):
-    """Tell that start and end of an arc do not lie on one circle."""
+    """Error of an arc whose start and end do not lie on one circle."""
 
 
 @dataclass(frozen=True)
 class Arc:
-    """Describe an arc: it begins at centre + radius first, a unit vector, and turns by `sweep` [rad] about `normal`.
+    """Circular or helical arc from centre + radius * first (a unit vector) by the angle `sweep` [rad] about `normal`.
 
-    The centre lies at the height of the start, `rise` is the travel along the normal [mm]; the radius at the end is
-    that at the start but for rounding [mm].
+    The centre is at the height of the start, `rise` is the displacement along the normal [mm]. `radius` and
+    `end_radius` differ by rounding only [mm].
     """
 
     centre: Point
@@ -53,17 +53,17 @@ class Arc:
 
     @property
     def fits_circle(self) -> bool:
-        """Whether start and end lie on one circle but for rounding."""
+        """Whether start and end lie on one circle, within rounding."""
         return self.radius > NOTHING and abs(self.radius - self.end_radius) <= allow_mismatch(self.radius)
 
     def check_circle(self) -> None:
-        """Refuse an arc whose start and end lie on no circle about its centre."""
+        """Refuse an arc whose start and end do not lie on one circle about its centre."""
         if not self.fits_circle:
             raise OffCircleError(f"arc starts {self.radius:.4f} mm from its centre and ends {self.end_radius:.4f} mm "
                                  "from it, expected the same radius")  # fmt: skip
 
     def tangent(self, angle: float) -> Point:
-        """Return the direction of travel, pitch aside, after an angle of the sweep [rad]."""
+        """Return the tangent in the plane of the arc, without its pitch, after an angle of the sweep [rad]."""
         second = cross(self.normal, self.first)
         sense = math.copysign(1.0, self.sweep)
         turned, along = -math.sin(angle) * sense, math.cos(angle) * sense
@@ -90,7 +90,7 @@ def combine(a: float, one: Point, b: float, other: Point) -> Point:
 
 
 def normalise(vector: Point) -> Point:
-    """Return a vector of length 1; ValueError of one that has no direction."""
+    """Return a vector scaled to length 1; raise a ValueError for a zero vector."""
     size = math.hypot(*vector)
     if size < 1e-12:
         raise ValueError("two points that coincide, or a vector of no length, have no direction")
@@ -98,28 +98,28 @@ def normalise(vector: Point) -> Point:
 
 
 def set_level(point: Point, axis: int, level: float) -> Point:
-    """Return a point at another level along an axis."""
+    """Return a point with the coordinate of one axis replaced."""
     moved = list(point)
     moved[axis] = level
     return moved[0], moved[1], moved[2]
 
 
 def allow_mismatch(radius: float) -> float:
-    """Return how far the radii at start and end of an arc may differ [mm]."""
+    """Return the allowed difference of the radii at start and end of an arc [mm]."""
     return min(max(MISMATCH_MM, MISMATCH_SHARE * radius), MOST_MISMATCH_MM)
 
 
 def count_chords(arc: Arc, chord: float) -> int:
-    """Return how many chords, which keep to their arc, an arc takes, its extremes aside."""
+    """Return the number of chords of an arc with the chord error `chord` [mm], without its extreme points."""
     angle = 2.0 * math.acos(max(1.0 - chord / arc.radius, math.cos(0.5 * COARSEST)))
     return int(min(abs(arc.sweep) / angle, 1e9)) + 1
 
 
 def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_hand: bool, turns: int = 1) -> Arc:
-    """Return the arc from start to end about an axis; start and end at one place make a full circle. [mm]
+    """Return the arc from start to end about an axis; a full circle if they coincide. [mm]
 
-    The axis passes through the centre along the unit vector `normal`; the arc turns about it by the right-hand rule,
-    or against it.
+    The axis passes through the centre along the unit vector `normal`; the arc rotates about it by the right-hand rule,
+    or in the opposite sense.
     Each of the `turns` beyond the first adds a full turn.
     """
     travel, arm = combine(1.0, end, -1.0, start), combine(1.0, start, -1.0, centre)
@@ -139,9 +139,9 @@ def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_h
 
 
 def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *, right_hand: bool) -> Point:
-    """Return the centre of an arc that is given by its radius; ValueError where no such circle meets both ends.
+    """Return the centre of an arc with given radius; raise a ValueError if no such circle passes through both ends.
 
-    A negative radius makes the longer of the two arcs; the arc turns about the unit normal of the plane. [mm]
+    A negative radius selects the longer of the two arcs; the arc rotates about the unit normal of the plane. [mm]
     """
     travel = combine(1.0, end, -1.0, start)
     across = combine(1.0, travel, -dot(travel, normal), normal)
@@ -157,12 +157,12 @@ def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *
 
 
 def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
-    """Return the arc from start over a point to an end.
+    """Return the arc from start through a point to an end.
 
     With u from start to via, v from start to end and n = u x v, the centre lies at
     (|v|^2 (n x u) + |u|^2 (v x n)) / (2 |n|^2) from the start.
 
-    `angle` [rad] is that of the arc in place of the one that ends at `end`. [mm]
+    `angle` [rad], if given, replaces the sweep of the arc to `end`. [mm]
     """
     u, v = combine(1.0, via, -1.0, start), combine(1.0, end, -1.0, start)
     normal = cross(u, v)
@@ -186,16 +186,16 @@ def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -
 
 
 def sample_arc(arc: Arc, chord: float) -> Array:
-    """Return points on an arc, after its start up to its end, that keep to it by `chord` [mm]. Shape (n, 3). [mm]
+    """Return points on an arc, without its start, with a chord error of at most `chord` [mm]. Shape (n, 3). [mm]
 
-    They lie evenly; the greatest and smallest x, y and z of a flat arc are among them.
+    They are evenly spaced; the extreme points of a flat arc in x, y and z are added.
     """
     span, second = abs(arc.sweep), arc.tangent(0.0)
     step = 2.0 * math.acos(max(1.0 - chord / arc.radius, math.cos(0.5 * COARSEST)))
     count = max(math.ceil(span / step - NOTHING), 1)
     found = [(place + 1) * (span / count) for place in range(count)]
     for one, other in zip(arc.first, second, strict=True):
-        base = math.atan2(other, one)  # of an extreme: tan(angle) = second / first
+        base = math.atan2(other, one)  # angle of an extreme point: tan(angle) = second / first
         turns = range(math.ceil(-base / math.pi), math.floor((span - base) / math.pi) + 1)
         extremes = [base + turn * math.pi for turn in turns] if math.hypot(one, other) > NOTHING else []
         found += [angle for angle in extremes if NOTHING < angle < span - NOTHING]

@@ -1,4 +1,4 @@
-"""Frames of a CNC program: where its coordinates stand in the part. Millimetres; plain numbers, one point at a time."""
+"""Frames of a CNC program: maps from program coordinates to the part frame [mm], for single points as tuples."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise
 Rows = tuple[Point, Point, Point]
 UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 NOWHERE: Point = (0.0, 0.0, 0.0)
-#: Normals of the planes G17 to G19, their first and second axis, and the one that a tool points along.
+#: Normals of the planes G17 to G19, their first and second axis, and the infeed axis (tool axis).
 PLANE_NORMALS: dict[int, Point] = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
 PLANE_AXES = {17: (0, 1), 18: (2, 0), 19: (1, 2)}
 DEEP_AXIS = {17: 2, 18: 1, 19: 0}
@@ -18,9 +18,9 @@ DEEP_AXIS = {17: 2, 18: 1, 19: 0}
 
 @dataclass(frozen=True)
 class Frame:
-    """Hold an affine map: p_part = rows p + origin [mm]; rows is a rotation, mirrored or not, times a scale.
+    """Affine map p_part = rows p + origin [mm]; `rows` combines rotations, mirrors and scales.
 
-    `scale` is that of a similarity.
+    `scale` holds for a similarity.
     """
 
     rows: Rows = UNIT
@@ -28,11 +28,11 @@ class Frame:
 
     @property
     def plain(self) -> bool:
-        """Whether the frame is shifted at most."""
+        """Whether the frame is a pure translation."""
         return self.rows is UNIT or self.rows == UNIT
 
     def apply(self, point: Point) -> Point:
-        """Return where a point of the frame stands."""
+        """Transform a point of the frame to the part."""
         x, y, z = self.origin
         if self.rows is UNIT:
             return point[0] + x, point[1] + y, point[2] + z
@@ -40,18 +40,18 @@ class Frame:
         return dot(a, point) + x, dot(b, point) + y, dot(c, point) + z
 
     def turn(self, vector: Point) -> Point:
-        """Return a vector of the frame."""
+        """Transform a direction of the frame to the part, without the origin."""
         a, b, c = self.rows
         return dot(a, vector), dot(b, vector), dot(c, vector)
 
     def then(self, other: Frame) -> Frame:
-        """Return the frame that stands at `other` in this one."""
+        """Return the composition with `other`, a frame inside this one."""
         columns = tuple(zip(*other.rows, strict=True))
         rows = tuple(tuple(dot(row, column) for column in columns) for row in self.rows)  # type: ignore[arg-type]
         return Frame(UNIT if rows == UNIT else rows, self.apply(other.origin))  # type: ignore[arg-type]
 
     def invert(self) -> Frame:
-        """Return the frame of the part as seen from this one."""
+        """Return the inverse map."""
         if self.rows is UNIT:
             return Frame(UNIT, (-self.origin[0], -self.origin[1], -self.origin[2]))
         a, b, c = self.rows
@@ -64,7 +64,7 @@ class Frame:
 
     @property
     def similar(self) -> bool:
-        """Whether lengths grow alike in all directions."""
+        """Whether the scale is the same in all directions."""
         a, b, c = self.rows
         size = dot(a, a)
         apart = (dot(a, b), dot(b, c), dot(c, a), dot(b, b) - size, dot(c, c) - size)
@@ -77,17 +77,17 @@ class Frame:
 
     @property
     def scale(self) -> float:
-        """How long a unit of the frame is."""
+        """Length in the part of a unit of the frame."""
         return math.sqrt(dot(self.rows[0], self.rows[0]))
 
 
 def shift(x: float, y: float, z: float) -> Frame:
-    """Return a frame that is shifted."""
+    """Return a translation [mm]."""
     return Frame(UNIT, (x, y, z))
 
 
 def rotate(axis: int, degrees: float) -> Frame:
-    """Return a frame that is turned about X, Y or Z (0, 1, 2) by the right hand; quarter turns are exact."""
+    """Return a right-hand rotation about X, Y or Z (0, 1, 2); quarter turns are exact."""
     quarter = round(degrees / 90.0)
     if degrees == 90.0 * quarter:
         sine, cosine = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))[quarter % 4]
@@ -101,12 +101,12 @@ def rotate(axis: int, degrees: float) -> Frame:
 
 
 def stretch(x: float, y: float, z: float) -> Frame:
-    """Return a frame whose axes are mirrored or scaled by these factors, of one size."""
+    """Return a scaling by a factor for each axis; negative factors mirror."""
     return Frame(((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)))
 
 
 def stand_on(first: Point, normal: Point) -> Frame:
-    """Return the frame whose z points along a normal, and x as far as it can along a direction; else ValueError."""
+    """Return the frame with z along a normal and x along the projection of `first`; ValueError if they are parallel."""
     z = normalise(normal)
     y = normalise(cross(z, normalise(first)))
     x = cross(y, z)

@@ -1,8 +1,8 @@
-"""The RS-274 family (Fanuc, Haas, LinuxCNC, printers): what each of its words does, one line a word.
+"""Reader of G-code of the RS-274 family (Fanuc, Haas, LinuxCNC, printers), with one table entry per code.
 
-A new code is one line of `G_CODES`: `ignore()` where it says nothing of the path, `note(text)` where it is read past
-with a note, `refuse(what)` where it changes the path in a way that is not read, `set_mode(name=value)` where it sets
-modal state, or `Code(operation)` with a function operation(dialect, block, code).
+A new code is one line of `G_CODES`: `ignore()` if it does not affect the path, `note(text)` if it is skipped with a
+note, `refuse(what)` if it changes the path and is not supported, `set_mode(name=value)` if it sets modal state, or
+`Code(operation)` with a function operation(dialect, block, code).
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 CENTRE_READINGS = ("incremental", "absolute", "reversed")
-#: Different arcs that must fit another reading of I J K, and not the usual one, before it is taken.
+#: Least number of different arcs that lie on circles with another meaning of I J K only, before it is assumed.
 FEWEST_PROOFS = 2
-#: Beginning of a block that holds a G code.
+#: Beginning of a block with a G code.
 BEGINNING = re.compile(
     r"^[ \t]*(/\d?[ \t]*)?([A-FH-Z:][ \t]*[-+]?[\d.]+[ \t]*){0,9}G[ \t]*\d", re.MULTILINE | re.IGNORECASE
 )
-#: A tool change code.
+#: Tool change code.
 CHANGE = re.compile(r"M0*6(?!\d)", re.IGNORECASE)
 
-#: Temperatures of hot end and bed: files of printers have them; their lengths are millimetres, E is the extruder.
+#: Temperatures of hot end and bed mark printer files, with lengths in millimetres and E as the extruder.
 PRINTER = re.compile(
     r"^[ \t]*(?:N\d+[ \t]*)?M(?:104|109|140|190)[ \t]*(?:T\d+[ \t]*)?[SR][ \t]*\d", re.MULTILINE | re.IGNORECASE
 )
@@ -46,22 +46,22 @@ suffixes = (
     ".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".iso", ".eia", ".h", ".ptp", ".min", ".gc", ".g",
     ".fnc", ".dnc", ".din", ".pim", ".anc",
 )  # fmt: skip
-#: Words that a move may have, and those of them that say where it goes.
+#: Words of a move, and those of its end point.
 MOVING, PLACES = frozenset("XYZABCIJKRUVW"), frozenset("XYZABCUVW")
 CYCLES = frozenset({73.0, 74.0, 76.0, *(float(number) for number in range(81, 90))})
-#: Codes of a unit, and those of blocks whose words are no lengths of the path.
+#: Codes that set the unit, and codes whose words are not lengths of the path.
 UNITS = frozenset({20.0, 21.0, 70.0, 71.0})
 UNITLESS = frozenset({4.0, 10.0, 53.0, 153.0})
-#: Codes of which a block may hold one.
+#: Modal groups; a block may hold one code of each.
 CONTRARY = (
     frozenset({20.0, 21.0}), frozenset({90.0, 91.0}), frozenset({17.0, 18.0, 19.0}), frozenset({93.0, 94.0, 95.0}),
     frozenset({98.0, 99.0}), MOTIONS | CYCLES,
 )  # fmt: skip
 LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
 TRAVEL = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
-#: A block of X Y Z F alone, with the extruder of a printer.
+#: Block of X Y Z F only, with the extruder of a printer.
 PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
-#: Codes that act before all others of their block, and in this order; motion acts last.
+#: Codes that are executed before all others of their block, in this order.
 FIRST = (20.0, 21.0, 70.0, 71.0, 90.0, 91.0, 17.0, 18.0, 19.0, 93.0, 94.0, 95.0, 80.0, 98.0, 99.0)
 #: Work offsets of Haas: G110 is G154 P1.
 HAAS_OFFSETS = (110.0, 111.0, *(float(number) for number in range(114, 130)))
@@ -69,15 +69,15 @@ ENDS = frozenset({2.0, 17.0, 30.0, 99.0})
 
 
 def recognise(text: str) -> bool:
-    """Tell whether a text is G-code: one of its lines begins with words, a G code among them."""
+    """Return whether a text is G-code: one of its lines begins with words that include a G code."""
     return BEGINNING.search(text) is not None
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read G-code.
 
-    I J K count from the start of an arc. Where that leaves arcs off their circles, another reading is taken if every
-    arc of the file then lies on its circle and at least two different ones prove it: a full circle fits any reading.
+    I J K are relative to the start of an arc. If arcs then do not lie on circles, I J K are read as absolute or
+    reversed, provided that all arcs of the file lie on circles and at least two different arcs do so only then.
     """
     first_fault: OffCircleError | None = None
     lines = split_lines(text)
@@ -105,7 +105,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 
 class Rs274:
-    """Carry out a program of the RS-274 family."""
+    """Dialect of the RS-274 family: executes the lines and blocks of a program."""
 
     tip_word = ""
     frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
@@ -120,15 +120,15 @@ class Rs274:
         self.lexer = Lexer(self.it, self.macros)
 
     def run(self, lines: Sequence[str]) -> None:
-        """Read every line of the first program of a file."""
+        """Execute the first program of a file."""
         self.it.run(lambda: self.macros.find_programs(lines, self.it.file), self.origins.check_used)
 
     def square(self) -> Point:
-        """Return the tool axis where all rotary axes stand at 0."""
+        """Return the tool axis with all rotary axes at 0."""
         return UP
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
-        """Let rotary axes set the tool square to a tilted plane; where its tip then is nobody knows."""
+        """Orient the tool normal to the tilted plane by rotary words; the position of its tip is then unknown."""
         if not self.it.tilted:
             return False, None
         self.it.state.turn(self.it.rotary.angles, block)
@@ -136,7 +136,7 @@ class Rs274:
         return True, self.origins.plane_axis
 
     def run_line(self, program: CncProgram, index: int) -> int:
-        """Carry out a line; return the next one, or END."""
+        """Execute a line; return the index of the next one, or END."""
         it, raw = self.it, program.lines[index]
         if it.steady and (found := self.plain.fullmatch(raw)) and it.motion.cut_plain(found):
             return index + 1
@@ -148,10 +148,10 @@ class Rs274:
         return END if ended else index + 1
 
     def run_block(self, block: CncBlock) -> bool:
-        """Carry out one block; return whether the program ends.
+        """Execute one block; return whether the program ends.
 
-        What a block says acts in this order, however its words are shuffled: units, distance mode, plane, feed,
-        spindle, tool, frames, then a code that takes the coordinates for itself or the motion, and what stops.
+        The order of execution does not depend on the order of the words: units, distance mode, plane, feed mode; other
+        G codes, including those that use the coordinates; F, S, T and M codes; the motion; calls; stops and ends.
         """
         it, values, codes, machine = self.it, block.values, block.codes, block.machine
         if 65.0 in codes:
@@ -196,7 +196,7 @@ class Rs274:
         return it.machine.stop(machine, it.flow.line)
 
     def _give_words(self, block: CncBlock) -> bool:
-        """Give the words of a block to the M code that owns them; return whether nothing is left to be read."""
+        """Assign the words of a block to the M code that owns them; return whether the block is complete."""
         machine, it = block.machine, self.it
         owner = next((code for code in machine if owns_words(code)), None)
         if not block.codes and block.has(PLACES):
@@ -216,7 +216,7 @@ class Rs274:
         return False
 
     def move(self, block: CncBlock) -> None:
-        """Carry out the motion of a block, in the words that all dialects share."""
+        """Execute the motion of a block, translated to the words that all dialects share."""
         it, state, values = self.it, self.it.state, block.values
         if other := next((letter for letter in "UVW" if letter in values), ""):
             raise InputError(f"axis {other}{values[other]:g} moves the tool or the part and is not read")
@@ -259,7 +259,7 @@ class Rs274:
         it.motion.move(block)
 
     def _leave_upwards(self, block: CncBlock) -> None:
-        """Leave out Z of a block that cancels the tool's length (H0, G49): it is no place of the tip in the part."""
+        """Leave out Z of a block that cancels tool length compensation (H0, G49): it is not a tip position."""
         course, state = self.it.course, self.it.state
         if state.motion != 0.0:
             raise InputError("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
@@ -279,18 +279,18 @@ class Rs274:
         it.state.set_unit(INCH if inch else 1.0)
 
     def use_haas_offset(self, block: CncBlock, code: float) -> None:
-        """G110 to G129: a work offset of Haas; other controls have moves there."""
+        """G110 to G129: a work offset of Haas; on other controls a move."""
         if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
             self.it.pass_over(block, code)
         self.origins.use(code + 1000.0 - 109.0)
 
     def set_dynamic_offset(self, block: CncBlock, code: float) -> None:
-        """G54.2 P, G254, G255: the work offset turns with the table."""
+        """G54.2 P, G254, G255: dynamic work offset, which rotates with the table, on or off."""
         self.it.rotary.dynamic = block.values.get("P", 0.0) != 0.0 if code == 54.2 else code == 254.0
         self.it.set_frame()
 
     def compensate_length(self, block: CncBlock, code: float) -> None:
-        """G43, G44, G49 (tool length), G43.4, G43.5, G234 (control of the tip)."""
+        """G43, G44, G49 (tool length compensation), G43.4, G43.5, G234 (tool centre point control)."""
         self.it.control_tip(code in (43.4, 43.5, 234.0))
         if code in (43.0, 44.0):
             self.it.note(LENGTH_NOTE)
@@ -301,12 +301,12 @@ class Rs274:
         self.it.course.lose(block.list_axes() or range(3))
 
     def set_polar(self, block: CncBlock, code: float) -> None:
-        """G15, G16: X is a radius and Y an angle, or not; one that is left out is that of where the tool is."""
+        """G15, G16: end or begin polar coordinates, X radius, Y angle; by default those of the tool position."""
         self.it.state.polar = code == 16.0
         self.it.state.polar_words.clear()
 
 
-#: Codes that change the path in ways that are not read.
+#: Codes that change the path and are not supported.
 REFUSED = {
     "NURBS": (5.2, 6.2), "lathe diameters": (7.0,), "pocket cycles": (12.0, 13.0), "threading": (32.0,),
     "rigid tapping": (33.1,), "modal macro calls": (66.0, 66.1), "coordinate rotation": (68.1,),
@@ -348,7 +348,7 @@ G_CODES: dict[float | str, Code] = {
     **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), Code(Rs274.compensate_length)),
     43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),
     **dict.fromkeys((29.0, 31.0, 38.2, 38.3, 38.4, 38.5), PROBE),
-    # nothing of the path
+    # no effect on the path
     61.1: ignore(), 67.0: ignore(), 113.0: ignore(), 269.0: ignore(),
     # refused
     **{code: refuse(what) for what, codes in REFUSED.items() for code in codes},
@@ -357,6 +357,6 @@ G_CODES |= {code: Code(G_CODES[code].run, rank - len(FIRST)) for rank, code in e
 
 
 def find_code(code: float | str) -> Code | None:
-    """Return what a G code does, None where it is not known; G54.3 or G505 are work offsets."""
+    """Return the operation of a G code, None if unknown; G54 to G59.9 and G500 to G599 are work offsets."""
     found = G_CODES.get(float(code))
     return found or (OFFSET if 54.0 <= float(code) < 60.0 or 500.0 <= float(code) < 600.0 else None)

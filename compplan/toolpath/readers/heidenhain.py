@@ -1,6 +1,6 @@
-"""Heidenhain conversational programs: what each of their statements does, one line a word.
+"""Reader of Heidenhain conversational programs (Klartext), with one table entry per statement.
 
-A new statement is one line of `STATEMENTS`: `run(dialect, rest)` carries out what follows its first word.
+A new statement is one line of `STATEMENTS`: `run(dialect, rest)` executes it; `rest` follows its first word.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ KLARTEXT = re.compile(
     re.MULTILINE | re.IGNORECASE,
 )
 DEEPEST = 19
-#: Motions: straight, arcs about the pole, by radius, tangent ones.
+#: Motions: straight, arcs about the pole, arcs by radius, tangent arcs.
 MOTIONS = {"L", "LP", "LN", "C", "CR", "CT", "CP", "CTP"}
-#: M functions that change nothing of the path or the machine that a robot has.
+#: M functions that affect neither the path nor machine functions of a robot.
 SILENT = frozenset(map(float, (
     6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 103,
     *range(107, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
@@ -45,7 +45,7 @@ SILENT = frozenset(map(float, (
 POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
 CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({lexer.VALUE})\s*(?:F\s*({lexer.VALUE}))?\s*")
 WORD = re.compile(r"[A-Z]+")
-#: FUNCTION .. that says nothing of the path.
+#: FUNCTION .. without effect on the path.
 SILENT_FUNCTION = re.compile(
     r"(MODE\s+(MILL|SET)|FEED|S-PULSE|PROG\s+PATH\s+IS\s+CONTOUR|AFC|DCM|COUNT|RESET|TABDATA|FILE|CORRDATA|LIFTOFF|"
     r"DRESS|TURNDATA\s+SPIN)"
@@ -53,15 +53,15 @@ SILENT_FUNCTION = re.compile(
 
 
 def recognise(text: str) -> int:
-    """Tell whether a text is Klartext, or DIN/ISO of the same controls (which is refused)."""
+    """Return 3 for BEGIN PGM, 2 for other Klartext or DIN/ISO of these controls (which is refused), otherwise 0."""
     return 3 if HEAD.search(text) else 2 if KLARTEXT.search(text) or lexer.ISO.search(text) else 0
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:
-    """Read a conversational program: its first one, with its own subprograms.
+    """Read a conversational program with its subprograms.
 
-    The path stands in the datum that is in force at the beginning (cycle 247), the tool axis follows from tilted planes
-    and vectors.
+    The path is in the datum that is active at the beginning (cycle 247). The tool axis follows from tilted planes,
+    rotary axes and vectors.
     """
     if not HEAD.search(text) and (found := lexer.ISO.search(text)):
         message = "a DIN/ISO program of a Heidenhain control is not read; write it in Klartext"
@@ -75,7 +75,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 
 class Klartext:
-    """Carry out a conversational program."""
+    """Dialect of Heidenhain Klartext: executes the blocks of a program."""
 
     tip_word = "M128"
     frames: tuple[str, ...] = ("unit", "datum", "plane", "shift", "mirror", "rotation", "scale")
@@ -91,14 +91,14 @@ class Klartext:
         self.value = self.words.value
         self.labels: dict[str, int] = {}
         self.begun = False
-        #: Whether every move from here on calls the cycle (M89).
+        #: Whether every positioning move calls the cycle (M89, modal).
         self.calls = False
         self.cycles = HeidenhainCycles(self.it, self.words)
         self.points: list[Point] = []
         self._set_unit(INCH if options.unit == "inch" else 1.0)
 
     def load(self, text: str) -> CncProgram:
-        """Return the program, its labels found."""
+        """Split the text into a program and find its labels."""
         blocks, flow = list(lexer.split_blocks(text)), self.it.flow
         for index, block in enumerate(blocks):
             if block.text.startswith("LBL"):
@@ -111,21 +111,21 @@ class Klartext:
         return CncProgram(blocks, 0, len(blocks), self.it.file)
 
     def square(self) -> Point:
-        """Return the tool axis where all rotary axes stand at 0, or that of spatial angles (TCPM AXIS SPAT)."""
+        """Return the tool axis with all rotary axes at 0, or that of spatial angles (TCPM AXIS SPAT)."""
         normal, angles = PLANE_NORMALS[self.it.state.plane], self.it.rotary.angles
         if not self.it.rotary.spatial:
             return normal
         return find_spatial(*(angles.get(letter, 0.0) for letter in LETTERS)).turn(normal)
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
-        """Take the axis of a tilted plane where rotary axes are positioned in it."""
+        """Ignore rotary words that position the rotary axes for a tilted plane; its tool axis is kept."""
         if not self.it.tilted or (self.it.state.tip_control and "TILT" not in block.names):
             return False, None
         self.it.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
         return True, None
 
     def run_line(self, program: CncProgram, index: int) -> int:
-        """Carry out a block; return the next one, or END."""
+        """Execute a block; return the index of the next one, or END."""
         it, block = self.it, program.lines[index]
         it.flow.line, text = block.line, block.text
         if block.comment:
@@ -150,7 +150,7 @@ class Klartext:
         return index
 
     def _jump(self, text: str, program: CncProgram, index: int) -> int:
-        """Carry out a call of a label, a repetition or a jump; return where to go on."""
+        """Execute a call of a label, a repetition or a jump; return the index of the next block."""
         flow = self.it.flow
         if not text.startswith("CALL"):
             one, how, other, label = match_form(lexer.JUMP, text, "jump: IF .. EQU .. GOTO LBL ..").groups()
@@ -172,7 +172,7 @@ class Klartext:
         return self.labels[key] + 1
 
     def _carry_out(self, text: str, program: CncProgram, index: int) -> None:
-        """Carry out a block that does not jump."""
+        """Execute a block without jump."""
         first = WORD.match(text)
         word = first.group() if first else ""
         defining, self.cycles.defining = self.cycles.defining, False
@@ -199,7 +199,7 @@ class Klartext:
             raise InputError(f"block {text[:40]!r} is not read and may move the tool; post-process without it")
 
     def _corner_after(self, program: CncProgram, index: int) -> Corner | None:
-        """Return the corner that the next block asks for."""
+        """Return the corner (RND, CHF) in the next block, None without any."""
         while index < program.last and not program.lines[index].text:
             index += 1
         if index >= program.last or program.lines[index].text[:3] not in ("RND", "CHF"):
@@ -212,12 +212,12 @@ class Klartext:
         return Corner("ROUND" if kind == "RND" else "LEG", self.value(size), feed, block.line)
 
     def check_corner(self, rest: str) -> None:
-        """RND, CHF: the move before them has taken them, unless there is none."""
+        """RND, CHF: refuse a corner without a cutting move before it; `_corner_after` reads all others."""
         if self.it.contour.held is None:
             raise InputError("RND or CHF does not stand between two cutting moves")
 
     def begin(self, rest: str) -> None:
-        """BEGIN PGM: the unit."""
+        """BEGIN PGM: set the unit."""
         unit = re.search(r"\b(MM|INCH)\s*$", rest)
         if self.begun:
             raise InputError("a second program begins; one a file is read")
@@ -232,7 +232,7 @@ class Klartext:
         self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:
-        """Carry out Q1 = formula."""
+        """Execute Q1 = formula."""
         target, formula = match_form(lexer.ASSIGN, text, "assignment").groups()
         if target.startswith("QS") or '"' in formula:
             self.words.forget(target, f"line {self.it.flow.line} gives it text")
@@ -240,7 +240,7 @@ class Klartext:
             self.words.values[target] = self.value(formula)
 
     def run_function(self, text: str) -> None:
-        """FN 0 to 8 and 13: assignments; what others set is not known."""
+        """FN 0 to 8 and 13: assignments; parameters that other functions set are unknown."""
         found = match_form(lexer.FUNCTION_NUMBER, f"FN {text}", "function: FN, its number and a colon")
         number, rest, line = int(found.group(1)), found.group(2).strip(), self.it.flow.line
         if number in (*range(9), 13) and lexer.ASSIGN.match(rest):
@@ -253,7 +253,7 @@ class Klartext:
             self.it.note(f"FN {number} is not read")
 
     def run_word_function(self, rest: str) -> None:
-        """FUNCTION: control of the tip, dwells."""
+        """FUNCTION: tool centre point control (TCPM), dwells."""
         if rest.startswith("RESET TCPM"):
             self.it.control_tip(False)
         elif rest.startswith("TCPM"):
@@ -268,13 +268,13 @@ class Klartext:
             raise InputError(f"FUNCTION {rest[:30]!r} is not read and may change the path")
 
     def probe(self, rest: str) -> None:
-        """TCH PROBE: where it ends is not known."""
+        """TCH PROBE: left out; the position at its end is unknown."""
         self.it.note("probing (TCH PROBE) is left out; where it ended is not known")
         self.it.contour.refuse_open()
         self.it.course.lose()
 
     def run_functions(self, text: str, *, stops: bool = False) -> None:
-        """M functions alone, or beside STOP."""
+        """M functions without a move, or after STOP."""
         block = self.words.read(text if text[:1] == "M" or not text or stops else f"M{text}")
         if block.values.keys() - {"F", "S"} or set(block.names) - {"FMAX"}:
             raise InputError(f"cannot read the block {text[:40]!r}")
@@ -284,14 +284,14 @@ class Klartext:
             self._call_cycle(codes & {89.0, 99.0})
 
     def _call_cycle(self, codes: set[float]) -> None:
-        """Carry out the cycle after a move that calls it: M99 once, M89 from here on."""
+        """Execute the cycle after a move that calls it: M99 once, M89 modal."""
         if codes:
             self.calls = self.calls or 89.0 in codes
             self.cycles.call()
             self.calls = self.calls and 99.0 not in codes
 
     def _move(self, kind: str, rest: str, corner: Corner | None) -> None:
-        """Carry out a motion block; corner: that which the block after it asks for."""
+        """Execute a motion block; `corner` is the corner in the next block."""
         it, state = self.it, self.it.state
         block = self.words.read(re.sub(r"\([^()]*\)$", "", rest))
         with self.words.functions(block) as codes:
@@ -313,7 +313,7 @@ class Klartext:
             self._call_cycle(codes & {89.0, 99.0} or ({89.0} if self.calls else set()))
 
     def _read_vector(self, block: CncBlock) -> None:
-        """Read the tool axis of LN: its vector TX TY TZ, or with tip control its normal NX NY NZ; A B C say nothing."""
+        """Read the tool axis of LN: TX TY TZ, or with tip control the normal NX NY NZ; A B C are ignored."""
         values = block.values
         for letter in LETTERS:
             values.pop(letter, None)
@@ -347,7 +347,7 @@ class Klartext:
             values["TURN"] = math.ceil(abs(angle) / 360.0 - 1e-9) - 1.0
 
     def set_pole(self, rest: str) -> None:
-        """CC: the pole, or the centre of arcs."""
+        """CC: set the pole, or the centre of arcs."""
         block, state, start = self.words.read(rest), self.it.state, self.it.contour.position
         named = block.list_axes()
         if named and len(named) != 2:
@@ -363,7 +363,7 @@ class Klartext:
             pass
 
     def call_cycle(self, rest: str) -> None:
-        """CYCL CALL, CYCL CALL POS, CYCL CALL PAT, CYCL DEF: cycles."""
+        """CYCL CALL, CYCL CALL POS, CYCL CALL PAT, CYCL DEF: call or define a cycle."""
         if not rest.startswith("CALL"):
             self.cycles.define(f"CYCL {rest}")
             return
@@ -381,13 +381,13 @@ class Klartext:
                 self.calls = (self.calls or 89.0 in codes) and 99.0 not in codes
 
     def define_pattern(self, text: str) -> None:
-        """PATTERN DEF: single positions."""
+        """PATTERN DEF: define a pattern of single positions (POS)."""
         if POSITION.sub("", text.removeprefix("DEF")).strip():
             raise InputError(f"PATTERN {text[:32]!r} is not read, only PATTERN DEF with POS is")
         self.points = [self.it.motion.target(self.words.read(words))[0] for words in POSITION.findall(text)]
 
 
-#: What each statement does with the rest of its block.
+#: Operation of each statement on the rest of its block.
 STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "BEGIN": Klartext.begin, "M": Klartext.run_functions,
     "STOP": lambda dialect, rest: dialect.run_functions(rest, stops=True),
@@ -402,7 +402,7 @@ STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
     "DEP": lambda dialect, rest: run_approach(dialect.it, dialect.words, rest, leaves=True),
     "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
 }  # fmt: skip
-#: Statements that say nothing of the path, and those that are refused.
+#: Statements without effect on the path, and those that are refused.
 SILENT_WORDS = frozenset(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"))
 REFUSED = {
     "SPL": "splines", "CONTOUR": "contour cycles", "TURNDATA": "turning", "POLARKIN": "polar kinematics",

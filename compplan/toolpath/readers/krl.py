@@ -1,6 +1,6 @@
-"""KUKA KRL programs (.src, with positions in the .dat beside them): LIN, CIRC, SPLINE and PTP in a base frame.
+"""Reader of KUKA KRL programs (.src, with positions in .dat files): LIN, CIRC, SPLINE and PTP in a base frame.
 
-Statements run in their order, loops whose bounds are numbers pass by pass, programs that are called where they stand.
+Statements are executed in their order. FOR loops with numeric bounds and called programs are executed in place.
 """
 
 from __future__ import annotations
@@ -29,31 +29,31 @@ AGGREGATE = re.compile(r"\{\s*(?:[A-Z]\w*\s*:)?([^{}]*)\}")
 ASSIGN = re.compile(
     r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?:[A-Z]\w*\s+)?(\$?[A-Z][\w.]*(?:\[\s*\d+\s*\])?(?:\.\w+)?)\s*=\s*(.+)$"
 )
-#: A position, written out or by its name, and how it is approximated.
+#: Position, written out or by name, and its approximation (C_DIS, ..).
 TARGET = re.compile(r"(\{[^{}]*\}|\$?[A-Z]\w*(?:\[\w+\])?)(\s*C_[A-Z]+|\s*CA\s.*)*")
 MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE)\b(?!\s*[=(])\s*(.*?)(?:\s*\bWITH\s(.*))?$")
 PLACE, ANGLES, AXES = ("X", "Y", "Z"), ("A", "B", "C"), tuple(f"A{number}" for number in range(1, 7))
 EXTERNAL = tuple(f"E{number}" for number in range(1, 7))
-#: A name, a loop whose bounds are numbers, the head of a program.
+#: Name, loop with numeric bounds, head of a program.
 NAME = re.compile(r"\$?[A-Z]\w*(\[\w+\])?")
 FOR = re.compile(r"FOR\s+([A-Z]\w*)\s*=\s*([-+]?\d+)\s+TO\s+([-+]?\d+)(?:\s+STEP\s+([-+]?\d+))?\s*$")
 HEAD = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(")
-#: Data of a module that every program of the controller sees; greatest number of data files that are looked into.
+#: Public data list, its global variables; greatest number of data files that are searched.
 PUBLIC = re.compile(r"DEFDAT\s+\w+\s+PUBLIC\b")
 SHARED = re.compile(r"(?:DECL\s+)?GLOBAL\s+(?:DECL\s+)?(?:CONST\s+)?\w+\s+(\w+)")
 MOST_FILES = 200
 
 
 def recognise(text: str) -> bool:
-    """Tell whether a text of unknown suffix is KRL."""
+    """Return whether a text is a KRL program."""
     head = r"^[ \t]*(&ACCESS|(GLOBAL )?DEF +\w+ *\([^()\r\n]*\)[ \t]*(;.*)?\r?$)"
     return re.search(head, text, re.MULTILINE | re.IGNORECASE) is not None
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:
-    """Read a KRL program: the first one of the file, with those that it calls in the file or beside it.
+    """Read a KRL program: the first one of the file, with called programs of the file or of its folder.
 
-    The path stands in the base that is in force at the first position. PTP moves are rapid.
+    The path is in the base that is active at the first position. PTP moves are rapid.
     """
     reader = _KrlReader(file, options)
     reader.run(text)
@@ -73,13 +73,13 @@ def clean_line(raw: str) -> str:
 
 
 def find_beside(file: Path, suffix: str) -> Sequence[str]:
-    """Return the lines of the file of this name with a suffix in small letters or capitals, none without any."""
+    """Return the lines of the file of the same name with a suffix in lower or upper case, empty if there is none."""
     beside = next((path for end in (suffix, suffix.upper()) if (path := file.with_suffix(end)).is_file()), None)
     return split_lines(read_bounded(beside)) if beside else ()
 
 
 class _KrlReader:
-    """Follow a program statement by statement."""
+    """Interpret a program statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
         self.options = options
@@ -87,15 +87,15 @@ class _KrlReader:
         self.flow, self.note = robot.flow, robot.note
         self.flow.run_line = self._run_line
         self.feed = 0.0
-        #: Speed of the move at hand alone. [mm/s]
+        #: Speed of the current move only (WITH). [mm/s]
         self.own: float | None = None
-        #: Positions and frames by name; values of the counters of loops; the first call that is not read.
+        #: Positions and frames by name; values of loop counters; first call that is not read.
         self.positions: dict[str, str | dict[str, float]] = {"$NULLFRAME": "{X 0}"}
         self.counters: dict[str, int] = {}
         self.called = ""
         self.last: dict[str, float] = {}
         self.spline: list[Array] | None = None
-        #: What each statement does.
+        #: Rules of statements.
         self.rules: list[Rule] = [(re.compile(pattern), run) for pattern, run in (
             (r"((END)?(IF|FOR|WHILE|LOOP|SWITCH)|REPEAT|UNTIL)\b", robot.count_block),
             (r"(GOTO|ASY?S?PTP|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL)\b(?!\s*[=(])", robot.refuse), (MOTION, self._move),
@@ -111,14 +111,14 @@ class _KrlReader:
         )]  # fmt: skip
 
     def run(self, text: str) -> None:
-        """Carry out the first program of the file."""
+        """Execute the first program of the file."""
         self._load_shared(text.upper())
         with self.flow.guard():
             self._load_data(self.flow.file)
             self.flow.run(self._find_programs(split_lines(text), self.flow.file))
 
     def _load_shared(self, text: str) -> None:
-        """Keep the GLOBAL positions of public .dat files beside the program that its text names."""
+        """Load the GLOBAL positions that the text names from public .dat files in the folder of the program."""
         own, keepers = self.flow.file.stem.lower(), dict[str, str]()
         data = sorted(path for path in self.flow.file.parent.glob("*.[dD][aA][tT]") if path.stem.lower() != own)
         for path in data[:MOST_FILES]:
@@ -138,12 +138,12 @@ class _KrlReader:
             self.robot.log.note(f"positions of other files are read: {files}", 1)
 
     def _load_data(self, file: Path) -> None:
-        """Keep the positions and frames that the .dat file beside a program declares."""
+        """Load the positions and frames of the .dat file of a program."""
         for raw in find_beside(file, ".dat"):
             self._assign(ASSIGN.match(clean_line(raw)))
 
     def _find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
-        """Find DEF NAME() in a file; return its first program."""
+        """Register the programs DEF NAME() of a file; return the first one."""
         first: CncProgram | None = None
         for index, raw in enumerate(lines):
             if "DEF" in raw.upper() and (head := HEAD.match(clean_line(raw))):
@@ -152,14 +152,14 @@ class _KrlReader:
         return first or CncProgram(lines, 0, len(lines), file)
 
     def _run_line(self, program: CncProgram, index: int) -> int:
-        """Carry out a statement; return the next one, or END."""
+        """Execute a statement; return the index of the next one, or END."""
         raw = program.lines[index]
         statement, comment = clean_line(raw), raw.partition(";")[2].strip()
-        if comment and not re.match(r"(END)?FOLD\b|%\{", comment, re.IGNORECASE):  # folds are the editor's
+        if comment and not re.match(r"(END)?FOLD\b|%\{", comment, re.IGNORECASE):  # without folds of the editor
             self.robot.log.happen("comment", self.flow.line, text=comment)
         if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.robot.blocks):
             return END
-        for counter, value in self.counters.items():  # as a number, where it stands as an index or a bound
+        for counter, value in self.counters.items():  # replace counters in indices and bounds by their values
             place = rf"(?<=\[)\s*{counter}\s*(?=\])|(?<![\w.$\[]){counter}(?![\w.\[])(?!\s*=)"
             statement = re.sub(place, str(value), statement)
         if not self.robot.blocks and (loop := FOR.match(statement)):
@@ -168,7 +168,7 @@ class _KrlReader:
         return index + 1
 
     def _run_for(self, program: CncProgram, index: int, counter: str, first: str, last: str, step: str | None) -> int:
-        """Carry out a loop whose bounds are known, pass by pass; return the next line, or END."""
+        """Execute a loop with numeric bounds; return the next line, or END."""
         by = int(step or 1)
         if by == 0:
             raise InputError("FOR with STEP 0 never ends")
@@ -183,7 +183,7 @@ class _KrlReader:
         return end
 
     def _find_end(self, program: CncProgram, first: int, counter: str) -> int:
-        """Return the line of the ENDFOR of a loop, which neither leaves early nor sets its counter."""
+        """Return the line of the ENDFOR of a loop; refuse EXIT and assignments to its counter."""
         depth = 0
         for index in range(first, program.last):
             statement = clean_line(program.lines[index])
@@ -195,7 +195,7 @@ class _KrlReader:
         raise InputError("FOR has no ENDFOR")
 
     def _call(self, found: Match) -> None:
-        """Carry out a program of the file, or NAME.src beside it; note calls of others."""
+        """Execute a program of the file, or NAME.src in its folder; note other calls."""
         programs, file, statement, called = self.flow.programs, self.flow.file, found.string, found.group(1)
         for word in (called, called.lower()):
             beside = file.with_name(f"{word}.src")
@@ -211,7 +211,7 @@ class _KrlReader:
         self.robot.call(called, f"{called}()")
 
     def _assign(self, found: Match | None) -> None:
-        """Carry out an assignment, if there is one."""
+        """Execute an assignment, if there is one."""
         if found is None:
             return
         target, value = found.group(1).replace(" ", ""), found.group(2)
@@ -222,7 +222,7 @@ class _KrlReader:
             self._set_system(target, value.strip(), found.string)
         elif whole in ("$BASE", "$TOOL"):
             raise InputError(f"a part of {whole} is set ({found.string[:30]}); write the whole frame")
-        elif whole in self.positions:  # a position whose new value is not known is not known
+        elif whole in self.positions:  # removed if the new value is unknown
             position = self.positions.pop(whole)
             if not self.robot.blocks and not part and (AGGREGATE.match(value) or value in self.positions):
                 self.positions[whole] = self.positions.get(value, value)
@@ -234,7 +234,7 @@ class _KrlReader:
                 self._numbers(value)
 
     def _set_up(self, found: Match) -> None:
-        """Carry out BAS(#word, value)."""
+        """Execute BAS(#word, value)."""
         word, value = found.group(1), found.group(2).strip()
         if word == "BASE":
             value = "$NULLFRAME" if value == "0" else f"BASE_DATA[{value}]"
@@ -251,14 +251,14 @@ class _KrlReader:
             self.feed = self._read_speed(statement)
 
     def _read_speed(self, text: str) -> float:
-        """Return the speed that a text states [mm/s], 0 where it states none and the user does."""
+        """Return the speed in a text [mm/s]; 0 if it has none and feed_mm_s is given."""
         speed = re.search(rf"\bCP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", text)
         if not speed and self.options.feed_mm_s is None:
             raise InputError(f"{text.strip()[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
         return float(speed.group(1)) * 1e3 if speed else 0.0
 
     def _use_base(self, value: str) -> None:
-        """Put a base in force; the path stays in the one that was in force at its first position."""
+        """Activate a base; the path stays in the base of its first position."""
         text = value if value.startswith("{") else self.positions.get(value)
         known = None if text is None else read_pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **self._numbers(text)})
         if self.robot.placed and not (known is None and value == self.robot.frame_name):
@@ -289,7 +289,7 @@ class _KrlReader:
         return self._numbers(self.positions.get(word, word))
 
     def _read_with(self, extra: str) -> None:
-        """Read what holds for one move (WITH): its speed; frames and modes are refused."""
+        """Read the settings of one move (WITH): its speed; frames and modes are refused."""
         self.own = None
         for item in split_fields(extra, "{", "}"):
             if re.match(r"\s*\$(BASE|TOOL|IPO_MODE)\b", item):
@@ -298,7 +298,7 @@ class _KrlReader:
                 self.own = self._read_speed(item)
 
     def _pose(self, numbers: dict[str, float]) -> Array:
-        """Return a pose; coordinates that are not named stay."""
+        """Return a pose; coordinates that are not named keep their last values."""
         turned = {key: abs(value - self.last.get(key, value)) for key, value in numbers.items() if key in EXTERNAL}
         if max(turned.values(), default=0.0) > 1e-6:
             self.note("external axes move: the path is taken in the base as it is written")

@@ -1,4 +1,4 @@
-"""The text of a CAM file and its lines, bounded: no file can take all memory or time."""
+"""Text and lines of a CAM file, with limits on memory and time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.io.tables import read_text
 
-#: A number without an exponent, as every CAM language but Klartext writes it.
+#: Number without an exponent, in every CAM language except Klartext.
 DECIMAL = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 #: Greatest size of a CAM file. [bytes]
 MOST_BYTES = 128 * 2**20
@@ -19,7 +19,7 @@ LONGEST_LINE = 10_000
 
 
 def read_bounded(path: Path) -> str:
-    """Return the text of a CAM file; an InputError if it cannot be read, is no text, or larger than any program."""
+    """Return the text of a CAM file; raise an InputError if it is not readable, not text, or exceeds the limits."""
     if path.is_file() and path.stat().st_size > MOST_BYTES:
         size = path.stat().st_size / 2**20
         raise InputError(f"holds {size:.0f} MB, CAM files of at most {MOST_BYTES >> 20} MB are read", file=path)
@@ -44,7 +44,7 @@ def count_lines(text: str) -> int:
 
 
 def split_lines(text: str) -> list[str]:
-    """Return the lines: they end with CR, LF or both, and with nothing else (no form feed, no U+0085, no U+2028)."""
+    """Split a text into lines that end with CR, LF or CR LF only (not with form feed, U+0085 or U+2028)."""
     if "\r" in text:
         text = text.replace("\r\n", "\n").replace("\r", "\n")
     lines = text.split("\n")
@@ -54,7 +54,7 @@ def split_lines(text: str) -> list[str]:
 
 
 def match_form(pattern: re.Pattern[str] | str, text: str, what: str) -> re.Match[str]:
-    """Return how a whole text has a form; refuse one of another form, `what` says of what kind it is and expected."""
+    """Match a complete text with a pattern; raise an InputError otherwise. `what` is "kind: expected form"."""
     found = re.fullmatch(pattern, text)
     if found is None:
         kind, _, expected = what.partition(": ")
@@ -63,7 +63,7 @@ def match_form(pattern: re.Pattern[str] | str, text: str, what: str) -> re.Match
 
 
 def cut_comment(line: str) -> tuple[str, str]:
-    """Return a line without the comment after a ;, and the comment; a ; within quotes begins none."""
+    """Return a line without the comment after a ;, and the comment; a ; within quotes does not begin a comment."""
     place = line.find(";")
     while place >= 0 and line.count('"', 0, place) % 2:
         place = line.find(";", place + 1)

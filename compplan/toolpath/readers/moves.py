@@ -1,4 +1,4 @@
-"""What a CAM file makes the tool do: the moves as they are read, and the facts about them. Millimetres throughout."""
+"""Moves of a CAM file in their order, and the facts about them. Millimetres throughout."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from compplan.toolpath.events import Event, guard_cuts
 from compplan.toolpath.readers.arcs import FARTHEST, LARGEST_RADIUS, Arc, Point, combine, count_chords, sample_arc
 from compplan.toolpath.toolpath import Toolpath
 
-#: Greatest number of waypoints that a file may make, chords of arcs counted.
+#: Greatest number of waypoints of a file, chords of arcs included.
 MOST_WAYPOINTS = 2_000_000
-#: Moves shorter than this do not count as moves. [mm]
+#: Least length of a move. [mm]
 STILL = 1e-9
-#: Greatest number of events, and of comments, that a file may have.
+#: Greatest number of events and of comments of a file.
 MOST_EVENTS, MOST_COMMENTS = 1_000_000, 2_000
-#: Letters of a comment that are kept.
+#: Greatest length of a comment; the rest is dropped. [characters]
 LONGEST_TEXT = 200
-#: Numbers of a row: tip, tool axis, feed, rapid, number of the flat arc that ends here, 0 for none, line.
+#: Columns of a row: tip (3), tool axis (3), feed, rapid, number of the flat arc that ends here (0: none), line.
 WIDTH = 10
 COUNTERS = ("cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks",
             "rotary_only_moves", "cycles")  # fmt: skip
@@ -35,20 +35,20 @@ COUNTERS = ("cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arc
 
 @dataclass(frozen=True)
 class CamFacts:
-    """Hold the facts about a CAM file.
+    """Facts about a CAM file.
 
-    A cutting move is one block with feed that moves the tip; lengths of arcs are exact, not those of their chords.
+    A cutting move is a block with feed that moves the tip; lengths of arcs are exact, not those of their chords.
 
     Args:
-        unit: "mm", "inch", "mm, inch" where the file changes, or "not stated".
-        box_mm: Smallest and greatest x, y, z over the cutting moves, or None without any.
-        full_circles, helical_arcs: Those among the arcs; an arc is a cutting move.
-        unmoved_blocks: Blocks with feed that move nothing.
-        rotary_only_moves: Blocks with feed that turn the tool axis and leave the tip.
-        cycles: Canned or drilling cycles, holes counted.
+        unit: "mm", "inch", "mm, inch" if the unit changes, or "not stated".
+        box_mm: Bounding box of the cutting moves: least and greatest x, y, z; or None without any.
+        full_circles, helical_arcs: Number of full circles and helices among the arcs; an arc is a cutting move.
+        unmoved_blocks: Blocks with feed and without motion.
+        rotary_only_moves: Blocks with feed that rotate the tool axis at a constant tip.
+        cycles: Canned or drilling cycles, counted by holes.
         waypoints: Rows of the toolpath.
-        events: Events beside motion (spindle, coolant, tools, dwells, stops, signals), comments not counted.
-        notes: What was assumed or read past, with the line where it first occurs.
+        events: Machine functions (spindle, coolant, tools, dwells, stops, signals) without comments.
+        notes: Assumptions and skipped statements, with the line of the first occurrence.
 
     """
 
@@ -74,7 +74,7 @@ class CamFacts:
 
 @dataclass(frozen=True)
 class CamFile:
-    """Hold what a CAM file says: its toolpath in the part frame, and the facts about it."""
+    """Contents of a CAM file: its toolpath in the part frame, and the facts about it."""
 
     toolpath: Toolpath
     facts: CamFacts
@@ -82,7 +82,7 @@ class CamFile:
 
 @dataclass
 class MoveLog:
-    """Collect the moves of a file while it is read; arcs keep to their chords by `chord` [mm], `reader` has a line."""
+    """Collect the moves of a file; `chord` is the chord error of arcs [mm], `reader.line` the line that is read."""
 
     chord: float
     reader: Any = None
@@ -95,24 +95,24 @@ class MoveLog:
     waypoints: int = 0
     events: list[Event] = field(default_factory=list)
     comments: int = 0
-    #: Rows of holes, which are no cutting moves of the facts.
+    #: First and last row (exclusive) of each hole; holes are not counted as cutting moves.
     _holes: list[tuple[int, int]] = field(default_factory=list)
     _rows: array[float] = field(default_factory=lambda: array("d"))
     _arcs: dict[int, Arc] = field(default_factory=dict)
 
     def place(self, point: Point, axis: Point | None = None) -> None:
-        """Take the tool to a point without a move: where nothing is known of what was before."""
+        """Set the position of the tool without a move, after an unknown position."""
         self.position, self.axis = point, axis or self.axis
 
     def shift(self, step: Point) -> None:
-        """Move everything so far: the origin turns out to be elsewhere."""
+        """Displace all moves so far by a change of the origin [mm]."""
         rows = np.array(self._rows).reshape(-1, WIDTH)
         rows[:, :3] += step
         self._rows = array("d", rows.ravel())
         self.position = combine(1.0, self.position, 1.0, step)
 
     def forget(self) -> None:
-        """Drop every move so far: they were none of the part's."""
+        """Drop all moves so far, which are not in the part frame."""
         self._rows, self._arcs, self.waypoints = array("d"), {}, 0
         self.events = [replace(event, place=-1) for event in self.events]
 
@@ -125,7 +125,7 @@ class MoveLog:
             self._put(point, 0.0, 1.0)
 
     def line(self, point: Point, feed: float, axis: Point | None = None) -> None:
-        """Cut straight to a point with a feed in mm/s; the tool axis turns on the way."""
+        """Cut straight to a point with a feed in mm/s and a change of the tool axis."""
         axis = axis or self.axis
         before = self.position
         dx, dy, dz = point[0] - before[0], point[1] - before[1], point[2] - before[2]
@@ -143,7 +143,7 @@ class MoveLog:
         self._put(point, feed, 0.0)
 
     def arc(self, arc: Arc, end: Point, feed: float) -> None:
-        """Cut along an arc that ends at a point; the tool axis stays."""
+        """Cut along an arc that ends at a point, with a constant tool axis."""
         self._start()
         if not arc.radius <= LARGEST_RADIUS:
             raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
@@ -159,13 +159,13 @@ class MoveLog:
         self.position = end
 
     def count_one(self, before: Mapping[str, int]) -> None:
-        """Count the pieces of a move as one; `before` are the counts before it."""
+        """Count the pieces of a divided move as one; `before` holds the counts before the move."""
         for name in ("cutting_moves", "rotary_only_moves"):
             self.counts[name] = min(self.counts[name], before[name] + 1)
 
     @contextmanager
     def hole(self) -> Iterator[None]:
-        """Count what is cut within as one hole: no cutting moves, no length."""
+        """Count the cuts in this context as one hole, not as cutting moves or cutting length."""
         counts, length, first = dict(self.counts), self.length, len(self._rows) // WIDTH
         self.counts["cycles"] += 1
         yield
@@ -175,12 +175,12 @@ class MoveLog:
         self._holes.append((first, len(self._rows) // WIDTH))
 
     def note(self, message: str, line: int) -> None:
-        """Note something that was assumed or read past."""
+        """Note an assumption or a skipped statement."""
         first, times = self.notes.get(message, (line, 0))
         self.notes[message] = (first, times + 1)
 
     def happen(self, kind: str, line: int, *, value: float = 0.0, text: str = "") -> None:
-        """Let something happen where the tool is now."""
+        """Append a machine function at the current waypoint."""
         place = len(self._rows) // WIDTH - 1
         if kind == "comment":
             self.comments += 1
@@ -192,7 +192,7 @@ class MoveLog:
         self.events.append(Event(place, kind, value, text[:LONGEST_TEXT]))
 
     def _put(self, point: Point, feed: float, rapid: float, arc: float = 0.0) -> None:
-        """Put down a row at a point."""
+        """Append a row at a point."""
         self.waypoints += 1
         if self.waypoints > MOST_WAYPOINTS:
             raise InputError(f"more than {MOST_WAYPOINTS} waypoints come out, arcs as their chords; no more are read")
@@ -202,12 +202,12 @@ class MoveLog:
         self._rows.extend((*point, *self.axis, feed, rapid, arc, line))
 
     def _start(self) -> None:
-        """Put down where the first cut begins."""
+        """Append the start of the first cut if there is no row yet."""
         if not self._rows:
             self._put(self.position, 0.0, 1.0)
 
     def _tabulate(self) -> tuple[Array, list[Event], NDArray[np.bool_]]:
-        """Return the rows, arcs as their chords, shape (n, WIDTH), the events at them, and which belong to holes."""
+        """Return rows with arcs divided into chords, shape (n, WIDTH), their events, and a mask of holes (n,)."""
         table = np.array(self._rows, dtype=np.float64).reshape(-1, WIDTH)
         points = [sample_arc(arc, self.chord) for arc in self._arcs.values()]
         ends = np.array(list(self._arcs), dtype=np.int64)
@@ -215,7 +215,7 @@ class MoveLog:
         repeats[ends] = [len(on_arc) for on_arc in points]
         first = np.concatenate([[0], np.cumsum(repeats)])
         full, last = np.repeat(table, repeats, axis=0), first[ends + 1] - 1
-        programmed = full[last, :3]  # the end of each arc stays as it was programmed
+        programmed = full[last, :3]  # programmed end of each arc, kept exactly
         full[np.repeat(np.isin(np.arange(len(table)), ends), repeats), :3] = np.concatenate([np.empty((0, 3)), *points])
         full[last, :3] = programmed
         drilled = np.zeros(len(full), dtype=bool)
@@ -225,7 +225,7 @@ class MoveLog:
         return full, events, drilled
 
     def finish(self, file: Path, kind: str, unit: str, lines: int) -> CamFile:
-        """Return toolpath and facts."""
+        """Return the toolpath and the facts about the file."""
         table, found, drilled = self._tabulate()
         if not np.isfinite(table).all():
             raise InputError("a coordinate is too great to be a number", file=file)

@@ -1,8 +1,8 @@
-"""What a CAM file does not say by itself: the [cam] table of a job, options of `compplan convert`, machines by name.
+"""Options of the CAM readers: the [cam] table of a job, options of `compplan convert`, and machines by name.
 
-A program leaves the tool's place open at its beginning, after moves to the machine's home (G28, G53, SUPA, M91), after
-joint moves of a robot and after probing. A cut from there is refused, or begins at the place that `from_mm` states. A
-rapid move to a place that the program states in full makes it known.
+The position of the tool is unknown at the beginning of a program, after moves in machine coordinates (G28, G53, SUPA,
+M91), after joint moves of a robot and after probing. A cut from an unknown position is refused, or begins at `from_mm`.
+After a rapid move with all coordinates the position is known.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from compplan.toolpath.readers.arcs import Point
 #: A coordinate [mm].
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
-#: Rotary axes of a machine, that which carries the other first.
+#: Rotary axes of a machine, the carrying axis first.
 Axes = Annotated[list[Literal["A", "B", "C", "-A", "-B", "-C"]], Field(min_length=1, max_length=2)]
-#: Machines that ship.
+#: File of the machines that ship with compplan.
 SHIPPED = Path(__file__).with_name("machines.toml")
 #: Greatest distance between an arc and its chords. [mm]
 CHORD_MM = 0.001
@@ -33,14 +33,14 @@ WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
 class MachineAxes(StrictTable):
     """Rotary axes of a machine.
 
-    rotary_axes: the rotary axes, that which carries the other first (in a head_table the head's first); "-C" for a
-        table that turns against the right hand. Left out: tilt and then C on a table, C and then tilt on a head.
-    rotary_centre_mm: a point of the first table axis, as seen from the part zero, and rotary_offset_mm: from there to
-        the second table axis. Files without control of the tip (G43.4, TRAORI, M128) need it.
-    pivot_mm: from the tip of the tool to where the axes of the head meet; such files need it too.
-    tip_control: X Y Z are the tip in the part frame though the file has no G43.4, TRAORI or M128.
-    tilt_angles: what cycle 19 of Heidenhain programs states: spatial angles (left out: refused, since some machines
-        take angles of their rotary axes).
+    rotary_axes: rotary axes, the carrying axis first (the head axis in a head_table); "-C" for a left-hand rotation
+        of the table. Default: tilt, then C on a table; C, then tilt on a head.
+    rotary_centre_mm: a point on the first table axis, relative to the part zero; rotary_offset_mm: vector from there
+        to the second table axis. Required for files without tool centre point control (G43.4, TRAORI, M128).
+    pivot_mm: distance from the tool tip to the intersection of the head axes; required for such files too.
+    tip_control: X Y Z are the tool tip in the part frame, although the file has no G43.4, TRAORI or M128.
+    tilt_angles: type of the angles of cycle 19 in Heidenhain programs: spatial angles. Refused by default, since on
+        some machines they are positions of the rotary axes.
     """
 
     rotary_axes: Axes | None = None
@@ -52,25 +52,25 @@ class MachineAxes(StrictTable):
 
 
 class CamTable(StrictTable):
-    """[cam]: how a CAM file is read.
+    """[cam]: options of the CAM readers.
 
-    unit: unit of files that do not say it; such a file is refused without it.
-    from_mm: where cuts begin whose start the file leaves open (at its beginning, after the machine's home, after joint
-        moves of a robot), in the part frame; only unknown coordinates are taken. Such a cut is refused without it.
-    feed_mm_s: feed of cutting moves for which the file states none, or 0.
-    machine: name of the machine that the file is made for: its rotary axes and distances (`MachineAxes`) stand under
-        that name in the table that ships (compplan doctor lists it) or in NAME.toml beside the file.
-    rotary: what the A B C words of a file turn: the tool (head), the part (table), or both; or they are left out
-        (ignore). A file whose A B C turn something is refused without it.
-    compensation: what is written where the control compensates the radius of the cutter (G41, G42, RL, RR): the path of
-        the tool's centre, the control adding wear alone (centre_line). A contour of the part is not read: whoever has
-        one writes the centre's path. A file that compensates is refused without it.
-    wcs: the work offset that is the part frame ("G54", "G54.1 P3") in a file that cuts in several; the cuts in others
-        are left out.
+    unit: unit of length of files that do not state it; they are refused without it.
+    from_mm: start of cuts from an unknown position (at the beginning, after machine moves, after joint moves of a
+        robot), in the part frame; only unknown coordinates are replaced. Such cuts are refused without it.
+    feed_mm_s: feed of cutting moves without feed, or with feed 0, in the file.
+    machine: name of the machine tool: its rotary axes and distances (`MachineAxes`) are in the table that ships with
+        compplan (compplan doctor lists the names) or in NAME.toml in the folder of the file.
+    rotary: body that the A B C words of a file rotate: the tool (head), the part (table), or both; or the words are
+        ignored (ignore). A file with rotations A B C is refused without it.
+    compensation: meaning of the path under cutter radius compensation (G41, G42, RL, RR): centre_line for the path of
+        the tool centre, where the control compensates wear only. A contour of the part is not read: post-process the
+        path of the centre. A file with compensation is refused without this key.
+    wcs: work offset that is the part frame ("G54", "G54.1 P3") in a file with several; cuts in the others are left
+        out.
     cycles: drilling cycles are expanded into cutting moves, or skipped: the tool moves rapidly above the holes.
-    tool_direction: axis of the TCP frame that points out of the tool in robot programs (left out: z, with a note).
-    operation: which operation of the file alone is read, counted from 1 (what is cut between two tool changes).
-    strict: a file that is read with any note is refused.
+    tool_direction: axis of the TCP frame that points out of the tool in robot programs (default: z, with a note).
+    operation: number of the only operation that is read, from 1 (an operation: the cuts between two tool changes).
+    strict: refuse a file that is read with any note.
     """
 
     unit: Literal["mm", "inch"] | None = None
@@ -88,14 +88,14 @@ class CamTable(StrictTable):
 
     @property
     def axes(self) -> MachineAxes:
-        """The rotary axes of the machine."""
+        """Rotary axes of the machine."""
         return self._axes
 
 
 def find_start(place: Point, unknown: Iterable[int], stated: Sequence[float] | None, reason: str = "") -> Point:
-    """Return where a cut begins, of a place [mm] whose coordinates of some axes are not known. [mm]
+    """Return the start of a cut from a position [mm] with some unknown coordinates. [mm]
 
-    `stated` (`from_mm`) takes the place of unknown coordinates; without it they are refused, with the reason.
+    `stated` (`from_mm`) replaces unknown coordinates; without it they are refused, with the reason.
     """
     axes = sorted(set(unknown))
     if axes and stated is None:
@@ -112,20 +112,20 @@ def find_start(place: Point, unknown: Iterable[int], stated: Sequence[float] | N
 
 
 def refuse_unit(words: str) -> InputError:
-    """Return the error that a file states no unit of length by the words that would state it."""
+    """Return the error for a file without unit of length; `words` are those that set the unit."""
     return InputError(f"no unit of length is stated before this line ({words}): state it with --unit mm or --unit inch "
                       "([cam] unit)")  # fmt: skip
 
 
 class NamedMachine(MachineAxes):
-    """[machine]: what turns (`rotary`, as in [cam]), and the rotary axes; `title` says what it is."""
+    """[machine]: rotating body (`rotary`, as in [cam]), rotary axes and a descriptive `title`."""
 
     title: str = ""
     rotary: Literal["head", "table", "head_table"]
 
 
 class MachineFile(StrictTable):
-    """A machine in a file of one's own."""
+    """File of a user-defined machine."""
 
     schema_: SchemaOne = Field(alias="schema")
     machine: NamedMachine
@@ -139,9 +139,9 @@ def list_machines() -> dict[str, NamedMachine]:
 
 
 def use_machine(options: CamTable, file: Path) -> CamTable:
-    """Return options with the machine that they name: one that ships, or NAME.toml beside the file, which comes first.
+    """Return options with the rotary axes of their machine, from NAME.toml in the folder of the file or as shipped.
 
-    A stated `rotary` stays.
+    A stated `rotary` is kept.
     """
     name = options.machine
     if name is None:

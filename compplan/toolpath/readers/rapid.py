@@ -1,4 +1,4 @@
-"""ABB RAPID programs (.mod): MoveL, MoveC and MoveJ to robtargets in a work object."""
+"""Reader of ABB RAPID programs (.mod): MoveL, MoveC and MoveJ to robtargets in a work object."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ PROC = re.compile(r"(?:LOCAL\s+)?PROC\s+(\w+)\s*\(")
 DATA = re.compile(
     r"(?:LOCAL\s+|TASK\s+)?(?:CONST|PERS|VAR)\s+(ROBTARGET|WOBJDATA|SPEEDDATA|JOINTTARGET|TOOLDATA)\s+(\w+)\s*:=\s*(.+)$"
 )
-#: Number by which two robots move together (\\ID:=20), after a target.
+#: Identifier of synchronised motion (\\ID:=20), after a target.
 POINT_ID = re.compile(r"\\\s*ID\s*:=\s*\w+")
 NUMBERS = re.compile(NUMBER)
-#: Forms of data, # for a number: pose, target (but its configuration), step, speed (its first number), work object.
+#: Forms of data, # for a number: pose, target (any configuration), displacement, speed (first number), work object.
 POSE = r"\[\[#,#,#\],\[#,#,#,#\]"
 TARGET, STEP, SPEED = POSE + r",\[[^\[\]]*\],\[#,#,#,#,#,#\]\]", "#,#,#", r"\[#(,.*)?\]"
 OBJECT = rf'\[(FALSE|TRUE),(FALSE|TRUE),"",{POSE}\],{POSE}\]\]'
-#: Lines that end without a semicolon.
+#: Lines without a semicolon at the end.
 BARE = re.compile(
     r"(MODULE|ENDMODULE|(LOCAL\s+)?(PROC|FUNC|TRAP|RECORD)|END(PROC|FUNC|TRAP|RECORD|IF|FOR|WHILE|TEST)|ELSE(IF)?|IF|FOR|"
     r"WHILE|TEST|CASE|DEFAULT|ERROR|UNDO|BACKWARD)\b"
@@ -40,15 +40,15 @@ BARE = re.compile(
 
 
 def recognise(text: str) -> bool:
-    """Tell whether a text of unknown suffix is RAPID."""
+    """Return whether a text is a RAPID program."""
     head = r"^[ \t]*(%%%|MODULE[ \t]+\w+|PROC[ \t]+\w+[ \t]*\()"
     return re.search(head, text, re.MULTILINE | re.IGNORECASE) is not None
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:
-    """Read a RAPID module: its procedure main, or the first one, with those of the module that it calls.
+    """Read a RAPID module: its procedure main, or the first one, with the procedures of the module that it calls.
 
-    The path stands in the work object of the first move. MoveJ moves are rapid.
+    The path is in the work object of the first move. MoveJ moves are rapid.
     """
     reader = _RapidReader(file, options)
     reader.run(text)
@@ -56,7 +56,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 
 def split_statements(text: str, file: Path) -> Iterator[tuple[int, str]]:
-    """Yield statements in capitals, text in quotes left out, with the line that each begins in."""
+    """Yield statements in capitals, without quoted text, with the first line of each."""
     pending, first = "", 0
     for number, raw in enumerate(split_lines(text), start=1):
         line = re.sub(r'"[^"]*"', '""', raw).partition("!")[0].upper()
@@ -84,7 +84,7 @@ def split_statements(text: str, file: Path) -> Iterator[tuple[int, str]]:
 
 
 def read_numbers(text: str, form: str) -> Array:
-    """Return the numbers of data that have a form. Shape (n,)."""
+    """Return the numbers of data of a given form; refuse data of another form. Shape (n,)."""
     plain = "".join(text.split())
     if not re.fullmatch(form, NUMBERS.sub("#", plain)):
         expected = form.replace("\\", "").replace("[^[]]*", "..")
@@ -96,7 +96,7 @@ def read_numbers(text: str, form: str) -> Array:
 
 
 def read_pose(numbers: Array) -> Array:
-    """Return the pose of place [mm] and quaternion, scalar first. Shape (7,) -> (4, 4)."""
+    """Return the pose of a position [mm] and a quaternion, scalar first. Shape (7,) -> (4, 4)."""
     size = float(np.linalg.norm(numbers[3:]))
     if not abs(size - 1.0) <= 1e-2:
         raise InputError(f"quaternion {numbers[3:]} has length {size:.4g}, expected 1")
@@ -104,7 +104,7 @@ def read_pose(numbers: Array) -> Array:
 
 
 class _RapidReader:
-    """Follow a module statement by statement."""
+    """Interpret a module statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
         self.options = options
@@ -115,7 +115,7 @@ class _RapidReader:
         self.tool = ""
         self.external: Array = np.empty(0)
         self.share, self.fastest = 1.0, math.inf
-        #: What each statement does; END where it ends the procedure.
+        #: Rules of statements; a result END ends the procedure.
         self.rules: list[Rule] = [(re.compile(pattern), run) for pattern, run in (
             (r"!(.*)", lambda found: robot.log.happen("comment", self.flow.line, text=found.group(1).strip())),
             (r"(ERROR|UNDO|BACKWARD)\b", lambda found: END),
@@ -138,7 +138,7 @@ class _RapidReader:
         )]  # fmt: skip
 
     def run(self, text: str) -> None:
-        """Carry out main, or the first procedure; a text without any as it stands."""
+        """Execute main, or the first procedure, or all statements of a text without procedures."""
         programs: dict[str, list[tuple[int, str]]] = {"": []}
         current = ""
         for line, statement in split_statements(text, self.flow.file):
@@ -158,12 +158,12 @@ class _RapidReader:
             self.flow.run(self.flow.programs[first])
 
     def _run_line(self, program: CncProgram, index: int) -> int:
-        """Carry out a statement; return the next one, or END."""
+        """Execute a statement; return the index of the next one, or END."""
         self.flow.line, statement = program.lines[index]
         return END if self.robot.run_statement(statement, self.rules) == END else index + 1
 
     def _branch(self, found: Match) -> None:
-        """Begin a loop or a branch, of one statement (IF without THEN) or of several."""
+        """Begin a loop or a branch, or a conditional statement (IF without THEN)."""
         statement = found.string
         if found.group(1) != "IF" or statement.endswith(" THEN"):
             self.robot.count_block(found)
@@ -173,7 +173,7 @@ class _RapidReader:
             self.robot.ask(statement)
 
     def _call(self, found: Match) -> None:
-        """Carry out a procedure of the module; note other statements."""
+        """Execute a procedure of the module; note other statements."""
         called, statement = found.group(), found.string
         if called in self.flow.programs:
             self.robot.call(called, called)
@@ -182,14 +182,14 @@ class _RapidReader:
         self.robot.ask(statement)
 
     def _limit_speed(self, found: Match) -> None:
-        """Take VelSet: a share of the programmed speed [%], and the greatest speed [mm/s]."""
+        """Set the speed override [%] and the speed limit [mm/s] of VelSet."""
         numbers = re.fullmatch(rf"({NUMBER})\s*,\s*({NUMBER})", found.group(1))
         if numbers is None or self.robot.blocks:
             raise InputError(f"{found.string[:30]!r} changes the speed and is not read, expected two numbers in a row")
         self.share, self.fastest = float(numbers.group(1)) / 100.0, float(numbers.group(2))
 
     def _assign(self, found: Match) -> None:
-        """Carry out an assignment."""
+        """Execute an assignment to a robtarget, work object or speed; note a change of tool data."""
         name, part, value = found.groups()
         kind = next((kind for kind in ("ROBTARGET", "WOBJDATA", "SPEEDDATA") if (kind, name) in self.data), None)
         if kind is not None:
@@ -239,7 +239,7 @@ class _RapidReader:
             self.robot.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
 
     def _work_object(self, wobj: str) -> Array | None:
-        """Return the place of a work object, None where the module does not say it."""
+        """Return the pose of a work object, None if the module does not state it."""
         if wobj == "WOBJ0":
             return np.eye(4)
         if ("WOBJDATA", wobj) not in self.data:
@@ -254,7 +254,7 @@ class _RapidReader:
         return read_pose(numbers[:7]) @ read_pose(numbers[7:])
 
     def _target(self, field: str) -> Array:
-        """Return the pose of a robtarget: written out, by name, or Offs(target, x, y, z)."""
+        """Return the pose of a robtarget: written out, by name, Offs(target, x, y, z) or RelTool(target, x, y, z)."""
         field = field.strip()
         for word, pattern in (("Offs", r"OFFS\s*\((.*)\)"), ("RelTool", r"RELTOOL\s*\(([^\\]*)\)")):
             if not (found := re.fullmatch(pattern, field)):
@@ -274,7 +274,7 @@ class _RapidReader:
         return read_pose(numbers[:7])
 
     def _speed(self, field: str) -> float:
-        r"""Return the speed of the tip in mm/s, after VelSet: v100, [v, ..], a name, or what \V says."""
+        r"""Return the speed of the tip in mm/s, limited by VelSet: v100, [v, ..], a name, or the value of \V."""
         override = re.search(rf"\\V\s*:=\s*({NUMBER})\s*(?:\\|$)", field)
         name = field.partition("\\")[0].strip()
         text = self.data.get(("SPEEDDATA", name), name).strip()

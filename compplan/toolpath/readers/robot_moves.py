@@ -1,6 +1,6 @@
-"""Robot programs as toolpaths: what KRL and RAPID share. Straight, circular and spline moves between poses.
+"""Interpreter of robot programs, shared by KRL and RAPID: straight, circular and spline moves between poses.
 
-Millimetres; poses are 4x4, those of the tool as seen from the frame in force.
+Millimetres; poses (4, 4) are those of the TCP in the active frame (base, work object).
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
-#: A number in a robot program, capitals.
+#: Number in a robot program, in capitals.
 NUMBER = rf"{DECIMAL}(?:E[-+]?\d+)?"
-#: How deep programs may call one another.
+#: Greatest depth of nested calls.
 DEEPEST = 20
 #: Greatest turn of the tool between waypoints. [deg]
 TURN_STEP = 1.0
-#: Turns of the tool axis below this are none. [rad]
+#: Least change of the tool axis. [rad]
 STEADY = 1e-6
 #: Points on each span of a spline.
 SPLINE_POINTS = 16
 
 
-#: Statements of a form, and what is done with one; None: it says nothing of the path.
+#: Pattern of statements and their operation; None: they do not affect the path.
 Match = re.Match[str]
 Rule = tuple[re.Pattern[str], Callable[[Match], object] | None]
 
 
 class RobotProgram:
-    """Follow a robot program: its flow, loops and branches that are open and not carried out, its moves.
+    """Interpret a robot program: its control flow and moves; loops and branches are counted in `blocks`, not executed.
 
-    The path stands in the frame that is in force at the first pose; `frame` is where the present one stands in it.
+    The path is in the frame that is active at the first pose; `frame` is the pose of the active frame in it.
     """
 
     def __init__(self, file: Path, options: CamTable) -> None:
@@ -50,7 +50,7 @@ class RobotProgram:
         self.log = MoveLog(CHORD_MM, self.flow)
         self.blocks = 0
         self.frame = np.eye(4)
-        #: Name and place of the frame that the program states, None where it is not known; whether a pose stands in it.
+        #: Name and pose of the active frame (None: unknown); whether a pose was programmed in a frame.
         self.frame_name = ""
         self.place: Array | None = None
         self.placed = False
@@ -61,22 +61,22 @@ class RobotProgram:
         self.assumed = options.tool_direction is None
 
     def note(self, message: str) -> None:
-        """Note something that was assumed or read past, at the line that is read."""
+        """Note an assumption or a skipped statement, with the current line."""
         self.log.note(message, self.flow.line)
 
     def run_statement(self, statement: str, rules: Iterable[Rule]) -> object:
-        """Carry out a statement by the first rule whose pattern it matches; return what that rule returns."""
+        """Execute a statement by the first rule with a matching pattern; return the result of the rule."""
         for pattern, run in rules:
             if found := pattern.match(statement):
                 return run(found) if run else None
         return None
 
     def count_block(self, found: Match) -> None:
-        """Begin or end a loop or a branch, which is not carried out."""
+        """Count the beginning or end of a loop or a branch, which is not executed."""
         self.blocks = max(0, self.blocks + (-1 if found.group().startswith(("END", "UNTIL")) else 1))
 
     def refuse(self, found: Match) -> None:
-        """Refuse a statement that moves the tool or its frame in a way that is not read."""
+        """Refuse an unsupported statement that moves the tool or its frame."""
         word = found.group()[:20].strip()
         raise InputError(f"{word} is not read and may move the tool or its frame; write absolute moves in a row")
 
@@ -86,20 +86,20 @@ class RobotProgram:
             raise InputError(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
 
     def call(self, name: str, called: str) -> None:
-        """Carry out a program by its name; refuse calls in a loop or a branch, or too deep."""
+        """Execute a program by its name; refuse calls in a loop or a branch, or nested too deeply."""
         if self.blocks or self.flow.depth >= DEEPEST:
             raise InputError(f"call of {called} in a loop, a branch or too deep; write the moves out")
         self.flow.run_program(name, self.flow.programs[name], 1)
 
     def ask(self, found: Match | str) -> None:
-        """Let the operator do what no program of another language can repeat."""
+        """Append a statement without equivalent in other languages as an event for the operator."""
         where = "in a loop or a branch: " if self.blocks else ""
         self.log.happen("call", self.flow.line, text=where + (found if isinstance(found, str) else found.string))
 
     def switch(self, kind: str) -> Callable[[Match], None]:
-        """Return what an output, a wait (dwell) or a halt (stop) does; in a loop or a branch the operator is asked.
+        """Return the rule of an output, a wait (dwell) or a halt (stop); see `ask` for loops and branches.
 
-        An output has the groups `signal` and `on` or `level`, a wait the group `time`.
+        Patterns of outputs have the groups `signal` and `on` or `level`, those of waits the group `time`.
         """
 
         def run(found: Match) -> None:
@@ -114,7 +114,7 @@ class RobotProgram:
         return run
 
     def use_frame(self, name: str, place: Array | None, kind: str) -> None:
-        """Put a frame in force; the path stays in that of its first pose, whose place has to be known then."""
+        """Activate a frame; the path stays in the frame of its first pose, and both poses must be known."""
         if self.placed and (name != self.frame_name or not (place is None and self.place is None)):
             if self.place is None or place is None:
                 raise InputError(f"{kind} changes from {self.frame_name or 'the one before'} to {name}, and their "
@@ -123,23 +123,23 @@ class RobotProgram:
         self.frame_name, self.place = name, place
 
     def lose(self, note: str = "joint moves to axis values are left out: where they take the tip is not known") -> None:
-        """Leave out a joint move and forget the pose, where it ends."""
+        """Leave out a joint move; the pose at its end is unknown."""
         self.note(note)
         self.pose, self.lost = None, True
 
     def note_tool(self) -> None:
-        """Note that another tool is taken."""
+        """Note a change of the tool."""
         if self.pose is not None:
             self.note("the tool changes on the way: the path is that of the tip of each")
 
     def rapid(self, pose: Array) -> None:
-        """Move rapidly to a pose: in joint space, where a program's path is not known."""
+        """Move rapidly to a pose: in joint space, on an unknown path."""
         self._note_direction()
         self.pose = self.frame @ pose
         self.log.rapid(_point(self.pose), self._axis(self.pose))
 
     def straight(self, pose: Array, feed: float) -> None:
-        """Move straight to a pose with a feed in mm/s; the tool turns evenly on the way."""
+        """Move straight to a pose with a feed in mm/s; the orientation is interpolated uniformly."""
         end = self.frame @ pose
         before = self._begin(end)
         pieces = self._count_pieces(before, end)
@@ -150,9 +150,9 @@ class RobotProgram:
         self.pose = end
 
     def circle(self, via: Array, pose: Array, feed: float, *, angle: float | None = None) -> None:
-        """Move on the circle through a point (3,) to a pose, in the frame in force, with a feed in mm/s.
+        """Move on the circle through a point (3,) to a pose, in the active frame, with a feed in mm/s.
 
-        `angle` [rad]: go on about its axis for this angle, positive from start over via to end, negative the other way.
+        `angle` [rad], if given, is the sweep in place of that to the pose, positive from start through via to the pose.
         """
         goal = self.frame @ pose
         before = self._begin(goal)
@@ -172,7 +172,7 @@ class RobotProgram:
         self.pose = goal
 
     def spline(self, poses: list[Array], feed: float) -> None:
-        """Move on a spline through poses."""
+        """Move on a cubic spline through poses with a feed in mm/s."""
         ends = [self.frame @ pose for pose in poses]
         points = np.array([self._begin(ends[0]), *ends])
         self.note(
@@ -187,7 +187,7 @@ class RobotProgram:
         self.pose = points[-1]
 
     def _begin(self, end: Array) -> Array:
-        """Return the pose at which a straight or circular move to a pose begins."""
+        """Return the start pose of a straight or circular move to a pose."""
         self._note_direction()
         if self.pose is None:
             reason = "after a joint move to axis values" if self.lost else "at the beginning of the program"
@@ -198,14 +198,14 @@ class RobotProgram:
         return self.pose
 
     def _count_pieces(self, start: Array, end: Array) -> int:
-        """Return in how many pieces the tool turns between two poses; 1 where its axis stays."""
+        """Return the number of pieces of a rotation between two poses; 1 if the tool axis is constant."""
         if math.dist(self._axis(start), self._axis(end)) < STEADY:
             return 1
         turned = Rotation.from_matrix(start[:3, :3].T @ end[:3, :3]).magnitude()
         return max(1, math.ceil(math.degrees(turned) / TURN_STEP - 1e-9))
 
     def _follow(self, points: Array, start: Array, end: Array, feed: float) -> None:
-        """Cut from point to point while the tool turns evenly between two poses: one move, in pieces."""
+        """Cut through points with uniform rotation between two poses, counted as one move."""
         counts = dict(self.log.counts)
         turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], end[:3, :3]])))
         self._cut(points, turn(np.arange(1, len(points) + 1) / len(points)), feed)
@@ -216,7 +216,7 @@ class RobotProgram:
             self.log.line(_tuple(point), feed, self._axis(rotation))
 
     def _axis(self, rotation: Array) -> Point:
-        """Return the tool axis of a pose: from the tip towards the spindle; a steady tool keeps its axis exactly."""
+        """Return the tool axis of a pose, from the tip towards the spindle; exactly the last one if it is constant."""
         axis = _tuple(-rotation[:3, :3] @ self.direction)
         return self.log.axis if math.dist(axis, self.log.axis) < STEADY else axis
 
@@ -227,7 +227,7 @@ class RobotProgram:
 
 
 def split_fields(text: str, opening: str = "[(", closing: str = "])") -> list[str]:
-    """Split at commas outside of brackets."""
+    """Split a text at commas outside of brackets."""
     parts, depth, start = [], 0, 0
     for index, letter in enumerate(text):
         depth += (letter in opening) - (letter in closing)
@@ -238,7 +238,7 @@ def split_fields(text: str, opening: str = "[(", closing: str = "])") -> list[st
 
 
 def make_pose(position: Array, turn: Rotation) -> Array:
-    """Return a pose from position [mm] and rotation."""
+    """Build a pose (4, 4) from position [mm] and rotation."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn.as_matrix(), position
     return pose

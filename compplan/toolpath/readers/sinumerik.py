@@ -1,6 +1,6 @@
-"""Sinumerik 840D: what each of its words does, one line a word, and its frames.
+"""Reader of Sinumerik 840D programs, with one table entry per word, and their frames.
 
-A new word is one line of `WORDS`: a G code by its number, any other by its name; `readers.gcode` says what it may be.
+A new word is one line of `WORDS`: a G code by its number, any other by its name; see `readers.gcode` for the entries.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from compplan.toolpath.readers.options import CamTable, refuse_unit
 name = "sinumerik"
 suffixes = (".mpf", ".spf", ".arc")
 
-#: Words with a value that say nothing about the programmed path.
+#: Words with a value that do not affect the programmed path.
 VALUES = {"SPOS", "SPOSA", "LIMS", "ADIS", "ADISPOS", "OVR", "OVRA", "ACC", "CTOL", "OTOL", "DISC", "FL"}
 MARKS = "|".join((*sorted(lexer.HARMLESS - {"FMAX", "TCPM", "STAY"}), lexer.CHANGING))
-#: What no other language has, and what G-code of others may hold as well.
+#: Marks of Sinumerik programs, some of which also occur in G-code of other controls.
 SURE = re.compile(
     r"^[ \t]*%_N_\w+_(MPF|SPF)|^;\$PATH=|\b(CYCLE|POCKET|SLOT|HOLES|LONGHOLE)\d*[ \t]*\(|\bGOTO[FB][ \t]+\w|\bSUPA\b|"
     rf"^[ \t/]*([A-Z][ \t]*=?[ \t]*[-+.\d]+[ \t]*)*(?<![.\w])({MARKS})\b(?![ \t]*/)|"
@@ -41,22 +41,22 @@ SURE = re.compile(
     r"^[ \t]*(N\d+[ \t]*)?L\d+[ \t]*(P[ \t]*\d+[ \t]*)?$",
     re.MULTILINE | re.IGNORECASE,
 )
-#: A comment, of other dialects in brackets: what a cutter is called there (CR=0) is no word of the program.
+#: Comment, in brackets in other dialects: names of cutters there (CR=0) are not words of the program.
 COMMENT = re.compile(r"(?<![\w=])\((?!\")[^()\n]*\)|;(?!\$PATH=)[^\n]*")
-#: What no Sinumerik program has: the number of a Fanuc program; its home, drilling cycles and calls of subprograms.
+#: Marks of Fanuc programs: program number, reference position, drilling cycles and calls of subprograms.
 FOREIGN = re.compile(
     r"^[ \t]*O\d{1,8}\b|(?<![A-Z_])(G0*28|G30|G73|G76|G8[1-9]|M0*98)[ \t]*(?=[A-Z]+[ \t]*-?[\d.])",
     re.MULTILINE | re.IGNORECASE,
 )
-#: Lengths of a motion block; addresses that say nothing of the path.
+#: Lengths of a motion block; addresses that do not affect the path.
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
 SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "RNDM", "FA", "DISCL", "FGREF", "TOFFL",
                     "TOFFR", "OMA", "STOLF", "TCARR", *VALUES, *CORNERS))  # fmt: skip
 OF_ARCS = frozenset(("CR", "AR", "TURN", *MIDDLES))
-#: Moves in machine coordinates, which are left out: their places need not be known.
+#: Moves in machine coordinates, which are left out: their end points may be unknown.
 HOME = re.compile(r"\bSUPA\b|\bG0*1?53\b|\bG7[45]\b")
 TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
-#: Words whose block moves in ways that are not read.
+#: Words of motions that are not supported.
 REFUSED = re.compile(
     r"[ABC]SPLINE|POLY|POLYPATH|INVCC?W|A?ROTS?|CROTS?|TRANSMIT\w*|TRACYL\w*|TRAANG|TRACON|TOFRAME\w?|TOROT\w?|PAROT|"
     r"MEAS|MEAW|DIAMON|ROTATION|OFFN|CORROF|PTP|EAUTO|ENAT|BAUTO|BNAT|MEAC|TANG\w*|ORIPATH\w*|ORICON\w*|COUPON"
@@ -65,16 +65,16 @@ NO_UNIT = "G70, G71, G700 or G710; the control's own setting is not in the file"
 
 
 def recognise(text: str) -> int:
-    """Tell whether a text is of a Sinumerik control: 1 for G-code of no mark, which the ending decides."""
+    """Return 2 for a text with marks of Sinumerik programs, 1 for other G-code (the suffix decides), otherwise 0."""
     bare = COMMENT.sub("", text)
     sure = SURE.search(bare) is not None and FOREIGN.search(bare) is None
     return 2 if sure else int(BEGINNING.search(text) is not None)
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:
-    """Read a Sinumerik program: the first main program of the file, with subprograms of the file or beside it.
+    """Read a Sinumerik program: the first main program of the file, with subprograms of the file or of its folder.
 
-    The path stands in the work offset that is in force at the first move.
+    The path is in the work offset that is active at the first move.
     """
     reader = Sinumerik(file, options)
     reader.run(text)
@@ -82,7 +82,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 
 class Sinumerik:
-    """Carry out a Sinumerik program."""
+    """Dialect of Sinumerik controls: executes the lines and blocks of a program."""
 
     tip_word = "TRAORI"
     frames: tuple[str, ...] = ("shift", "plane", "program", "origin")
@@ -100,31 +100,31 @@ class Sinumerik:
         self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
 
     def run(self, text: str) -> None:
-        """Read the first main program of a file."""
+        """Execute the first main program of a file."""
         self.it.run(lambda: self.flow.find_programs(split_lines(text), self.it.file), self.origins.check_used)
 
     def square(self) -> Point:
-        """Return the tool axis where all rotary axes stand at 0."""
+        """Return the tool axis with all rotary axes at 0."""
         return self.point_square(17)
 
     def point_square(self, plane: int) -> Point:
-        """Return the tool axis of G17 to G19 in the swivelled plane in force."""
+        """Return the tool axis of G17 to G19 in the active swivelled plane."""
         return self.it.frames.get("plane", Frame()).turn(PLANE_NORMALS[plane])
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
-        """Take the axis of a swivelled plane where rotary axes are positioned in it."""
+        """Ignore rotary words that position the rotary axes for a swivelled plane; its tool axis is kept."""
         if not self.it.tilted or self.it.state.tip_control:
             return False, None
         self.it.note("A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken")
         return True, None
 
     def ask_for_unit(self, lengths: Iterable[float | None]) -> None:
-        """Refuse lengths that are not 0 before the program or the user states their unit."""
+        """Refuse non-zero lengths if neither the program so far nor the options state their unit."""
         if not self.it.state.unit_stated and self.it.options.unit is None and any(lengths):
             raise refuse_unit(NO_UNIT)
 
     def run_line(self, program: CncProgram, index: int) -> int:
-        """Carry out a line; return the next one, or END."""
+        """Execute a line; return the index of the next one, or END."""
         it, raw = self.it, program.lines[index]
         if it.steady and (found := PLAIN.fullmatch(raw)) and it.motion.cut_plain(found):
             return index + 1
@@ -154,7 +154,7 @@ class Sinumerik:
         return END if ended else index + 1
 
     def run_block(self, block: CncBlock, raw: str) -> bool:
-        """Carry out a block; return whether the program ends."""
+        """Execute a block; return whether the program ends."""
         it, values, names = self.it, block.values, block.names
         if '"' in raw and (named := TOOL_NAME.search(raw)):
             it.state.tool, it.state.tool_name = 0.0, named.group(1)
@@ -196,7 +196,7 @@ class Sinumerik:
         return it.machine.stop(block.machine, it.flow.line)
 
     def _move(self, block: CncBlock, takes: str) -> bool:
-        """Carry out the coordinates of a block; return whether it moves the tool."""
+        """Execute the motion of a block; return whether it moves the tool."""
         it, state, values = self.it, self.it.state, block.values
         for address in values:
             if address not in MOVING and address not in SILENT:
@@ -225,7 +225,7 @@ class Sinumerik:
         return True
 
     def _call(self, called: str, arguments: list[str], times: float) -> None:
-        """Carry out a subprogram with values for its parameters: PROC NAME(REAL A, INT B)."""
+        """Execute a subprogram with values of its parameters: PROC NAME(REAL A, INT B)."""
         values = [self.evaluate(text) if text else 0.0 for text in arguments]
         for _ in range(int(times) if values else 1):
             if values and self.it.flow.find_beside(called):
@@ -242,11 +242,11 @@ class Sinumerik:
             self.it.call(called, 1.0 if values else times)
 
     def set_motion(self, block: CncBlock, code: float | str) -> None:
-        """G0 to G3, CIP, CT: the motion of this block and those after it."""
+        """G0 to G3, CIP, CT: set the modal motion."""
         self.it.state.motion, self.stated = code, True
 
     def set_plane(self, block: CncBlock, code: float) -> None:
-        """G17 to G19: the plane."""
+        """G17 to G19: set the working plane."""
         self.it.state.plane = int(code)
         if not self.it.state.tip_control:
             self.it.course.aim(self.square())
@@ -264,7 +264,7 @@ class Sinumerik:
         state.set_unit(scale, feeds=code not in (70.0, 71.0))
 
     def set_pole(self, block: CncBlock, code: float) -> None:
-        """G110 (from the tool), G111 (from the origin), G112 (from the last pole): the pole."""
+        """G110, G111, G112: set the pole relative to the tool, the origin or the last pole."""
         state = self.it.state
         last = state.pole or (0.0, 0.0, 0.0)
         base = {110.0: self.it.contour.position, 111.0: (0.0, 0.0, 0.0), 112.0: last}[code]
@@ -289,7 +289,7 @@ WORDS: dict[float | str, Code] = {
     **dict.fromkeys((110.0, 111.0, 112.0), Code(Sinumerik.set_pole, 2, "once")),
     **dict.fromkeys((54.0, 55.0, 56.0, 57.0, 500.0, *(float(code) for code in range(505, 600))), OFFSET),
     **dict.fromkeys(("TRAORI", "TRAFOOF"), Code(lambda dialect, block, code: dialect.it.control_tip(code == "TRAORI"))),
-    # nothing of the path
+    # no effect on the path
     **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
                                 451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),
     **dict.fromkeys((*lexer.HARMLESS - {"TRAORI", "TRAFOOF"}, *VALUES, "DIAM90"), ignore()),
@@ -299,6 +299,6 @@ WORDS: dict[float | str, Code] = {
 
 
 def find_word(word: float | str) -> Code | None:
-    """Return what a G code or a word without a number does, None where it is not known."""
+    """Return the operation of a G code or a word without a number, None if unknown."""
     found = WORDS.get(word)
     return found or (UNREAD if isinstance(word, str) and REFUSED.fullmatch(word) else None)

@@ -1,1 +1,1 @@
-"""CNC programs: a lexer, one interpreter of modal state, and a table a dialect that maps words to operations."""
+"""Interpretation of CNC programs: lexers, one interpreter of modal state, and a table of operations per dialect."""

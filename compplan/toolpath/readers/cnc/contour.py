@@ -1,4 +1,4 @@
-"""Contours with rounded and cut corners: elements wait for the one after them where a corner lies between."""
+"""Contours with roundings and chamfers: an element before a corner is held until the next element is known."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise
 from compplan.toolpath.readers.cnc.course import Course
 
-#: Angles below this count as none. [rad]
+#: Least change of direction of a corner. [rad]
 STRAIGHT = 1e-6
-#: Greatest part of a line that may leave the plane of a corner.
+#: Greatest component of a tangent normal to the plane of a corner.
 LEANING = 1e-6
 
 
 @dataclass(frozen=True)
 class Element:
-    """Hold a line (no centre) or an arc of a contour, in the coordinates of the program; feeds in mm/s.
+    """Line (no centre) or arc of a contour, in program coordinates [mm]; feed in mm/s.
 
-    `named` are the axes of the end that are absolute coordinates. An arc turns about its normal, by the right hand or
-    against it, for at most a full circle and further `turns` beyond the first. `axis` is the tool axis at the end, in
-    the part (None: it stays); `run` puts down an element on which rotary axes turn.
+    `named` are the axes of the end point with absolute coordinates. An arc rotates about its normal, right-handed or
+    left-handed, by at most a full circle, plus the `turns` beyond the first. `axis` is the tool axis at the end in the
+    part (None: unchanged); `run` executes an element on which rotary axes turn.
     """
 
     start: Point
@@ -40,7 +40,7 @@ class Element:
     run: Callable[[], None] | None = None
 
     def tangent(self, place: Point) -> Point:
-        """Return the direction of travel at a point of the element."""
+        """Return the unit tangent at a point of the element."""
         if self.centre is None:
             return normalise(combine(1.0, self.end, -1.0, self.start))
         along = cross(self.normal, combine(1.0, place, -1.0, self.centre))
@@ -49,9 +49,9 @@ class Element:
 
 @dataclass(frozen=True)
 class Corner:
-    """Hold a corner: ROUND (radius), LEG (from the corner to either end of the chamfer) or CHAMFER (its length).
+    """Corner of a contour: ROUND (radius), LEG (from the corner to each end of a chamfer) or CHAMFER (its length).
 
-    A modal one is left out where no cut follows.
+    A modal corner is omitted if no cut follows.
     """
 
     kind: str
@@ -65,7 +65,7 @@ Approach = Callable[[Element], list[Element]]
 
 
 class Contour:
-    """Hold what waits for the next element: an approach, or an element that a corner ends."""
+    """Buffer of an approach or an element with a corner at its end, until the next element is known."""
 
     def __init__(self, course: Course) -> None:
         self.course = course
@@ -76,22 +76,22 @@ class Contour:
 
     @property
     def position(self) -> Point:
-        """Where the next element begins, in the coordinates of the program."""
+        """Start of the next element, in program coordinates [mm]."""
         if self.approach is not None:
             return self.target
         return self.held[0].end if self.held else self.course.position
 
     @property
     def idle(self) -> bool:
-        """Whether nothing waits for the next element."""
+        """Whether neither an element nor an approach is held."""
         return self.held is None and self.approach is None
 
     def wait(self, approach: Approach, target: Point, line: int) -> None:
-        """Let an approach to a point wait for the first element of the contour."""
+        """Hold an approach to a point until the first element of the contour."""
         self.approach, self.target, self.first = approach, target, line
 
     def add(self, element: Element, corner: Corner | None = None) -> None:
-        """Take an element, and the corner at its end."""
+        """Add an element, with the corner at its end if there is one."""
         if self.approach is not None:
             approach, self.approach = self.approach, None
             for piece in approach(element):
@@ -112,7 +112,7 @@ class Contour:
             self._put(element)
 
     def refuse_open(self) -> None:
-        """Refuse a corner or an approach that no cut follows; put down what waits for a modal one."""
+        """Refuse a corner or an approach without a following cut; output an element held for a modal corner."""
         if self.held is not None and self.held[1].modal:
             element, self.held = self.held[0], None
             self._put(element)
@@ -135,10 +135,10 @@ class Contour:
 
 
 def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Element, Element | None, Element]:
-    """Return two elements cut back to a corner between them, and what joins them; ValueError if no such corner fits.
+    """Return two trimmed elements and the corner element between them; raise a ValueError if the corner does not fit.
 
-    Two lines turning by t lose r tan(t / 2) each to a rounding of radius r, and c / (2 cos(t / 2)) to a chamfer of
-    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet.
+    Two lines with a change of direction t are trimmed by r tan(t / 2) for a radius r, and c / (2 cos(t / 2)) for a
+    chamfer of length c. With arcs, the centre of the rounding is the intersection of both elements offset inwards by r.
     """
     point, normal = before.end, after.normal if after.centre is not None else before.normal
     one, other = before.tangent(point), after.tangent(point)
@@ -175,14 +175,14 @@ def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Elemen
     return replace(before, end=first), joint, replace(after, start=last)
 
 
-#: A line, a point of it and its direction, or a circle, its centre and radius; places of a plane are complex numbers.
+#: Line (point, direction) or circle (centre, radius); points of the plane are complex numbers.
 Flat = tuple[complex, complex | float]
 
 
 def _find_rounding(
     before: Element, after: Element, radius: float, normal: Point, *, right_hand: bool
 ) -> tuple[Point, Point, Point]:
-    """Return centre, begin and end of the arc of a radius that touches two elements from inside their corner."""
+    """Return centre, start and end of the arc of given radius tangent to two elements on the inside of their corner."""
     corner, u = before.end, before.tangent(before.end)
     v = cross(normal, u)
 
@@ -198,7 +198,7 @@ def _find_rounding(
         return centre, abs(abs(centre) + (-left if element.right_hand else left))
 
     def touch(element: Element, centre: complex) -> complex | None:
-        """Return where the arc about a centre touches an element, None beyond its ends."""
+        """Return the tangent point of an arc about a centre on an element, None beyond its ends."""
         start, end = flatten(element.start), flatten(element.end)
         if element.centre is None:
             way = (end - start) / abs(end - start)
@@ -224,7 +224,7 @@ def _find_rounding(
 
 
 def _meet(one: Flat, other: Flat) -> list[complex]:
-    """Return where a line and a circle, or two circles, meet."""
+    """Return the intersections of two lines or circles; an empty list for two lines."""
     (start, way), (centre, radius) = (one, other) if isinstance(one[1], complex) else (other, one)
     if isinstance(radius, complex):
         return []
@@ -240,7 +240,7 @@ def _meet(one: Flat, other: Flat) -> list[complex]:
 
 
 def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) -> tuple[Point, bool] | None:
-    """Return centre and sense of the arc that leaves along a direction and ends at a point; None where it is straight.
+    """Return centre and sense (right-hand) of the arc with a given start direction and end point; None if straight.
 
     Direction and normal of the plane are unit vectors.
     """

@@ -1,7 +1,7 @@
-"""Follow the tool of a program whose coordinates stand in frames: what of its place is known, moves in the part.
+"""Position of the tool in program coordinates, with unknown coordinates, and its moves in the part frame.
 
-What is unknown stays unknown: rapid moves are put down once all of a place is known, and cuts that begin elsewhere are
-refused. Moves where nobody knows how the coordinates lie to the part are left out (muted), and cuts there refused.
+Rapid moves are logged once all coordinates are known; cuts from an unknown position are refused.
+Moves in a frame with unknown pose in the part are left out (muted), and cuts there are refused.
 """
 
 from __future__ import annotations
@@ -18,40 +18,40 @@ from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
 #: Greatest turn of the tool between waypoints. [deg]
 TURN_STEP = 1.0
-#: Turns of the tool below this are none. [rad]
+#: Least change of the tool axis. [rad]
 STEADY = 1e-9
 UP: Point = (0.0, 0.0, 1.0)
 
 
 class Course:
-    """Hold where the tool is, in the coordinates of the program, and put down its moves in the part."""
+    """Track the position of the tool in program coordinates and log its moves in the part frame."""
 
     def __init__(self, reader: Any, options: CamTable, *, starts_at_zero: bool = False) -> None:
         self.reader, self.options, self.starts_at_zero = reader, options, starts_at_zero
         self.log = MoveLog(CHORD_MM, reader)
         self.frame = Frame()
         self.position: Point = (0.0, 0.0, 0.0)
-        #: Axes whose coordinate is not known, and whether the tool has gone where only the machine knows (else untold).
+        #: Axes with unknown coordinate; True after a machine move, False if the program has not stated it yet.
         self.unknown = dict.fromkeys(range(3), False)
-        #: Whether a cut has begun, and whether the tool has gone where only the machine knows since its last move.
+        #: Whether a cut has begun; whether a machine move to an unknown position precedes the next move.
         self.begun = self.away = False
         self.reason = ""
         #: Greatest height of a rapid move so far, along Z of the frame. [mm]
         self.height: float | None = None
         self.up = UP
-        #: Why moves are left out: what is said of a cut among them, and noted of a rapid one ("": nothing).
+        #: Reasons to leave out moves, with the error message of a cut and the note of a rapid move ("": none).
         self.muted: dict[str, tuple[str, str]] = {}
         self.left_out = 0
-        #: Two places of the program, from one to the other in the direction in which the last cut ended; None where
-        #: nothing was cut right before.
+        #: Two points in program coordinates whose difference is the direction at the end of the last cut; None
+        #: if the last move was not a cut.
         self.way: tuple[Point, Point] | None = None
 
     def note(self, message: str) -> None:
-        """Note something that was assumed or read past, at the line that is read."""
+        """Note an assumption or a skipped statement, with the current line."""
         self.log.note(message, self.reader.line)
 
     def use(self, frame: Frame) -> None:
-        """Put a frame in force; the tool stays where it is, and is counted anew."""
+        """Activate a frame; the tool does not move, its coordinates are converted."""
         if frame == self.frame:
             return
         back = frame.invert()
@@ -63,7 +63,7 @@ class Course:
         self.move_frame(frame)
 
     def move_frame(self, frame: Frame) -> None:
-        """Put a frame in force under the tool: its coordinates stay, its place in the part changes."""
+        """Activate a frame with unchanged coordinates of the tool; its position in the part changes."""
         if frame == self.frame:
             return
         if frame.rows != self.frame.rows:
@@ -73,33 +73,33 @@ class Course:
         self.frame, self.way = frame, None
 
     def aim(self, axis: Point) -> None:
-        """Turn the tool, in the part, by rotary axes: where that takes its tip is not known."""
+        """Set the tool axis in the part by rotary axes; the position of the tip is then unknown."""
         if _angle(self.log.axis, axis) > STEADY:
             self.lose()
             self.log.axis = axis
 
     def lose(self, axes: Iterable[int] = range(3), reason: str = "after a move of the machine's axes") -> None:
-        """Forget coordinates: the tool has gone where only the machine knows."""
+        """Mark coordinates as unknown after a machine move."""
         lost = dict.fromkeys(axes, True)
         self.unknown.update(lost)
         self.way, self.away, self.reason = None, self.away or bool(lost), reason
 
     def settle(self, axes: Iterable[int]) -> None:
-        """Take coordinates as known."""
+        """Mark coordinates as known."""
         for axis in axes:
             self.unknown.pop(axis, None)
 
     def mute(self, reason: str, refusal: str = "", note: str = "") -> None:
-        """Leave moves out from here on; refuse a cut among them and note a rapid one where there is a text for it."""
+        """Leave out all moves until `unmute`; refuse cuts and note rapid moves if there is a text for them."""
         self.muted[reason] = refusal, note
 
     def unmute(self, reason: str) -> None:
-        """Let moves in again, from a place that nobody knows."""
+        """Log moves again, from an unknown position."""
         if self.muted.pop(reason, None) is not None:
             self.lose(range(3), "after a change of the frame")
 
     def retreat(self) -> None:
-        """Go straight up to the greatest height of a rapid so far: on the way to the machine's home."""
+        """Retract along Z to the greatest height of a rapid move so far, before a move to the reference position."""
         if self.muted or self.height is None or self.unknown or not self.log.waypoints:
             return
         place = self.frame.apply(self.position)
@@ -111,14 +111,14 @@ class Course:
             self.position = self.frame.invert().apply(place)
 
     def level_of_height(self) -> float | None:
-        """Return the greatest height of a rapid so far as Z of the program, None where there is none."""
+        """Return the greatest height of a rapid move so far as Z of the program, None without any."""
         if self.height is None:
             return None
         place = self.frame.apply(self.position)
         return self.frame.invert().apply(combine(1.0, place, self.height - dot(self.up, place), self.up))[2]
 
     def rapid(self, target: Point, named: Sequence[int] = (), axis: Point | None = None) -> None:
-        """Move rapidly to a place; nothing is put down until all of it is known."""
+        """Move rapidly to a position; the move is logged only if all coordinates are known."""
         before, log = self.position, self.log
         self.position, self.way = target, None
         self.settle(named)
@@ -143,7 +143,7 @@ class Course:
         log.rapid(point, axis)
 
     def begin_cut(self) -> None:
-        """Let a cut begin where the tool is, before its block says where it ends."""
+        """Begin a cut at the position of the tool, before its end point is evaluated."""
         if self.muted:
             return
         if unknown := set(self.unknown):
@@ -168,13 +168,13 @@ class Course:
         self.begun = True
 
     def check_place(self, axes: Iterable[int]) -> None:
-        """Refuse a hole while a coordinate of the tool that its block does not state is not known."""
+        """Refuse a block that depends on an unknown coordinate of these axes."""
         unknown = set(axes).intersection(self.unknown)
         if unknown and not self.muted:
             find_start(self.position, unknown, None, self.reason)
 
     def leave_out(self, target: Point, named: Iterable[int] = ()) -> bool:
-        """Leave out a cut where moves are muted; return whether they are."""
+        """Leave out a cut if moves are muted; return whether they are."""
         if not self.muted:
             return False
         if refusal := next((refusal for refusal, _ in self.muted.values() if refusal), ""):
@@ -185,7 +185,7 @@ class Course:
         return True
 
     def line(self, target: Point, named: Iterable[int], feed: float, axis: Point | None = None) -> None:
-        """Cut straight to a place with a feed in mm/s; the tool turns to `axis` on the great circle."""
+        """Cut straight to a position with a feed in mm/s; the tool axis moves to `axis` on the great circle."""
         if self.leave_out(target, named):
             return
         if self.unknown:
@@ -209,7 +209,7 @@ class Course:
 
     def arc(self, target: Point, named: Iterable[int], feed: float, centre: Point, normal: Point, right_hand: bool,
             turns: int) -> None:  # fmt: skip
-        """Cut along an arc or a helix; everything stands in the coordinates of the program."""
+        """Cut along an arc or a helix, given in program coordinates."""
         if self.leave_out(target, named):
             return
         if self.unknown:

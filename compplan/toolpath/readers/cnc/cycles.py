@@ -1,4 +1,4 @@
-"""Drilling cycles: holes and patterns of all dialects; G73 to G89 of G-code, CYCLE8x and HOLESx of Sinumerik."""
+"""Drilling cycles: holes and hole patterns of all dialects; G73 to G89 of G-code, CYCLE8x and HOLESx of Sinumerik."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotat
 #: Greatest number of holes of one block or pattern, and of pecks of one hole.
 MOST_HOLES = 10_000
 MOST_PECKS = 10_000
-#: How far a deep-hole cycle stays above the depth before when it comes back (G83) or goes back (G73). [mm]
+#: Clearance above the previous depth on return (G83), and retract after each peck (G73), of deep-hole cycles. [mm]
 PECK_CLEARANCE_MM = 0.254
-#: Least depth of a last peck of its own (at most a tenth of a peck): less remains where a file rounds Q to 0.001 mm or
-#: 0.0001 inch; assumed. [mm]
+#: Least depth of a separate last peck (at most a tenth of a peck); less is due to a Q rounded to 0.001 mm or
+#: 0.0001 inch (assumed). [mm]
 LEAST_PECK_MM = 0.005
 SKIPPED = "is left out: the tool moves rapidly above the holes (option cycles)"
 PECK_NOTE = (
     f"G83 comes back to {PECK_CLEARANCE_MM:g} mm above the depth before, G73 goes back by as much: "
     "assumed, the control's own setting is not in the file"
 )
-#: Cycles of G-code that go back with the feed, that wait at the bottom, and that reverse the spindle there.
+#: Cycles of G-code that retract at the feed, dwell at the bottom, and reverse the spindle there.
 FEED_BACK = frozenset({74.0, 84.0, 85.0, 89.0})
 DWELLING = frozenset({82.0, 89.0, 76.0, 88.0, 74.0, 84.0})
 TAPPING = {74.0: ("spindle_cw", "spindle_ccw"), 84.0: ("spindle_ccw", "spindle_cw")}
 NOT_CUT = {87.0: "back boring", 88.0: "boring with a retract by hand"}
-#: Drilling cycles of Sinumerik, and whether the tool leaves the hole with a feed.
+#: Drilling cycles of Sinumerik, and whether the tool retracts from the hole at a feed.
 DRILLING = {"CYCLE81": False, "CYCLE82": False, "CYCLE83": False, "CYCLE84": True, "CYCLE840": True, "CYCLE85": True,
             "CYCLE86": False, "CYCLE87": False, "CYCLE88": False, "CYCLE89": True}  # fmt: skip
 PATTERNS = {"HOLES1", "HOLES2", "CYCLE801"}
 REFUSED = re.compile(r"CYCLE\d+|POCKET\d|SLOT\d|LONGHOLE|HOLES\d|CONTPRON|CONTDCON")
-#: Calls that say nothing of the path.
+#: Calls that do not affect the path.
 SILENT_CALLS = frozenset((
     "ACCLIM", "BRISKA", "CLEARM", "COARSEA", "CYCLE60", "CYCLE832", "CYCLE996", "CYCLE9960", "CYCLE_HSC", "DELT",
     "DISPLOF", "DRIVEA", "EXTERN", "FGROUP", "FINEA", "FXS", "GETT", "GROUP_ADDEND", "GROUP_BEGIN", "GROUP_END",
     "INIT", "JERKLIM", "LIMS", "MSG", "RESET", "SETAL", "SETM", "SETMS", "SOFTA", "SPCOF", "SPCON", "START", "STOPRE",
     "VELOLIM", "WAITE", "WAITM", "WAITMC", "WAITS", "WORKPIECE", "WRITE",
 ))  # fmt: skip
-#: Pitches of coarse metric threads by their size. [mm]
+#: Pitches of coarse metric threads by nominal diameter. [mm]
 PITCHES = {3: 0.5, 4: 0.7, 5: 0.8, 6: 1.0, 8: 1.25, 10: 1.5, 12: 1.75, 14: 2.0, 16: 2.0, 18: 2.5, 20: 2.5, 22: 2.5,
            24: 3.0, 27: 3.0, 30: 3.5, 33: 3.5, 36: 4.0, 39: 4.0, 42: 4.5, 45: 4.5, 48: 5.0}  # fmt: skip
 Numbers = list[float | None]
@@ -52,12 +52,12 @@ Numbers = list[float | None]
 
 @dataclass
 class Hole:
-    """Hold a hole along an axis of the program (0 to 2), from the level at which the feed begins to its bottom.
+    """Hole along an axis of the program (0 to 2), from the level `clear`, where the feed begins, to `bottom` [mm].
 
-    `top` is the level that the tool goes back to; `feed` and `out` the feed and that back to `clear`, None where the
-    tool leaves the hole rapidly [mm/s]; `pecks` levels on the way, from each of which it leaves the hole (`lifts`) or
-    goes back a little; a rapid way out may stop at `clear` (`by_clear`); `wait` is a dwell at the bottom [s]; `turn`
-    the sense of the spindle at the bottom and above (tapping), "" where it stays, at its speed [1/min].
+    `top` is the retract level. `feed` and `out` are the feeds down and back to `clear`, None for a rapid retract
+    [mm/s]. `pecks` are the levels of intermediate retracts, out of the hole (`lifts`) or by a short distance. A rapid
+    retract may stop at `clear` (`by_clear`). `wait` is the dwell at the bottom [s]. `turn` are the senses of the
+    spindle at the bottom and after the retract (tapping), "" if unchanged; `speed` its speed [1/min].
     """
 
     axis: int
@@ -75,7 +75,7 @@ class Hole:
 
 
 def drill(course: Course, hole: Hole, name: str) -> None:
-    """Carry out a hole where the tool is: rapidly to its clear level, down with feed, and back; else go back alone."""
+    """Drill a hole at the position of the tool and retract; only retract to `top` if cycles are skipped."""
     if course.options.cycles == "expand":
         go_to_level(course, hole.axis, hole.clear)
         course.begin_cut()
@@ -108,7 +108,7 @@ def go_to_level(course: Course, axis: int, level: float) -> None:
 
 
 def list_pecks(clear: float, bottom: float, first: float, less: float, least: float) -> list[float]:
-    """Return the levels of the pecks of a hole: of `first`, each by `less` shorter, none shorter than `least`."""
+    """Return the levels of the pecks of a hole: depth `first`, each reduced by `less` to a minimum of `least`."""
     if (clear - bottom) / max(least, 1e-9) > MOST_PECKS:
         raise InputError(f"a hole of more than {MOST_PECKS} pecks, of {least:g} mm")
     depths, peck = [clear], first
@@ -119,14 +119,14 @@ def list_pecks(clear: float, bottom: float, first: float, less: float, least: fl
 
 
 def list_circle(centre: tuple[float, float], radius: float, start: float, step: float, count: int) -> list[Point]:
-    """List holes on a circle; angles in degrees."""
+    """Return the positions of holes on a circle; angles in degrees."""
     angles = [math.radians(start + step * i) for i in range(_check(count))]
     return [(centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle), 0.0) for angle in angles]
 
 
 def list_grid(corner: tuple[float, float], turn: float, steps: tuple[float, float], counts: tuple[int, int],
               first: float = 0.0) -> list[Point]:  # fmt: skip
-    """List holes in rows, to and fro; the rows turn about the corner by an angle in degrees."""
+    """Return the positions of holes in rows, in zigzag order; the grid is rotated about the corner by `turn` [deg]."""
     turned = Frame(rotate(2, turn).rows, (*corner, 0.0))
     columns = range(_check(counts[0] * counts[1]) // counts[1])
     return [
@@ -142,7 +142,7 @@ def _check(count: int) -> int:
 
 
 def begin_cycle(it: Interpreter, code: float) -> None:
-    """Begin a cycle of G-code; the level it began at stays until it is cancelled."""
+    """Begin a cycle of G-code; its initial level is kept until the cycle is cancelled."""
     state, axis = it.state, DEEP_AXIS[it.state.plane]
     if not state.cycle_code:
         state.cycle_start = None if axis in it.course.unknown else it.course.position[axis]
@@ -151,16 +151,16 @@ def begin_cycle(it: Interpreter, code: float) -> None:
 
 
 def run_cycle(it: Interpreter, block: CncBlock) -> None:
-    """Carry out the holes of one block of G-code.
+    """Execute the holes of one block of G-code.
 
-    The tool moves rapidly to each hole at the level where it is (or R if that is higher), and to the level R; it cuts
-    to the bottom, in pecks of Q where the cycle has them, and goes back to R (G99) or to the level at which the cycle
-    began (G98). R, Z, Q, P, I, J, K are modal, L (or K without I) repeats.
+    The tool moves rapidly to each hole at its current level (or R if that is higher), then to the level R. It cuts
+    to the bottom, in pecks of Q if the cycle has them, and retracts to R (G99) or to the initial level of the cycle
+    (G98). R, Z, Q, P, I, J, K are modal, L (or K without I) is the number of repetitions.
     """
     state, values, code, axis = it.state, block.values, it.state.cycle_code, DEEP_AXIS[it.state.plane]
     deep, words = AXES[axis], it.state.cycle
     start = _find_start(it, axis, values["R"] * state.scale if "R" in values and not state.incremental else None)
-    for letter in ("R", deep):  # in G91 R counts from where the cycle began, and the depth from R
+    for letter in ("R", deep):  # in G91 R is relative to the initial level, and the depth to R
         if letter in values:
             base = (start if letter == "R" else words.get("R", start)) if state.incremental else 0.0
             words[letter] = values[letter] * state.scale + base
@@ -191,7 +191,7 @@ def run_cycle(it: Interpreter, block: CncBlock) -> None:
 
 
 def _find_start(it: Interpreter, axis: int, stated: float | None = None) -> float:
-    """Return the level at which the cycle began; where it is not known, the highest rapid so far or the level R."""
+    """Return the initial level of the cycle; if unknown, the highest rapid move so far or the level R."""
     state = it.state
     if state.cycle_start is None:
         known = it.course.level_of_height() if axis == 2 else None
@@ -217,10 +217,10 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
     hole = Hole(
         axis, clear, bottom, max(start, clear) if state.retract_to_start else clear, feed,
         feed if code in FEED_BACK else None, lifts=code == 83.0,
-        wait=wait if wait < 100.0 else wait * 1e-3,  # from 100 on it counts in milliseconds
+        wait=wait if wait < 100.0 else wait * 1e-3,  # milliseconds from 100 on
         turn=TAPPING.get(code, ("", "")) if state.turning else ("", ""), speed=state.spindle,
     )  # fmt: skip
-    first = words.get("I", words.get("Q", 0.0))  # Haas: from I by J less each time down to K
+    first = words.get("I", words.get("Q", 0.0))  # Haas: I, reduced by J down to K
     pecks = it.options.cycles == "expand" and code in (73.0, 83.0) and first > 0.0 and bottom < clear
     if pecks and not course.muted:
         it.note(PECK_NOTE)
@@ -230,15 +230,15 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
 
 
 class SinumerikCycles:
-    """Carry out cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801."""
+    """Drilling cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801."""
 
     def __init__(self, it: Interpreter, evaluate: Callable[[str], float], ask_for_unit: Callable[..., None]) -> None:
         self.it, self.evaluate, self.ask_for_unit = it, evaluate, ask_for_unit
-        #: Cycle that is called at every place from here on (MCALL).
+        #: Cycle that is called at every following position (MCALL).
         self.modal: tuple[str, Numbers] | None = None
 
     def run(self, called: str, arguments: list[str], *, modal: bool) -> bool:
-        """Carry out a cycle, or keep it for the holes that follow; return whether the call is one that is read."""
+        """Execute a cycle, or store a modal one for the following holes; return whether the call is a known one."""
         if called in SILENT_CALLS:
             return True
         if called not in DRILLING and called not in PATTERNS:
@@ -256,9 +256,9 @@ class SinumerikCycles:
         return True
 
     def drill(self, called: str, numbers: Numbers) -> None:
-        """Carry out CYCLE8x(RTP, RFP, SDIS, DP, DPR, ..): from RFP + SDIS to DP, back to RTP.
+        """Execute CYCLE8x(RTP, RFP, SDIS, DP, DPR, ..): from RFP + SDIS to DP, retract to RTP.
 
-        DPR, where it is not 0, is the depth below RFP in place of DP.
+        A non-zero DPR is the depth below RFP and replaces DP.
         """
         it, scale = self.it, self.it.state.scale
         it.contour.refuse_open()
@@ -285,7 +285,7 @@ class SinumerikCycles:
             drill(it.course, Hole(axis, clear, bottom, rtp, feed, out if DRILLING[called] else None), called)
 
     def _drill_pattern(self, called: str, n: list[float]) -> None:
-        """Carry out HOLES1 (a row), HOLES2 (a circle) and CYCLE801 (a grid) with the modal cycle."""
+        """Execute HOLES1 (a row), HOLES2 (a circle) and CYCLE801 (a grid) with the modal cycle."""
         if self.modal is None:
             raise InputError(f"{called}, and no drilling cycle is called before it (MCALL)")
         corner, count = (n[0], n[1]), int(n[5])

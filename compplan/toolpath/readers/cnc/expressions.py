@@ -1,4 +1,4 @@
-"""Arithmetic in CNC programs: formulas of Klartext, expressions of Siemens controls, macros of G-code."""
+"""Parser of expressions in CNC programs: formulas of Klartext, expressions of Sinumerik, macros of G-code."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 TOKEN = re.compile(
     r"\s*(?:((?:\d+\.?\d*|\.\d+)(?:EX?[-+]?\d+(?![\w.]))?)|([$A-Z_][$\w]*)|(<<|<>|==|<=|>=|[-+*/()\[\],^<>]))", re.ASCII
 )
-#: How deep brackets may stand in one another.
+#: Greatest depth of nested brackets.
 DEEPEST = 50
-#: Value of a variable; None: vacant, which counts as 0 in arithmetic (macros of G-code).
+#: Value of a variable; None: vacant, 0 in arithmetic (macros of G-code).
 Value = float | None
 Lookup = Callable[[str, tuple[float, ...]], Value]
-#: Functions that all dialects share, angles in degrees, and how many arguments each takes.
+#: Functions of all dialects with their numbers of arguments; angles in degrees.
 FUNCTIONS: Mapping[str, tuple[int, Callable[..., float]]] = {
     "SIN": (1, lambda x: math.sin(math.radians(x))), "COS": (1, lambda x: math.cos(math.radians(x))),
     "TAN": (1, lambda x: math.tan(math.radians(x))), "ASIN": (1, lambda x: math.degrees(math.asin(x))),
@@ -26,9 +26,9 @@ FUNCTIONS: Mapping[str, tuple[int, Callable[..., float]]] = {
 
 @dataclass(frozen=True)
 class Grammar:
-    """Say what an expression may hold: functions and how many arguments each takes, operators and how they bind.
+    """Grammar of expressions: functions with their numbers of arguments, operators with their precedence.
 
-    A greater number binds tighter; where `bare`, a function of one argument may go without brackets (SIN 30).
+    A greater precedence binds tighter. If `bare`, a function of one argument needs no brackets (SIN 30).
     """
 
     functions: Mapping[str, tuple[int, Callable[..., float]]]
@@ -39,7 +39,7 @@ class Grammar:
 
 
 def evaluate(text: str, grammar: Grammar, lookup: Lookup) -> float:
-    """Return the value of an expression that is the whole text; ValueError if it has none."""
+    """Return the value of a text that is one expression; raise a ValueError if it is not."""
     value, place = evaluate_at(text, 0, grammar, lookup)
     if text[place:].strip():
         raise ValueError(f"cannot read {text[place:].strip()[:30]!r} in the expression {text.strip()[:40]!r}")
@@ -47,25 +47,25 @@ def evaluate(text: str, grammar: Grammar, lookup: Lookup) -> float:
 
 
 def evaluate_at(text: str, place: int, grammar: Grammar, lookup: Lookup) -> tuple[float, int]:
-    """Return the value of the expression that begins at a place of a text in capitals, and where it ends."""
+    """Return the value of the expression that begins at an index of a text in capitals, and the index of its end."""
     parser = Parser(text, place, grammar, lookup)
     return need(parser.parse_all()), parser.place
 
 
 def need(value: Value) -> float:
-    """Return a value; a vacant one counts as 0."""
+    """Return a value, 0 for a vacant one."""
     return 0.0 if value is None else value
 
 
 class Parser:
-    """Work out expressions of a text from a place on, by precedence climbing; `lookup` gives variables their values."""
+    """Evaluate expressions of a text from an index on by precedence climbing; `lookup` returns values of variables."""
 
     def __init__(self, text: str, place: int, grammar: Grammar, lookup: Lookup) -> None:
         self.text, self.place, self.grammar, self.lookup = text, place, grammar, lookup
         self.depth = 0
 
     def parse_all(self) -> Value:
-        """Return the value of the expression that begins here."""
+        """Return the value of the expression at the current index."""
         first = self.place
         try:
             value = self.parse()
@@ -76,7 +76,7 @@ class Parser:
         return value
 
     def parse(self, least: int = 0) -> Value:
-        """Return the value of operands joined by operators that bind at least so tightly."""
+        """Return the value of operands joined by operators with a precedence of at least `least`."""
         value = self.operand()
         while True:
             found = self.grammar.token.match(self.text, self.place)
@@ -149,7 +149,7 @@ class Parser:
             raise ValueError(f"{word} of {', '.join(f'{value:g}' for value in values)} has no value") from None
 
     def _list(self, closing: str) -> list[float]:
-        """Return the values of expressions between commas up to a bracket."""
+        """Return the values of comma-separated expressions up to a closing bracket."""
         values = [need(self.parse())]
         while self._accept(","):
             values.append(need(self.parse()))

@@ -1,4 +1,4 @@
-"""The order of the lines of a program: programs of a file, calls, jumps and loops, all of them bounded."""
+"""Control flow of a program: programs of a file, calls, jumps and loops, with limits."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from typing import Any
 from compplan.errors import InputError
 from compplan.toolpath.readers.lines import read_bounded, split_lines
 
-#: Greatest number of passes of one call, and of calls within calls.
+#: Greatest number of repetitions of a call, and depth of nested calls.
 MOST_CALLS = 9999
 DEEPEST = 11
-#: Greatest number of letters of blocks that are carried out again by jumps and calls, and what a block counts beside
-#: its letters: some 120,000 blocks, 1 to 4 s (assumed).
+#: Greatest number of characters of blocks that jumps and calls repeat, and the number added for each block:
+#: about 120,000 blocks, 1 to 4 s (assumed).
 MOST_LETTERS, BLOCK_LETTERS = 4_000_000, 15
-#: Longest name of a program that is searched beside a file (assumed).
+#: Longest name of a program that is searched in the folder of a file (assumed). [characters]
 LONGEST_NAME = 100
-#: What a line returns where its program ends.
+#: Result of a line that ends its program.
 END = -1
 
 
 @dataclass
 class CncProgram:
-    """Hold a program of a file: its lines as the dialect splits them, from the first (from 0) up to the last.
+    """Program of a file: lines as split by the dialect, from index `first` to `last` (exclusive).
 
-    `labels` are the lines of its labels or block numbers, `partners` where blocks of control close or open, and
+    `labels` are the lines of its labels or block numbers, `partners` those of the other end of control structures,
     `alternatives` the ELSE of an IF and the IF of an ELSE.
     """
 
@@ -42,7 +42,7 @@ class CncProgram:
 
 @dataclass
 class Call:
-    """Hold a program that is carried out, and the passes of its loops so far."""
+    """Running program, with the state of its repetitions and counting loops by line."""
 
     program: CncProgram
     repeats: dict[int, int] = field(default_factory=dict)
@@ -50,26 +50,26 @@ class Call:
 
 
 class Flow:
-    """Follow programs from line to line."""
+    """Execute programs line by line."""
 
     def __init__(self, file: Path, deepest: int = DEEPEST) -> None:
         self.file, self.deepest = file, deepest
         self.line = self.executed = self.lines = self.depth = self.letters = 0
         self.over = False
-        #: Returns the letters of a line.
+        #: Function that returns the number of characters of a line.
         self.weigh: Callable[[Any], int] = len
         self.programs: dict[str, CncProgram] = {}
         self.call = Call(CncProgram((), 0, 0, file))
-        #: Carries out a line of the program that runs; returns the next one, or END.
+        #: Function that executes a line of the running program and returns the index of the next one, or END.
         self.run_line: Callable[[CncProgram, int], int] = lambda program, index: END
 
     def error(self, message: str) -> InputError:
-        """Return an error at the line that is read."""
+        """Return an error at the current line."""
         return InputError(message, file=self.file, where=self.line)
 
     @contextmanager
     def guard(self) -> Iterator[None]:
-        """Give the errors of a program the file and the line at which they occur."""
+        """Add file and line to the errors of a program."""
         try:
             yield
         except InputError as fault:
@@ -78,7 +78,7 @@ class Flow:
             raise self.error(str(fault)) from None
 
     def run(self, program: CncProgram, start: int | None = None) -> bool:
-        """Carry out a program from a line on up to its end; return whether a line ended it."""
+        """Execute a program from a line to its end; return whether a line returned END."""
         kept, self.call = self.call, Call(program)
         self.lines = max(self.lines, len(program.lines))
         index, last, run_line = program.first if start is None else start, program.last, self.run_line
@@ -94,7 +94,7 @@ class Flow:
         return index < 0
 
     def run_program(self, name: str, program: CncProgram, times: float, start: int | None = None) -> None:
-        """Carry out a subprogram so many times."""
+        """Execute a subprogram `times` times."""
         if not 0 <= times <= MOST_CALLS or self.depth >= self.deepest:
             raise self.error(f"subprogram {name} is called {times:g} times at depth {self.depth + 1}, allowed are "
                              f"{MOST_CALLS} times and a depth of {self.deepest}")  # fmt: skip
@@ -109,14 +109,14 @@ class Flow:
         self.line, self.file = here, at
 
     def count_work(self, letters: int) -> None:
-        """Count a call, or the letters of a block that is carried out again."""
+        """Count a call, or the characters of a repeated block, and refuse more than the limit."""
         self.letters += letters + BLOCK_LETTERS
         if self.letters > MOST_LETTERS:
             raise self.error(f"more than {MOST_LETTERS} letters of blocks are carried out again by jumps and calls; "
                              "no more are read")  # fmt: skip
 
     def repeat(self, index: int, times: Callable[[], float]) -> bool:
-        """Return whether a repetition that stands in a line goes back once more."""
+        """Return whether the repetition in a line jumps back once more."""
         left = self.call.repeats.get(index)
         left = int(times()) if left is None else left
         if left > 0:
@@ -126,7 +126,7 @@ class Flow:
         return False
 
     def find_beside(self, name: str) -> bool:
-        """Load subprogram NAME from NAME.SPF in the folder of the file unless known; return whether it is known now."""
+        """Load subprogram NAME from NAME.SPF in the folder of the file unless known; return whether it is known."""
         searched = name not in self.programs and len(name) <= LONGEST_NAME
         for candidate in (f"{name}.SPF", f"{name}.spf", f"{name.lower()}.spf") if searched else ():
             beside = self.file.with_name(candidate)

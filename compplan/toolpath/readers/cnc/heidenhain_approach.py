@@ -1,4 +1,4 @@
-"""APPR and DEP of Heidenhain programs: how a contour is approached and left, in the working plane."""
+"""APPR and DEP of Heidenhain programs: approach and departure of a contour in the working plane."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS
 from compplan.toolpath.readers.lines import match_form
 
-#: The word that each way must have: straight along the tangent or the normal, on an arc, on a line and an arc.
+#: Required word of each approach: line along the tangent (LT) or normal (LN), arc (CT), line and arc (LCT).
 NEEDED = {"LT": "LEN", "LN": "LEN", "CT": "CCA", "LCT": "R"}
 
 
 def find_begin(kind: str, values: Mapping[str, float], side: float, far: complex, first: complex, direction: complex
                ) -> tuple[complex, complex | None, bool]:  # fmt: skip
-    """Return where the way to a contour begins, and centre and sense (right-hand) of its arc; ValueError without any.
+    """Return the start of an approach, and centre and sense (right-hand) of its arc; ValueError if it does not exist.
 
-    Places of the plane are complex numbers. The tool comes from `far`, the contour leaves its first point in
-    `direction`; the tool runs left (1) or right (-1) of it. RL with R > 0 turns counter-clockwise.
+    Points of the plane are complex numbers. The tool comes from `far`; the contour starts at `first` in `direction`,
+    with the tool to its left (1) or right (-1). RL with R > 0 is counter-clockwise.
     """
     left, length, radius = 1j * direction, values.get("LEN", 0.0), values.get("R", 0.0)
     if kind == "LT":
@@ -48,7 +48,7 @@ def find_begin(kind: str, values: Mapping[str, float], side: float, far: complex
 
 
 def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bool = False) -> None:
-    """Carry out APPR, whose moves wait for the first element of the contour, or DEP: the same way, driven back."""
+    """Execute APPR, whose moves are held until the first element of the contour, or DEP, which is APPR reversed."""
     what, plane, line, axis = "DEP" if leaves else "APPR", it.state.plane, it.flow.line, words.tool_axis
     kind, text = match_form(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest, f"{what}: LT, LN, CT, LCT").groups()
     block, before = words.read(text), None if it.state.motion == 0.0 else it.motion.feed(0.0)

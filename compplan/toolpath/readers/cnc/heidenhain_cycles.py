@@ -1,4 +1,4 @@
-"""Cycles of Heidenhain programs: frames and tilted planes (PLANE too), dwell, holes and their patterns."""
+"""Cycles of Heidenhain programs: frames, tilted planes (also PLANE), dwell, holes and hole patterns."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from compplan.toolpath.readers.cnc.state import AXES
 from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame, rotate, shift, stand_on, stretch
 from compplan.toolpath.readers.lines import match_form
 
-#: Drilling cycles, and whether the tool leaves the hole with the feed; old ones, and the part that states their feed.
+#: Drilling cycles, and whether the tool retracts at the feed; old cycles, and the number of the part with their feed.
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
             207: True, 208: False, 209: True, 240: False}  # fmt: skip
 OLD = {1: 5, 2: 4, 17: 3}
-#: Cycles that say nothing of the path.
+#: Cycles that do not affect the path.
 SILENT = {13, 32, 239, 332, 392}
 #: Rapid retraction, written as a feed. [mm/min]
 FASTEST = 99999.0
 AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
 NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
-#: Words of PLANE that say how the rotary axes go there, not where.
+#: Words of PLANE for the positioning of the rotary axes, without effect on the plane.
 HOW = re.compile(
     r"\b(MOVE|TURN|STAY|SEQ\s*[-+]|SYM\s*[-+]|TABLE\s+ROT|COORD\s+ROT|F\s*MAX|F\s*AUTO|F\s*[\d.,]+|FQ\d+|"
     r"DIST\s*[-+]?[\d.,]+|MB\s*MAX|MB\s*[-+]?[\d.,]+|ABST\s*[-+]?[\d.,]+)"
@@ -35,43 +35,43 @@ CYCLE_VALUE = re.compile(rf"(Q\d+)\s*=\s*({VALUE}|F?MAX|F?AUTO|PREDEF)")
 
 
 def find_spatial(a: float, b: float, c: float) -> Frame:
-    """Return the frame of spatial angles: first about X, then Y, then Z of the frame that is not tilted."""
+    """Return the frame of spatial angles: rotations about X, then Y, then Z of the untilted frame."""
     return rotate(2, c).then(rotate(1, b)).then(rotate(0, a))
 
 
 @dataclass
 class Cycle:
-    """Hold a cycle that is defined: its number and values, by its Q parameters or the numbers of its parts (1.2: 2)."""
+    """Defined cycle: its number and values, by Q parameters or numbers of its parts (1.2: "2")."""
 
     number: int
     values: dict[str, float] = field(default_factory=dict)
 
     def get(self, name: str) -> float:
-        """Return a value that the cycle must have."""
+        """Return a required value of the cycle."""
         if name not in self.values:
             raise InputError(f"cycle {self.number} has no {name if name[0] == 'Q' else f'part {self.number}.{name}'}")
         return self.values[name]
 
 
 class HeidenhainCycles:
-    """Put in force the frames that a program states; define and carry out cycles."""
+    """Cycles of a program: activation of frames, definition and execution of drilling cycles."""
 
     def __init__(self, it: Interpreter, words: KlartextWords) -> None:
         self.it, self.words, self.value, self.to_mm_s = it, words, words.value, words.to_mm_s
-        #: Angle of the rotation in force [deg]; the datum that cycle 247 named.
+        #: Angle of the active rotation [deg]; number of the datum of cycle 247.
         self.turned = 0.0
         self.preset: float | None = None
         self.cycle: Cycle | None = None
-        #: Whether lines with values of a cycle may follow.
+        #: Whether the next lines may hold values of a cycle.
         self.defining = False
-        #: Cycles of frames, part by part.
+        #: Cycles of frames, executed part by part.
         self.frames: dict[int, Callable[[str], None]] = {
             7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt,
         }  # fmt: skip
         words.turn_axis = self.use_axis
 
     def define(self, text: str) -> None:
-        """Carry out CYCL DEF."""
+        """Execute CYCL DEF."""
         found = match_form(CYCLE, text, "cycle: CYCL DEF and its number")
         number, part, rest = int(found.group(1)), int(found.group(2) or 0), found.group(3).strip()
         last = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest) if part else None
@@ -104,7 +104,7 @@ class HeidenhainCycles:
             raise InputError(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
     def add_value(self, text: str) -> None:
-        """Take a value that stands on a line of its own after its cycle."""
+        """Add a value from a separate line after the definition of its cycle."""
         found = ASSIGN.match(text)
         if found and self.cycle is not None:
             self.cycle.values[found.group(1)] = self._read_value(found.group(2).strip())
@@ -119,7 +119,7 @@ class HeidenhainCycles:
         return self.value(text)
 
     def call(self, place: Point | None = None) -> None:
-        """Drill where the tool is, or at a place, whose height counts on top of the cycle's surface."""
+        """Drill at the position of the tool, or at another one, whose height is added to the surface Q203."""
         if place is not None:
             above = self.cycle.values.get("Q203", 0.0) if self.cycle else 0.0
             self._drill_over(place, {"Q203": above + place[self.words.tool_axis]}, "CYCL CALL at positions")
@@ -130,7 +130,7 @@ class HeidenhainCycles:
         self._drill(self.cycle)
 
     def _drill_over(self, place: Point, changes: Mapping[str, float], what: str) -> None:
-        """Move rapidly over a place at the height of the tool, and drill there with some values changed."""
+        """Move rapidly above a position at the current height, and drill there with modified values of the cycle."""
         if self.cycle is None or self.cycle.number in OLD:
             raise InputError(f"{what} needs a cycle from 200 before it")
         height = self.it.course.position[self.words.tool_axis]
@@ -138,10 +138,10 @@ class HeidenhainCycles:
         self._drill(Cycle(self.cycle.number, {**self.cycle.values, **changes}))
 
     def _drill(self, cycle: Cycle) -> None:
-        """Carry out a cycle at the tool's place.
+        """Execute a cycle at the position of the tool.
 
-        From set-up clearance Q200 above the surface Q203 to the depth Q201, then to the level Q204 above the surface;
-        cycles 1, 2 and 17 from the level where the tool is, by set-up clearance and depth, and back.
+        It drills from the set-up clearance Q200 above the surface Q203 to the depth Q201 and retracts to Q204 above the
+        surface. Cycles 1, 2 and 17 drill from the current level by set-up clearance plus depth, and retract to it.
         """
         course, axis, values, old = self.it.course, self.words.tool_axis, cycle.values, cycle.number in OLD
         if cycle.number in (17, 207, 209):
@@ -184,7 +184,7 @@ class HeidenhainCycles:
                 go_to_level(course, axis, top)
 
     def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
-        """Mill a bore on a helix (cycle 208): from its middle out, down, round the bottom, back to the middle."""
+        """Mill a bore (cycle 208): outwards from its centre, down a helix, full circle at the bottom, back."""
         radius, course, plane = self.words.radii.get(self.words.tool), self.it.course, self.it.state.plane
         if radius is None:
             raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
@@ -200,7 +200,7 @@ class HeidenhainCycles:
         course.line(end, (), feed)
 
     def _drill_pattern(self, pattern: Cycle) -> None:
-        """Carry out cycles 220 (holes on a circle) and 221 (holes in rows) with the cycle defined before."""
+        """Execute cycles 220 (holes on a circle) and 221 (holes in rows) with the drilling cycle defined before."""
         get, n, course, axis = pattern.get, pattern.values, self.it.course, self.words.tool_axis
         if n.get("Q365", 0.0) != 0.0:
             raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read")
@@ -224,11 +224,11 @@ class HeidenhainCycles:
 
     @property
     def tilt(self) -> Frame:
-        """The tilted plane in force."""
+        """Active tilted plane."""
         return self.it.frames.get("plane", Frame())
 
     def shift_datum(self, rest: str) -> None:
-        """Carry out cycle 7: what counts from the datum before, or (I) from the present one."""
+        """Execute cycle 7: datum shift, absolute from the original datum, or incremental (I) from the active one."""
         found = AXIS_VALUE.findall(rest)
         if re.match(r"(#|D\s*\d|DNO)", rest):
             raise InputError(f"datum table {rest[:20]!r} is not read; write the shift out")
@@ -244,18 +244,18 @@ class HeidenhainCycles:
         self.it.put(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
 
     def run_trans(self, rest: str) -> None:
-        """TRANS DATUM: as cycle 7."""
+        """TRANS DATUM: datum shift as in cycle 7."""
         if not rest.startswith(("DATUM AXIS", "DATUM RESET")):
             raise InputError(f"TRANS {rest[:30]!r} is not read; use cycles 7, 8, 10, 11")
         self.shift_datum("X0 Y0 Z0" if rest == "DATUM RESET" else rest[len("DATUM AXIS") :].strip())
 
     def _refuse_within(self, what: str, *names: str) -> None:
-        """Refuse a frame that is stated while others are in force, within which it would count."""
+        """Refuse a frame that is stated inside other active frames."""
         if found := [name for name in names if name in self.it.frames]:
             raise InputError(f"{what} after a {found[0]} is not read; state it before, or take the {found[0]} back")
 
     def _name_preset(self, rest: str) -> None:
-        """Carry out cycle 247: the first datum is that of the path."""
+        """Execute cycle 247: the first datum is that of the path."""
         found = re.search(rf"Q339\s*=\s*({VALUE})", rest)
         preset = self.value(found.group(1)) if found else 0.0
         if self.preset not in (None, preset):
@@ -263,7 +263,7 @@ class HeidenhainCycles:
         self.preset = preset
 
     def _mirror(self, rest: str) -> None:
-        """Carry out cycle 8."""
+        """Execute cycle 8 (mirror image)."""
         letters = re.findall(r"[XYZ]", rest)
         if re.sub(r"[XYZ]|\s", "", rest):
             raise InputError(f"mirror {rest[:20]!r} is not read, expected X, Y, Z")
@@ -273,7 +273,7 @@ class HeidenhainCycles:
         self.it.put(mirror=stretch(x, y, z) if letters else None)
 
     def _rotate(self, rest: str) -> None:
-        """Carry out cycle 10."""
+        """Execute cycle 10 (rotation)."""
         step, text = match_form(rf"(I?)ROT\s*({VALUE})", rest, "rotation: ROT and an angle").groups()
         angle = self.value(text) + (self.turned if step else 0.0)
         if angle:
@@ -282,18 +282,18 @@ class HeidenhainCycles:
         self._turn()
 
     def _turn(self) -> None:
-        """Put the rotation in force about the tool axis."""
+        """Activate the rotation about the tool axis."""
         self.it.put(rotation=rotate(self.words.tool_axis, self.turned) if self.turned else None)
 
     def _scale(self, rest: str) -> None:
-        """Carry out cycle 11."""
+        """Execute cycle 11 (scaling factor)."""
         scale = self.value(match_form(rf"SCL\s*({VALUE})", rest, "scale: SCL and a factor").group(1))
         if not 1e-6 <= scale <= 100.0:
             raise InputError(f"scale {rest[:20]!r} is not read, expected 0.000001 to 100")
         self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
 
     def _tilt(self, rest: str) -> None:
-        """Carry out cycle 19: spatial angles, or angles of rotary axes: the machine says which."""
+        """Execute cycle 19 (working plane) with spatial angles; refuse it unless `tilt_angles` confirms them."""
         angles = {letter: self.value(text) for letter, text in re.findall(rf"([ABC])\s*({VALUE})", rest)}
         if any(angles.values()) and self.it.options.axes.tilt_angles != "spatial":
             raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
@@ -301,7 +301,7 @@ class HeidenhainCycles:
         self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
 
     def _stand(self, tilt: Frame) -> None:
-        """Put a tilted plane in force, or take it back."""
+        """Activate a tilted plane, or cancel it."""
         self.it.contour.refuse_open()
         if tilt == self.tilt:
             return
@@ -314,18 +314,18 @@ class HeidenhainCycles:
         self.point_tool()
 
     def use_axis(self) -> None:
-        """Take another tool axis, that of TOOL CALL."""
+        """Apply the tool axis of TOOL CALL to rotation and tool direction."""
         self._turn()
         self.point_tool()
 
     def point_tool(self) -> None:
-        """Point the tool along the tool axis of the plane in force."""
+        """Orient the tool along the tool axis of the active plane."""
         axis = self.tilt.turn(PLANE_NORMALS[self.it.state.plane])
         if axis != self.it.log.axis:
             self.it.course.aim(axis)
 
     def run_plane(self, rest: str) -> None:
-        """Carry out PLANE .. ."""
+        """Execute PLANE .. ."""
         kind, _, words = rest.partition(" ")
         words = HOW.sub(" ", f" {words} ")
         numbers = {name: self.value(text) for name, text in NAMED.findall(words)}

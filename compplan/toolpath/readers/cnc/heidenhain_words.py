@@ -1,4 +1,4 @@
-"""The blocks of Heidenhain programs and their words: places, feeds, tools, M functions, as all dialects call them."""
+"""Lexer of Heidenhain programs: blocks, words with the addresses of all dialects, feeds, tools, M functions."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from compplan.toolpath.readers.frames import DEEP_AXIS
 from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, cut_comment, match_form, split_lines
 
 NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"
-#: A value of a word: a number or a Q parameter, with or without a sign.
+#: Value of a word: a number or a Q parameter, with or without a sign.
 VALUE = rf"[-+]?\s*(?:{NUMBER}|Q[LRS]?\d+)"
-#: The block of an ordinary cut: L X+1.5 Y-2 Z+.3 F1000.
+#: Block of a plain straight cut: L X+1.5 Y-2 Z+.3 F1000.
 PLAIN = re.compile(rf"L(?: ?X({DECIMAL}))?(?: ?Y({DECIMAL}))?(?: ?Z({DECIMAL}))?(?: ?F({DECIMAL}))?(?: M90)?")
 #: Words of a motion block. Bare signs belong to DR and to R of paraxial blocks.
 WORD = re.compile(
@@ -28,7 +28,7 @@ WORD = re.compile(
     rf"R[0LR](?![\d.,])|R|F\s*(?:MAX|AUTO)|F[UZT]?|S(?=\s*[\d.,Q])|M\s*(?=\d|Q))"
     rf"\s*({VALUE}|[-+](?!\s*[\d.,Q]))?"
 )
-#: A block: may it be skipped, its number left out.
+#: Block: skip mark and text, without its number.
 NUMBERED = re.compile(r"\s*(/?)\s*(?:\d+\s*(?=\D|$))?(.*)")
 FUNCTION_NUMBER = re.compile(r"FN\s*(\d+)\s*:\s*(.*)")
 ASSIGN = re.compile(r"(Q[LRS]?\d+)\s*=\s*(.+)")
@@ -37,7 +37,7 @@ CALL = re.compile(r"CALL\s+LBL\s*(\"[^\"]*\"|\d+|QS?\d+)\s*(?:REP\s*(\d+|Q[LR]?\
 LABEL = re.compile(r"LBL\s*(\"[^\"]*\"|\d+)\s*$")
 CYCLE = re.compile(r"CYCL\s+DEF\s*(\d+)(?:\s*\.(\d+))?\s*(.*)")
 ISO = re.compile(r"^\s*%\S*\s+G7[01]\b", re.MULTILINE)
-#: M functions that have words of their own; only some of them a feed.
+#: M functions with their words; only some have a feed.
 M_WORDS = re.compile(
     r"M\s*(?:(10[134]|112|118|120|124|128|14[0258])(?!\d))"
     r"((?:\s*(?:MB\s*(?:MAX|[-+]?[\d.,]+)|LA\s*[\d.]+|LIMIT|T\s*[\d.]+|E\s*[\d.]+|(?<=\d\s)[XYZ][\d.]+|"
@@ -48,9 +48,9 @@ REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation 
 #: Feeds that are rapid traverse on old controls (TNC 145, 155). [mm/min]
 OLD_RAPID = frozenset({9999.0, 15999.0})
 PLANES = {0: 19, 1: 18, 2: 17}
-#: What words of places are called in all dialects; with I before them they count from where the tool is.
+#: Addresses of coordinates in all dialects; with the prefix I they are incremental.
 ADDRESSES = {**{letter: letter for letter in (*AXES, *LETTERS)}, "PR": "RP", "PA": "AP"}
-#: Words that have no number: side of the contour, sense of an arc, feeds.
+#: Words without number: side of the contour, sense of an arc, feeds.
 BARE = frozenset(("R0", "RL", "RR", "R+", "R-", "DR+", "DR-", "FMAX", "FAUTO"))
 UNREAD_AXES = frozenset(("U", "V", "W", "IU", "IV", "IW"))
 TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
@@ -77,7 +77,7 @@ GRAMMAR = Grammar(
 
 @dataclass(frozen=True)
 class HeidenhainBlock:
-    """Hold a block: its line, its text in capitals without number and comment (/: may be skipped), its comment."""
+    """Block: its line, text in capitals without number and comment (first /: optional block), and comment."""
 
     line: int
     text: str
@@ -85,7 +85,7 @@ class HeidenhainBlock:
 
 
 def split_blocks(text: str) -> Iterator[HeidenhainBlock]:
-    """Yield the blocks of a program; a ~ at the end of a line goes on in the next, as do lines of a cycle's values."""
+    """Yield the blocks of a program; a ~ at the end of a line continues the block in the next line."""
     parts: list[tuple[str, str]] = []
     letters = 0
     for line, raw in enumerate([*split_lines(text), ""], start=1):
@@ -104,27 +104,27 @@ def split_blocks(text: str) -> Iterator[HeidenhainBlock]:
 
 
 class KlartextWords:
-    """Read the words of blocks and the values of parameters, and let happen what they switch."""
+    """Words of blocks, values of parameters, tool calls and machine functions of a Klartext program."""
 
     def __init__(self, it: Interpreter) -> None:
         self.it = it
         self.values: dict[str, float] = dict.fromkeys(TILT_ANGLES, 0.0)
-        #: Millimetres of a unit of length; whether feeds count by the turn.
+        #: Unit of length [mm]; whether feeds are per revolution (M136).
         self.unit, self.per_turn = 1.0, False
-        #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
+        #: Whether TOOL DEF states tool lengths, as on old controls; whether the active feed means rapid traverse there.
         self.old = self.fast = False
-        #: Side of the contour on which the tool runs: L, R, or none.
+        #: Side of the tool relative to the contour: L, R, or none.
         self.side = ""
-        #: Tool in the spindle, as the program calls it, its feed [mm/s], and radii that the program states.
+        #: Name or number of the tool in the spindle, radii [program unit] by tool, feed of the tool call [mm/s].
         self.tool = ""
         self.radii: dict[str, float] = {}
         self.tool_feed: float | None = None
-        #: Lets the frames follow another tool axis.
+        #: Function that applies a change of the tool axis to the frames.
         self.turn_axis: Callable[[], None] = lambda: None
 
     @property
     def tool_axis(self) -> int:
-        """Axis that the tool points along."""
+        """Number of the tool axis."""
         return DEEP_AXIS[self.it.state.plane]
 
     def value(self, text: str) -> float:
@@ -141,24 +141,24 @@ class KlartextWords:
         raise ValueError(f"parameter {name} has no value that is known: {why}")
 
     def forget(self, name: str, why: str) -> None:
-        """Take the value of a parameter as not known."""
+        """Mark the value of a parameter as unknown, with the reason."""
         self.values.pop(name, None)
         self.it.unknown[name] = why
 
     def set_feed_scale(self) -> None:
-        """Set the feed unit of plain blocks to the one that is now in force (per minute or per turn, mm or inch)."""
+        """Update the feed unit of plain blocks (per minute or per revolution, mm or inch)."""
         self.it.state.feed_scale = self.to_mm_s(1.0) * 60.0
 
     def to_mm_s(self, number: float) -> float:
-        """Return a feed in mm/s; in programs in inches F counts tenths of an inch a minute."""
+        """Return a feed in mm/s; the unit of F in inch programs is 0.1 inch/min."""
         if self.per_turn:
             return number * self.unit * self.it.state.spindle / 60.0
         return number * (1.0 if self.unit == 1.0 else 0.1 * INCH) / 60.0
 
     def read(self, text: str) -> CncBlock:
-        """Return a block: numbers by the addresses that all dialects share, M functions, words without a number.
+        """Read a block: numbers by the addresses of all dialects, M functions, words without a number.
 
-        M140 is carried out at once.
+        M140 is executed immediately.
         """
         block = CncBlock()
         for number, words in M_WORDS.findall(text):
@@ -192,7 +192,7 @@ class KlartextWords:
         return block
 
     def _retract(self, words: str) -> None:
-        """Go back along the tool axis (M140 MB)."""
+        """Retract along the tool axis (M140 MB)."""
         course, axis = self.it.course, self.tool_axis
         way = re.search(r"MB\s*([-+]?[\d.,]+)", words)
         if way is None:
@@ -209,7 +209,7 @@ class KlartextWords:
 
     @contextmanager
     def functions(self, block: CncBlock) -> Iterator[set[float]]:
-        """Let happen what S and M functions switch before and after the move of their block."""
+        """Execute S and M functions before and after the move of their block."""
         codes = set(block.machine)
         if "S" in block.values:
             self.it.state.spindle = block.values["S"]
@@ -230,7 +230,7 @@ class KlartextWords:
             self.it.flow.over = True
 
     def change_tool(self, text: str) -> None:
-        """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
+        """TOOL CALL and TOOL DEF: set the tool, its axis, radius, speed and feed."""
         it = self.it
         if re.match(r"DEF(?![A-Z])", text):
             number, length, radius = match_form(TOOL_DEF, text, "tool TOOL").groups()
@@ -261,7 +261,7 @@ class KlartextWords:
             pass
 
     def take_modes(self, block: CncBlock) -> bool:
-        """Take side of the contour and feed of a block; return whether it is rapid."""
+        """Set contour side and feed of a block; return whether it is rapid."""
         state, values = self.it.state, block.values
         for word in ("R0", "RL", "RR", "R+", "R-"):
             if word in block.names:
@@ -286,6 +286,6 @@ class KlartextWords:
         return self.fast
 
     def need_pole(self) -> None:
-        """Refuse a block that counts from a pole where none is set."""
+        """Refuse a block relative to a pole if none is set."""
         if self.it.state.pole is None:
             raise InputError("no pole or centre (CC) stands before this block")

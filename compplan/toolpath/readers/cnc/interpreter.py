@@ -1,11 +1,11 @@
-"""The interpreter of CNC programs: modal state, frames, motion and what a block switches, for all dialects.
+"""Interpreter of CNC programs for all dialects: modal state, frames, motion and machine functions.
 
-A dialect is a lexer that yields blocks of words, and a table that says what each word does (`Code`). It holds an
-interpreter; nothing of the path is worked out anywhere else. It gives `run_line(program, index)`, which carries out a
-line and returns the next one or END; `square()`, the tool axis where all rotary axes stand at 0; and
-`turn_in_plane(block)`, whether rotary words are those of a tilted plane, and the tool axis then. `frames` are the names
-of its frames, the outermost first, that of a tilted plane is "plane"; `moving` the addresses of a move; `silent` and
-`ends` M codes; `tip_word` what it calls control of the tip where cuts that turn axes without it are not read, else "".
+A dialect consists of a lexer that yields blocks of words, and a table of operations (`Code`) by word. It holds an
+interpreter, which alone computes the path. Its methods: `run_line(program, index)` executes a line and returns the
+index of the next one or END; `square()` returns the tool axis with all rotary axes at 0; `turn_in_plane(block)` returns
+whether rotary words belong to a tilted plane, and the tool axis then. Its attributes: `frames`, names of its frames
+from the outermost ("plane": the tilted plane); `moving`, addresses of a move; `silent` and `ends`, M codes; `tip_word`,
+word of tool centre point control if cuts with moving rotary axes require it, otherwise "".
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ UNKNOWN_MACHINE = "moves while rotary axes stand turned whose machine is not sta
 
 @dataclass(frozen=True)
 class Code:
-    """Say what a word does: run(dialect, block, code) carries it out; words of lower ranks act before others.
+    """Operation of a word: run(dialect, block, code); words of lower rank are executed first.
 
-    `takes` is "" where the coordinates of the block are a move, "once" where the word takes them for itself, "machine"
-    where they are machine coordinates.
+    `takes` is the use of the coordinates of the block: "" for a move, "once" for arguments of the word, "machine" for
+    machine coordinates.
     """
 
     run: Callable[..., None]
@@ -45,17 +45,17 @@ class Code:
 
 
 def ignore(takes: str = "") -> Code:
-    """Return a word that says nothing of the programmed path."""
+    """Return the operation of a word that does not affect the programmed path."""
     return Code(lambda dialect, block, code: None, 2 if takes else 0, takes)
 
 
 def note(text: str, takes: str = "") -> Code:
-    """Return a word that is read past with a note."""
+    """Return the operation of a word that is skipped with a note."""
     return Code(lambda dialect, block, code: dialect.it.note(text), 2 if takes else 0, takes)
 
 
 def refuse(what: str) -> Code:
-    """Return a word that is refused."""
+    """Return the operation of a word that is refused."""
 
     def run(dialect: object, block: CncBlock, code: float | str) -> None:
         word = code if isinstance(code, str) else f"G{code:g}"
@@ -65,19 +65,19 @@ def refuse(what: str) -> Code:
 
 
 def set_mode(rank: int = 0, **changes: object) -> Code:
-    """Return a word that sets modal state."""
+    """Return the operation of a word that sets modal state."""
     return Code(lambda dialect, block, code: vars(dialect.it.state).update(changes), rank)
 
 
 def compensate_radius(dialect: Any, block: CncBlock, code: float | str) -> None:
-    """G41, G42: the radius of the cutter; G41.1 and G42.1 state its diameter, and so the contour of the part."""
+    """G41, G42: cutter radius compensation; G41.1 and G42.1 with a diameter D imply a contour of the part."""
     if code in (41.1, 42.1) and block.values.get("D"):
         raise InputError(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
     if block.values.get("D") != 0.0:
         dialect.it.compensate_radius(f"G{code:g}")
 
 
-#: Codes that mean the same in every dialect of G-code.
+#: Codes with the same meaning in every dialect of G-code.
 COMMON: dict[float | str, Code] = {
     90.0: set_mode(incremental=False), 91.0: set_mode(incremental=True),
     93.0: set_mode(feed_mode=93), 94.0: set_mode(feed_mode=94), 95.0: set_mode(feed_mode=95),
@@ -88,7 +88,7 @@ COMMON: dict[float | str, Code] = {
 
 
 class Interpreter:
-    """Hold a program that is read: its state, and what carries out its words."""
+    """Interpreter of one program: its modal state, frames, and the components that execute its words."""
 
     def __init__(self, file: Path, options: CamTable, state: State, dialect: Any, flow: Flow, *,
                  starts_at_zero: bool = False) -> None:  # fmt: skip
@@ -97,18 +97,18 @@ class Interpreter:
         self.log, self.note = self.course.log, self.course.note
         self.contour = Contour(self.course)
         self.rotary = Rotary(options)
-        #: Frames in force, by the names that the dialect gives them.
+        #: Active frames by their names in the dialect.
         self.frames: dict[str, Frame] = {}
         self.motion = MotionReader(self)
         self.machine = Machine(state, self.log, dialect.silent, dialect.ends)
-        #: Why variables have no value.
+        #: Reasons why variables have no value, by name.
         self.unknown: dict[str, str] = {}
-        #: Whether a block of X Y Z F alone cuts straight, and does nothing else.
+        #: Whether a block of X Y Z F only is a plain straight cut.
         self.steady = False
         flow.run_line = dialect.run_line
 
     def run(self, load: Callable[[], CncProgram], finish: Callable[[], None] = lambda: None) -> None:
-        """Load a program and carry it out, refuse a corner that no move follows, and stop what still turns."""
+        """Load and execute a program, refuse a corner without a following move, and stop spindle and coolant."""
         with self.flow.guard():
             self.flow.run(load())
             self.contour.refuse_open()
@@ -118,10 +118,10 @@ class Interpreter:
     def run_words(
         self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None]
     ) -> str:
-        """Carry out the G codes and names of a block by their rank, however they are shuffled.
+        """Execute the G codes and names of a block in the order of their ranks.
 
-        Return what takes the coordinates of the block, "" where they are a move. `find` gives what a word does, None
-        where it is unknown.
+        Return the use of the coordinates of the block, as in `Code.takes`. `find` returns the operation of a word, None
+        if it is unknown.
         """
         takes = ""
         found = [((entry.rank if (entry := find(word)) else 0, isinstance(word, str), word), entry) for word in words]
@@ -134,7 +134,7 @@ class Interpreter:
         return takes
 
     def pass_over(self, block: CncBlock, word: float | str) -> None:
-        """Note a G code that is not known; refuse it where it may claim coordinates, and any other word."""
+        """Note an unknown G code; refuse it if it may use the coordinates of the block, and refuse any other word."""
         name = word[:24] if isinstance(word, str) else f"G{word:g} with coordinates"
         if isinstance(word, str) or (block.has(self.dialect.moving) and MOTIONS.isdisjoint(block.codes)):
             raise InputError(f"word {name} is not read and may move the tool; post-process without it")
@@ -142,18 +142,18 @@ class Interpreter:
 
     @property
     def tilted(self) -> bool:
-        """Whether a tilted plane is in force."""
+        """Whether a tilted plane is active."""
         return "plane" in self.frames
 
     def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand, rotary axes aside."""
+        """Return the frame of the program coordinates in the part, without rotary axes."""
         whole = Frame()
         for name in self.dialect.frames:
             whole = whole.then(self.frames[name]) if name in self.frames else whole
         return whole
 
     def put(self, **frames: Frame | None) -> None:
-        """Put frames in force, or out of it (None)."""
+        """Activate frames by name, or cancel them (None)."""
         for name, frame in frames.items():
             self.frames.pop(name, None)
             if frame is not None:
@@ -161,9 +161,9 @@ class Interpreter:
         self.set_frame()
 
     def set_frame(self, *, carried: bool = False) -> None:
-        """Put in force where the coordinates stand; carried: rotary axes have carried tool or part along.
+        """Update the frame of the coordinates; `carried`: rotary axes have moved the tool or the part along.
 
-        Moves while rotary axes stand turned of which nobody says what they turn are left out.
+        Moves with rotary axes away from 0 are left out if `rotary` is not stated.
         """
         frame, tip = self.find_frame(), self.state.tip_control or self.options.axes.tip_control
         if not (self.tilted or tip) and self.rotary.turned:
@@ -184,14 +184,14 @@ class Interpreter:
             self.course.unmute(UNKNOWN_MACHINE)
 
     def control_tip(self, on: bool, *, spatial: bool = False) -> None:
-        """Begin or end that X Y Z are the tip in the part frame; spatial: A B C are angles of the tool there."""
+        """Switch tool centre point control (X Y Z are the tip in the part); `spatial`: A B C are spatial angles."""
         if (self.state.tip_control, self.rotary.spatial) != (on, spatial):
             self.contour.refuse_open()
             self.state.tip_control, self.rotary.spatial = on, spatial
             self.set_frame()
 
     def leave_out_machine_move(self, block: CncBlock, words: str) -> None:
-        """Leave out a move in machine coordinates; where it ended is not known."""
+        """Leave out a move in machine coordinates; the position at its end is unknown."""
         axes = [axis for axis, letter in enumerate(AXES) if letter in block.values]
         self.contour.refuse_open()
         if axes:
@@ -202,13 +202,13 @@ class Interpreter:
         self.turn_home({letter: block.values[letter] for letter in LETTERS if letter in block.values})
 
     def turn_home(self, angles: dict[str, float]) -> None:
-        """Turn rotary axes of the machine, by a move that is left out."""
+        """Set the angles of rotary axes after a move that is left out."""
         if angles:
             self.rotary.angles.update(angles)
             self.set_frame(carried=True)
 
     def compensate_radius(self, word: str) -> None:
-        """Note compensation of the cutter's radius, or refuse it."""
+        """Note cutter radius compensation, or refuse it without the option `compensation`."""
         if self.options.compensation is None:
             raise InputError(f"{word} compensates the radius of the cutter: whether the file holds the path of the "
                              "tool's centre or the contour of the part is not known; write [cam] compensation = "
@@ -219,7 +219,7 @@ class Interpreter:
         )
 
     def call(self, name: str, times: float) -> None:
-        """Carry out a subprogram of the file, or beside it."""
+        """Execute a subprogram of the file or of its folder."""
         if not self.flow.find_beside(name):
             where = f"neither %_N_{name}_SPF in this file nor {name}.SPF beside it is there"
             raise InputError(f"subprogram call {name[:40]} is not read: {where}")

@@ -1,4 +1,4 @@
-"""Motion of CNC programs: straight moves, arcs and helices, poles, corners, and moves on which the tool turns."""
+"""Motion of CNC programs: straight moves, arcs and helices, poles, corners, and moves with changing tool axis."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.options import CHORD_MM
 
 NUMBER = rf"({DECIMAL})"
-#: The block of an ordinary cut, X Y Z F alone: G1 X1.5 Y-2. Z.3 F1000, block number and words of motion aside.
+#: Block of a plain straight cut with X Y Z F only, an optional block number and G1: G1 X1.5 Y-2. Z.3 F1000.
 PLAIN = re.compile(
     rf"[ \t]*(?:N\d+[ \t]*)?(?:G0?1[ \t]*)?(?:X{NUMBER}[ \t]*)?(?:Y{NUMBER}[ \t]*)?(?:Z{NUMBER}[ \t]*)?"
     rf"(?:F{NUMBER}[ \t]*)?"
 )
 #: Greatest turn of the rotary axes between waypoints. [deg]
 TURN_STEP = 1.0
-#: Greatest turn of the rotary axes in one block: a hundred turns (assumed). [deg]
+#: Greatest rotation of the rotary axes in one block: 100 turns (assumed). [deg]
 MOST_TURN = 36_000.0
 #: Greatest number of turns of one helix.
 MOST_TURNS = 10_000
@@ -45,12 +45,12 @@ POLAR, CENTRES = frozenset(("AP", "RP")), frozenset("IJK")
 #: Words of corners: by radius, by the length from the corner, by the length of the chamfer.
 CORNERS = {"RND": "ROUND", "CHR": "LEG", "CHF": "CHAMFER"}
 ROUND = (2.0, 3.0, "CIP", "CT")
-#: Lengths that have no decimal point are less than this, else they may count in increments. [mm]
+#: Limit of lengths without decimal point, beyond which they may be in increments of the control. [mm]
 FARTHEST_WITHOUT_POINT = 10_000.0
 
 
 class MotionReader:
-    """Carry out the motion of blocks."""
+    """Execute the motion of blocks."""
 
     def __init__(self, it: Any) -> None:
         self.course: Course = it.course
@@ -59,16 +59,16 @@ class MotionReader:
         self.state: State = it.state
         self.dialect, self.options, self.set_frame = it.dialect, it.options, it.set_frame
         self.keeps_polar = True
-        #: Arcs that lie on no circle where their I J K count as usual.
+        #: Arcs that do not lie on a circle with incremental I J K.
         self.proofs: set[tuple[float, ...]] = set()
 
     @property
     def line(self) -> int:
-        """Line that is read."""
+        """Current line."""
         return self.course.reader.line
 
     def is_steady(self) -> bool:
-        """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
+        """Return whether a block of X Y Z F only is a straight cut to absolute coordinates."""
         state, course = self.state, self.course
         return bool(
             state.motion == 1.0 and state.feed and state.feed_mode == 94 and course.begun and not course.unknown
@@ -77,7 +77,7 @@ class MotionReader:
         )  # fmt: skip
 
     def cut_plain(self, found: re.Match[str]) -> bool:
-        """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
+        """Execute a block of X Y Z F only if `is_steady` holds; return whether it was executed."""
         x, y, z, feed = found.group(1, 2, 3, 4)
         if (x is None and y is None and z is None) or (feed is not None and float(feed) <= 0.0):
             return False
@@ -99,7 +99,7 @@ class MotionReader:
         return True
 
     def feed(self, length: float, block: CncBlock | None = None) -> float:
-        """Return the feed of a move of this length [mm] in mm/s; 0 where no feed is known."""
+        """Return the feed of a move of this length [mm] in mm/s; 0 if unknown."""
         if block is not None and "FB" in block.values:
             return block.values["FB"] * self.state.feed_scale / 60.0
         feed = self.state.feed_mm_s(length)
@@ -108,7 +108,7 @@ class MotionReader:
         return feed or 0.0
 
     def target(self, block: CncBlock) -> tuple[Point, tuple[int, ...]]:
-        """Return where a block leads, and which axes it names as absolute coordinates."""
+        """Return the end point of a block, and the axes of its absolute coordinates."""
         state, values = self.state, block.values
         point, named = list(self.contour.position), []
         for axis, letter in enumerate(AXES):
@@ -141,7 +141,7 @@ class MotionReader:
         return (point[0], point[1], point[2]), tuple(named)
 
     def move(self, block: CncBlock, corner: Corner | None = None) -> None:
-        """Carry out the coordinates of a block; corner: the one at its end where another block states it."""
+        """Execute the motion of a block; `corner` is the corner at its end if another block states it."""
         state, course, contour = self.state, self.course, self.contour
         arc = state.motion in ROUND
         if not arc and not block.has(STRAIGHT) and not block.has(POLAR):
@@ -175,7 +175,7 @@ class MotionReader:
         contour.add(element, corner or self._corner(block))
 
     def _corner(self, block: CncBlock) -> Corner | None:
-        """Return the corner that a block asks for at its end."""
+        """Return the corner at the end of a block, None without any."""
         values, state = block.values, self.state
         feed = values["FRC"] * state.feed_scale / 60.0 if values.get("FRC") else None
         for address, kind in CORNERS.items():
@@ -184,7 +184,7 @@ class MotionReader:
         return Corner("ROUND", state.rounding, None, self.line, modal=True) if state.rounding else None
 
     def _turn(self, block: CncBlock, *, rapid: bool) -> tuple[Point | None, bool]:
-        """Return the tool axis that A3 B3 C3 or A B C ask for (None: nothing), and whether rotary axes turn to it."""
+        """Return the tool axis of A3 B3 C3 or A B C (None: unchanged), and whether rotary axes move to it."""
         values, rotary, state = block.values, self.rotary, self.state
         named = [letter for letter in DIRECTIONS if letter in values]
         if named:
@@ -213,7 +213,7 @@ class MotionReader:
         return rotary.point_tool(), True
 
     def _cut_turning(self, element: Element, before: dict[str, float], after: dict[str, float]) -> None:
-        """Cut to a point while the rotary axes turn evenly: one move, in pieces."""
+        """Cut to a point with uniform motion of the rotary axes, in pieces that count as one move."""
         course, rotary, log = self.course, self.rotary, self.course.log
         tip = self.state.tip_control or self.options.axes.tip_control
         start, target, feed = element.start, element.end, element.feed
@@ -222,7 +222,7 @@ class MotionReader:
         whole = max(abs(after[letter] - before.get(letter, 0.0)) for letter in after)
         if self.state.feed_mode == 93 and self.state.feed:
             seconds = 60.0 / self.state.feed
-        else:  # a feed counts along X Y Z, in degrees where they stand still
+        else:  # feed along X Y Z, in degrees if they do not move
             seconds = (travel if travel > 0.0 else whole * self.state.scale) / feed if feed > 0.0 else 0.0
         counts = dict(log.counts)
         for piece in range(1, pieces + 1):
@@ -239,7 +239,7 @@ class MotionReader:
         log.count_one(counts)
 
     def _count_pieces(self, target: Point, before: dict[str, float], after: dict[str, float], *, tip: bool) -> int:
-        """Return in how many pieces rotary axes turn, so that tool axis and tip keep to their way."""
+        """Return the number of pieces of a motion of rotary axes that limits the errors of tool axis and tip."""
         turn = max((abs(angle - before.get(letter, 0.0)) for letter, angle in after.items()), default=0.0)
         if turn > MOST_TURN:
             raise InputError(f"rotary axes turn by {turn:g} deg in one block, at most {MOST_TURN:g} are read")
@@ -255,7 +255,7 @@ class MotionReader:
         return max(1, math.ceil(turn / step - 1e-9))
 
     def find_direction(self, word: str = "") -> Point:
-        """Return the direction in which the contour arrives, in the coordinates of the program."""
+        """Return the direction at the end of the contour so far, in program coordinates."""
         if self.contour.held is not None:
             return self.contour.held[0].tangent(self.contour.held[0].end)
         if self.course.way is None or self.contour.approach is not None:
@@ -263,7 +263,7 @@ class MotionReader:
         return normalise(combine(1.0, self.course.way[1], -1.0, self.course.way[0]))
 
     def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...], corner: Corner | None) -> None:
-        """Cut along an arc: G2 clockwise, G3 counter-clockwise, seen from the positive end of the plane's normal."""
+        """Cut along an arc: G2 clockwise, G3 counter-clockwise about the normal of the plane."""
         state, values, start = self.state, block.values, self.contour.position
         about_pole = "CC" in block.names or (block.has(POLAR) and not block.has(CENTRES))
         plane = (state.pole_plane or state.plane) if about_pole else state.plane

@@ -1,6 +1,6 @@
-"""Frames of G-code: work offsets, shifts of the origin, home positions; turned, scaled and tilted frames on top.
+"""Frames of G-code: work offsets, shifts of the origin, reference positions; rotated, scaled and tilted frames.
 
-`change_frame` and `swivel` are those of Siemens words, which files for Fanuc controls may hold too.
+`change_frame` and `swivel` execute the frame words of Sinumerik programs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotat
 
 DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
-#: From this factor on, a scale P without a decimal point counts in thousandths.
+#: Least scale P that is read in thousandths if it is a whole number.
 LEAST_THOUSANDTHS = 100.0
 
 
@@ -28,25 +28,25 @@ def name_offset(code: float) -> str:
 
 
 class Origins:
-    """Follow where the program's origin stands, frames on top of it, and moves that count from elsewhere."""
+    """Origin of the program in the part, frames on top of it, and moves in machine coordinates."""
 
     def __init__(self, it: Interpreter, setting: str = "") -> None:
         self.it, self.course, self.state, self.setting = it, it.course, it.state, setting
         found = re.search(r"(?:P(\d+)|G(\d+(?:\.\d)?))$", (it.options.wcs or "").upper())
         self.wcs = (1000.0 + float(found[1]) if found[1] else float(found[2])) if found else None
-        #: The work offset in force, that which the path stands in, and those that were named.
+        #: Active work offset, work offset of the path, and work offsets used so far.
         self.active = 54.0
         self.part_offset = self.wcs or 54.0
         self.used = {54.0}
-        #: Origins that G10 L2 set, seen from the machine, by axis; where those stood that were left.
+        #: Origins set by G10 L2, in machine coordinates by axis; origins of inactive offsets in that of the path.
         self.origins: dict[float, dict[int, float]] = {}
         self.bases: dict[float, Point] = {}
-        #: What G92 and G52 shift the origin by, and where that of the work offset stands; what G92.3 brings back.
+        #: Shifts of the origin by G92 and G52, origin of the work offset in that of the path; shift restored by G92.3.
         self.origin = self.shifted = self.base = NOWHERE
         self.kept: Point | None = None
-        #: Axes whose place is known by G92 alone.
+        #: Axes with coordinates known from G92 only.
         self.declared: set[int] = set()
-        #: Where axes are mirrored (G51.1), and whether the tool was turned to the tilted plane.
+        #: Coordinates of the mirrors (G51.1) by axis; whether the tool was oriented to the tilted plane.
         self.mirrors: dict[int, float] = {}
         self.turned_to_plane = False
         if self.part_offset != 54.0:
@@ -54,11 +54,11 @@ class Origins:
 
     @property
     def zero(self) -> Point:
-        """Where the program's origin stands in the work offset of the path."""
+        """Origin of the program in the work offset of the path."""
         return combine(1.0, combine(1.0, self.origin, 1.0, self.shifted), 1.0, self.base)
 
     def use(self, code: float, number: float = 0.0) -> None:
-        """Put a work offset in force (G54.1 and G154 by their number); the first before any cut is that of the path."""
+        """Activate a work offset (G54.1, G154 by number); without wcs and G10, that of the first cut is the part."""
         course, before, code = self.course, self.active, 1000.0 + number if code in (54.1, 154.0) else code
         self.used.add(code)
         if code == before:
@@ -94,7 +94,7 @@ class Origins:
         self.it.put(origin=shift(*self.zero))
 
     def check_used(self) -> None:
-        """Refuse a part frame that the file never uses."""
+        """Refuse a wcs that the file does not use."""
         if self.wcs is not None and self.wcs not in self.used:
             used = ", ".join(name_offset(code) for code in sorted(self.used))
             raise InputError(f"wcs is {name_offset(self.wcs)}, which the file does not use; it uses {used}")
@@ -102,7 +102,7 @@ class Origins:
             self.it.note(f"{OUTSIDE}: {self.course.left_out} of them")
 
     def set_offset(self, block: CncBlock) -> None:
-        """Read G10: L2 sets a work offset."""
+        """Execute G10 L2, which sets a work offset; note other forms of G10."""
         values, kind = block.values, block.values.get("L", 0.0)
         if kind == 20.0 or (kind == 2.0 and (self.state.incremental or values.get("R", 0.0) != 0.0)):
             raise InputError("G10 that turns a work offset, or counts from where the tool is, is not read")
@@ -126,9 +126,9 @@ class Origins:
             self.it.put(origin=shift(*self.zero))
 
     def go_home(self, code: float, block: CncBlock) -> None:
-        """Carry out G28 and G30: through the intermediate point to the machine's home, which nobody knows.
+        """Execute G28 and G30: rapidly through the intermediate point to the reference position, which is unknown.
 
-        G91 of the same block acts before: G28 G91 Z0 goes home from where the tool is.
+        G91 of the same block is executed before: G28 G91 Z0 starts at the position of the tool.
         """
         named, values = block.list_axes(), block.values
         self.it.note(f"G{code:g} goes to the machine's home, whose place is not known: it is left out")
@@ -143,7 +143,7 @@ class Origins:
         self.it.turn_home(dict.fromkeys(turned, 0.0))
 
     def shift(self, block: CncBlock) -> None:
-        """Shift the program's origin (G52)."""
+        """Shift the origin of the program (G52)."""
         shifted = list(self.shifted)
         for axis in block.list_axes():
             shifted[axis] = block.values[AXES[axis]] * self.state.scale
@@ -151,9 +151,9 @@ class Origins:
         self.it.put(origin=shift(*self.zero))
 
     def declare(self, block: CncBlock) -> None:
-        """Give the present position new coordinates (G92).
+        """Set the coordinates of the current position (G92).
 
-        Where nobody knows the position they are its place; else the origin moves, before the first cut as after it.
+        Unknown coordinates of the tool become known; for known ones the origin moves, before and after the first cut.
         """
         course = self.course
         position, origin, step = list(course.position), list(self.origin), [0.0, 0.0, 0.0]
@@ -177,7 +177,7 @@ class Origins:
         self.it.put(origin=shift(*self.zero))
 
     def drop(self, code: float) -> None:
-        """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped."""
+        """Execute G92.1 and G92.2, which cancel the shift of G92, and G92.3, which restores it after G92.2."""
         if code == 92.3 and self.kept is None:
             raise InputError("G92.3 brings back an offset from before this program, which is not known; set it by G92")
         self.origin, self.kept = (
@@ -195,7 +195,7 @@ class Origins:
         self.it.put(origin=shift(*self.zero))
 
     def move_in_machine(self, block: CncBlock) -> None:
-        """Carry out a move in machine coordinates (G53) where the work offset in force is known, else leave it out."""
+        """Execute a move in machine coordinates (G53) if the active work offset is known; otherwise leave it out."""
         course, origin, named = self.course, self.origins.get(self.active, {}), block.list_axes()
         if any(axis not in origin for axis in named) or not course.frame.plain or block.has(frozenset(LETTERS)):
             self.it.leave_out_machine_move(block, "G53")
@@ -215,11 +215,11 @@ class Origins:
 
     @property
     def plane_axis(self) -> Point | None:
-        """Axis of the tilted plane in force, None without one."""
+        """Normal of the active tilted plane, None without one."""
         return self.it.frames["plane"].turn(UP) if self.it.tilted else None
 
     def _find_centre(self, block: CncBlock, axes: Sequence[int] = (0, 1, 2)) -> Point:
-        """Return the centre of a rotation or scale: coordinates of the block, the tool's place where there is none."""
+        """Return the centre of a rotation or scaling: coordinates of the block, by default those of the tool."""
         centre, named = list(self.course.position), set(block.list_axes()).intersection(axes)
         if named and self.state.incremental:
             raise InputError("the centre of a rotation or scale in G91 has two meanings, state it in G90")
@@ -231,7 +231,7 @@ class Origins:
         return combine(1.0, (centre[0], centre[1], centre[2]), 1.0, self.zero)
 
     def rotate(self, block: CncBlock) -> None:
-        """Carry out G68: a turn by R degrees in the plane in force, counter-clockwise."""
+        """Execute G68: rotation by R degrees in the active plane, counter-clockwise."""
         plane = self.state.plane
         if "R" not in block.values or block.has(frozenset("IJK")) or self.state.incremental:
             raise InputError("G68 is read with an angle R in the plane, in G90; post-process other forms of it")
@@ -239,7 +239,7 @@ class Origins:
         self.it.put(rotation=turn_about(centre, rotate(DEEP_AXIS[plane], block.values["R"])))
 
     def scale(self, block: CncBlock) -> None:
-        """Carry out G51: P scales all axes, I J K each its own; whole numbers from 100 on count in thousandths."""
+        """Execute G51: P scales all axes, I J K single axes; whole numbers from 100 on are in thousandths."""
         scales = [block.values.get("P", block.values.get(letter, 1.0)) for letter in "IJK"]
         for number, scale in enumerate(scales):
             if abs(scale) >= LEAST_THOUSANDTHS and scale == int(scale):
@@ -250,7 +250,7 @@ class Origins:
         self.it.put(scale=scale_about(self._find_centre(block), (scales[0], scales[1], scales[2])))
 
     def mirror(self, code: float, block: CncBlock) -> None:
-        """Carry out G51.1 (mirror about X.. Y.. Z..) and G50.1 (take mirrors back)."""
+        """Execute G51.1 (mirror about X.. Y.. Z..) and G50.1 (cancel mirrors)."""
         for axis in block.list_axes() or (list(self.mirrors) if code == 50.1 else []):
             self.mirrors.pop(axis, None)
             if code == 51.1:
@@ -260,7 +260,7 @@ class Origins:
         self.it.put(mirror=scale_about((x, y, z), (i, j, k)) if self.mirrors else None)
 
     def tilt(self, block: CncBlock) -> None:
-        """Carry out G68.2: origin X Y Z, and I J K as Euler angles z x' z'', or with P1 as turns about fixed X Y Z."""
+        """Execute G68.2: origin X Y Z, and I J K as Euler angles z x' z'', with P1 as rotations about fixed X Y Z."""
         values, form = block.values, block.values.get("P", 0.0)
         if form not in (0.0, 1.0) or (form == 1.0 and values.get("Q", 123.0) != 123.0) or self.it.state.incremental:
             raise InputError("G68.2 is read in G90, as Euler angles or with P1 and Q123; post-process it so")
@@ -272,7 +272,7 @@ class Origins:
         self.turned_to_plane = False
 
     def turn_to_plane(self, code: float, *, stays: bool) -> None:
-        """Carry out G53.1 and G53.6: the rotary axes set the tool square to the tilted plane, its tip stays or not."""
+        """Execute G53.1 and G53.6: orient the tool normal to the tilted plane; `stays`: its tip does not move."""
         axis = self.plane_axis
         if axis is None:
             raise InputError(f"G{code:g} without a tilted plane (G68.2) has nothing to turn to")
@@ -282,7 +282,7 @@ class Origins:
         self.it.log.axis = axis
 
     def check_plane(self) -> None:
-        """Refuse a cut in a tilted plane that the tool was not turned to."""
+        """Refuse a cut in a tilted plane to which the tool is not oriented."""
         axis = self.plane_axis
         if axis is not None and not self.turned_to_plane and math.dist(axis, self.it.log.axis) > 1e-9:
             raise InputError("a cut in a tilted plane (G68.2) that the tool is not turned to (G53.1, or A B C)")
@@ -292,7 +292,7 @@ FRAME_WORDS = frozenset(("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "M
 
 
 def change_frame(it: Interpreter, word: str, block: CncBlock) -> None:
-    """Carry out TRANS, ROT, SCALE, MIRROR (in place of what was) and ATRANS .. (on top of it)."""
+    """Execute TRANS, ROT, SCALE, MIRROR (replace the programmable frame) and ATRANS .. (added to it)."""
     values, kind, scale = block.values, word.removeprefix("A"), it.state.scale
     if unknown := values.keys() - {"X", "Y", "Z", "RPL"}:
         raise InputError(f"{word} with {min(unknown)} is not read, expected X Y Z")
@@ -320,7 +320,7 @@ def change_frame(it: Interpreter, word: str, block: CncBlock) -> None:
 
 
 def swivel(it: Interpreter, arguments: Sequence[float]) -> None:
-    """Carry out CYCLE800(_FR, _TC, _ST, _MODE, X0, Y0, Z0, A, B, C, X1, Y1, Z1, ..): a swivelled plane."""
+    """Execute CYCLE800(_FR, _TC, _ST, _MODE, X0, Y0, Z0, A, B, C, X1, Y1, Z1, ..): a swivelled plane."""
     it.contour.refuse_open()
     numbers = [*arguments, *[0.0] * 14]
     status, mode = int(numbers[2]), int(numbers[3])

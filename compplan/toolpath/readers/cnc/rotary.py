@@ -1,4 +1,4 @@
-"""Rotary axes of a milling machine: what A B C turn (head, table, or both), and where that puts tool and part."""
+"""Rotary axes A B C of a milling machine in head, table or both, and their kinematics."""
 
 from __future__ import annotations
 
@@ -10,59 +10,59 @@ from compplan.toolpath.readers.frames import Frame, rotate, turn_about
 from compplan.toolpath.readers.options import CamTable
 
 UP: Point = (0.0, 0.0, 1.0)
-#: Sets of letters whose order on a machine goes without saying: a table's C sits on its tilt, a head's tilt on its C.
+#: Tilting axes; their order must be stated if both are used. Otherwise a table C is on the tilt, a head tilt on C.
 TILTS = frozenset("AB")
-#: Letters of axes, the one that carries the other first, and their senses: 1 turns by the right hand.
+#: Letters of axes, the carrying axis first, and their senses: 1 is a right-hand rotation.
 Axes = tuple[tuple[str, float], ...]
 
 
 class Rotary:
-    """Hold how the rotary axes of a program stand, and what they turn: the tool (head), the part (table), or both.
+    """Angles of the rotary axes of a program, which rotate the tool (head), the part (table), or both.
 
-    The first axis of the table passes through `rotary_centre_mm` in the part frame with all axes at 0, the second
-    stands by `rotary_offset_mm` from it, and the axes of the head meet at `pivot_mm` above the tip.
+    The first table axis passes through `rotary_centre_mm` in the part frame with all axes at 0, the second one is
+    displaced from it by `rotary_offset_mm`. The head axes intersect at `pivot_mm` above the tip.
     """
 
     def __init__(self, options: CamTable) -> None:
         self.options = options
         self.angles: dict[str, float] = {}
-        #: Whether A B C are spatial angles of the tool, whatever the machine.
+        #: Whether A B C are spatial angles of the tool, independent of the machine.
         self.spatial = False
-        #: Whether the work offset turns with the table.
+        #: Whether the work offset rotates with the table.
         self.dynamic = False
         self._turned: frozenset[str] = frozenset()
         self._axes: tuple[Axes, Axes] = (), ()
 
     @property
     def turned(self) -> bool:
-        """Whether an axis does not stand at 0."""
+        """Whether an axis is not at 0."""
         return any(self.angles.values())
 
     @property
     def unknown(self) -> bool:
-        """Whether axes stand turned, and nobody says what they turn."""
+        """Whether axes are not at 0 and the option `rotary` is missing."""
         return self.options.rotary is None and not self.spatial and self.turned
 
     @property
     def ignored(self) -> bool:
-        """Whether the user leaves rotary words out."""
+        """Whether rotary words are ignored by option."""
         return self.options.rotary == "ignore"
 
     @property
     def words(self) -> str:
-        """The axes that stand turned, as words of the program."""
+        """Axes that are not at 0, as words of the program."""
         return " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items() if angle)
 
     @property
     def axes(self) -> tuple[Axes, Axes]:
-        """The axes of head and table that the user states, of the letters that the program has turned so far."""
+        """Axes of head and table, stated or derived from the axes that the program has used so far."""
         turned = self._turned.union(letter for letter, angle in self.angles.items() if angle)
         if turned != self._turned:
             self._axes, self._turned = self._order_axes(sorted(turned)), turned
         return self._axes
 
     def _order_axes(self, used: list[str]) -> tuple[Axes, Axes]:
-        """Return the axes of head and table; in a head_table the first one is the head's."""
+        """Return the axes of head and table; in a head_table the first one is the head axis."""
         kind, stated, missing = self.options.rotary, self.options.axes.rotary_axes, ""
         order = list(stated or (used[::-1] if kind == "head" else used))
         unnamed = [letter for letter in used if letter not in {axis[-1] for axis in order}]
@@ -80,9 +80,9 @@ class Rotary:
         return signed[:head], signed[head:]
 
     def point_tool(self, angles: Mapping[str, float] | None = None) -> Point:
-        """Return the tool axis in the part frame, T^-1 H z, for these angles [deg] or for those in force.
+        """Return the tool axis in the part frame, T^-1 H z, for given angles [deg] or the current ones.
 
-        Head H = R1 R2 and table T = R1 R2, each the axis that carries the other first.
+        Head H = R1 R2 and table T = R1 R2, each with the carrying axis first.
         """
         angles = self.angles if angles is None else angles
         if self.ignored or not any(angles.values()):
@@ -94,7 +94,7 @@ class Rotary:
         return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
 
     def place(self) -> Frame:
-        """Return where X Y Z of the machine stand in the part, without control of the tip."""
+        """Return the frame of the machine coordinates X Y Z in the part, without tool centre point control."""
         placed, stated, angles = Frame(), self.options.axes, self.angles
         if not self.turned or self.unknown or self.ignored or self.spatial:
             return placed
@@ -115,7 +115,7 @@ class Rotary:
         return placed
 
     def _ask_for(self, missing: str) -> InputError:
-        """Return the error that the place of the tip is not known."""
+        """Return the error for an unknown tip position due to a missing machine dimension."""
         return InputError(
             f"{self.words} without control of the tip (G43.4, TRAORI, M128): X Y Z are positions of the machine; state "
             f"{missing}, or tip_control = true if they are the tip in the part frame, in NAME.toml of [cam] machine"
@@ -123,7 +123,7 @@ class Rotary:
 
 
 def swing(head: Axes, angles: Mapping[str, float]) -> Point:
-    """Return the tool axis that a head turns to, angles in degrees."""
+    """Return the tool axis of a head for given angles [deg]."""
     axis = UP
     for letter, sense in head[::-1]:
         axis = rotate("ABC".index(letter), sense * angles.get(letter, 0.0)).turn(axis)

@@ -1,4 +1,4 @@
-"""Lexer of the RS-274 family: the lines of a file become the words of blocks; comments and marks are dealt with."""
+"""Lexer of the RS-274 family: splits lines into the words of blocks, and handles comments and skip marks."""
 
 from __future__ import annotations
 
@@ -14,54 +14,54 @@ from compplan.toolpath.readers.lines import DECIMAL
 
 Words = list[tuple[str, float]]
 NUMBER = rf"{DECIMAL}(?:E[-+]\d{{1,3}}(?![\d.]))?"
-#: A word: one letter and a number, or a corner.
+#: Word: one letter and a number, or a corner.
 WORD = re.compile(rf"(,\s*[RC]|(?<![A-Z,])[A-Z])\s*=?\s*({NUMBER})", re.ASCII)
-#: Words that a block may hold once; corners of Fanuc: ,R2 is round, ,C2 is cut off.
+#: Words that a block may contain once; corners of Fanuc: ,R2 is a rounding, ,C2 a chamfer.
 ONCE = frozenset((*"XYZABCIJKR", "RND", "CHR"))
 CORNER = {",R": "RND", ",C": "CHR"}
-#: What makes brackets a list of arguments, not a comment: a word right before them.
+#: Word directly before brackets, which marks them as arguments, not as a comment.
 CALLED = re.compile(r"(?<![A-Za-z0-9_])[A-Za-z_]{2,}\w*$")
 UNSIGNED_EXPONENT = re.compile(r"[\d.]E\d")
-#: Control of the flow that is not read, of other controls and of LinuxCNC (o1 while, o<name> call).
+#: Unsupported flow control of other controls and of LinuxCNC (o1 while, o<name> call).
 CONTROL = re.compile(
     r"(IF|ELSE|ELSEIF|WHILE|GOTO\w*|FOR|BREAK|CONTINUE|RETURN|ENDLOOP|ENDREPEAT|REPEATB?|UNTIL|LOOP|ENDIF|ENDFOR|ENDWHILE|CALL|PCALL|MCALL|EXTCALL|PROC|CASE|RET)\b"
 )
 O_WORD = re.compile(r"(?:N\s*\d+\s*)?O\s*(?:<[^<>]*>|\d+|\[[^\[\]]*\])\s*[A-Z]{2}")
-#: What is refused in a line that holds more than words.
+#: Patterns that are refused in a line with other text than words.
 REFUSED = (
     (re.compile(r"#|\bR\d+\s*=|=\s*[A-Z(]|(?<![A-Z\d])[A-Z]\s*=?\s*\["), "an expression: numbers are read"),
     (re.compile(r"[\d.]O"), "a letter O stands in or beside a number"),
 )  # fmt: skip
-#: A program's name alone on its line.
+#: Line with the name of a program only.
 NAME_LINE = re.compile(r"O?<[^<>]*>|%.*|:.*")
 SKIP_MARK = re.compile(r"((?:N\d+)?\s*)/\d?(?![\d.])\s*")
 SKIP_WITHIN = re.compile(r"\s/\s*(?=[A-Z]|$)|/(?=[A-Z])")
 BLOCK = re.compile(r"(N\d+\s*)?[GMTSFDHXYZABCIJKRUVW]\s*=?\s*[-+.#\[\d]|(N\d+\s*)?(#\d|R\d+\s*=)")
-#: A line that an M code owns, its text included.
+#: Line of an M code that owns its words and text.
 OWNER_LINE = re.compile(r"(?:N\d+\s*)?M0*(\d+(?:\.\d+)?)(?=[\sA-Z]|$)(?!.*\bG\d)")
-#: Home of a printer: bare letters name axes (G28 X Y) or ways to do it (G28 W); all axes are elsewhere after it.
+#: Homing of a printer: bare letters name axes (G28 X Y) or options (G28 W); all axes are unknown after it.
 BARE_HOME = re.compile(r"(?:N\d+\s*)?G28(?:\s+[A-Z]\d?)+\s*")
-#: Macro variables and control of the flow (Fanuc).
+#: Macro variables and flow control (Fanuc).
 MACRO = re.compile(
     r"#\s*[\d#<\[]|(?<![A-Z_])[A-Z,]\s*[-+]?\s*\[|"
     r"^(?:N\s*\d+\s*)?(?:IF\s*\[|WHILE\s*\[|GOTO\s*\d|DO\s*[1-9]\s*$|END\s*[1-9]\s*$)"
 )
-#: Lengths that have no decimal point, and the least ones that no part of a robot has. [mm]
+#: Addresses of lengths; lengths without decimal point.
 LENGTHS = frozenset("XYZIJKRUVW")
 WITHOUT_POINT = re.compile(r"(?<![A-Z,])([XYZIJKRUVW])\s*=?\s*([-+]?\d+)(?![\d.E])")
 IDENTIFIER = re.compile(r"(?<![A-Z0-9_])[A-Z]{2,}[A-Z0-9_]*")
-#: What makes a line with a word that is not known a move, a call or a change of the frame.
+#: Marks of a move, a call or a change of the frame in a line with an unknown word.
 MOVES = re.compile(
     rf"(?<![A-Z0-9])([XYZABCIJKUVW]\s*=?\s*[-+.\d]|G0*[0-3](?![\d.]))|PLANE\b(?!\s+RESET\b)|ROTATION\b|MIRRORING\b|"
     rf"\b({CHANGING}|TRAORI|TRAFOOF|SUPA)\b"
 )
 ARGUMENTS = re.compile(r"[A-Za-z_]{2}\w*\(")
-#: Comments, also one that is never closed, and quoted text.
+#: Comments, also without closing bracket, and quoted text.
 REMARK = re.compile(r'\([^()]*$|\((?:[^()]|\([^()]*\))*\)|;.*|"[^"]*"')
 
 
 def strip_comments(line: str) -> tuple[str, list[str]]:
-    """Return a line in capitals without comments and quoted text, and the comments: ( ... ), and what follows a ;."""
+    """Return a line in capitals without comments and quoted text, and the comments: ( .. ), and text after a ;."""
     if "(" not in line and ";" not in line and '"' not in line:
         return line.upper().strip(), []
     comments: list[str] = []
@@ -79,20 +79,20 @@ def strip_comments(line: str) -> tuple[str, list[str]]:
 
 
 def split_words(line: str) -> tuple[Words, str]:
-    """Split a line without comments into its words and what could not be read as words."""
+    """Split a line without comments into its words and the remaining text."""
     words = [(CORNER["," + letter[-1]] if letter[0] == "," else letter, float(number))
              for letter, number in WORD.findall(line)]  # fmt: skip
     return words, WORD.sub("", line).strip()
 
 
-#: Codes of printers (Marlin, RepRap) that own the words of their block: they set the machine, and move nothing.
+#: M codes of printers (Marlin, RepRap) that own the words of their block: machine settings without motion.
 OWNERS = frozenset(float(code) for code in (
     16, 20, 22, 23, 24, 25, 26, 27, 28, 31, 32, 36, 42, 43, 73, 74, 84, 85, 92, *range(104, 126), 140, 141, 143, 144,
     145, 149, 150, *range(155, 196), *range(200, 300), *range(300, 310), 350, 351, 355, 360, 361, 362, 363, 364,
     *range(380, 382), *range(400, 430), 486, *range(500, 620), *range(665, 675), 701, 702, 710, 851, 852, 862, 865,
     871, 876, 900, *range(906, 920), 928, 951, 993, 994, 995, 997, 999, 1000, 1002, 1006,
 ))  # fmt: skip
-#: ... those among them that take coordinates.
+#: M codes among them whose words include X Y Z.
 PLACING = frozenset(float(code) for code in (
     92, 122, 125, *range(200, 230), 301, 303, 304, 350, 351, 420, 425, 540, 558, 566, 569, 574, 579, 584, 593, 665, 666,
     669, 671, 672, 851, 852, 871, 900, *range(906, 920), 951, 1006,
@@ -100,14 +100,14 @@ PLACING = frozenset(float(code) for code in (
 
 
 def owns_words(code: float) -> bool:
-    """Return whether the words of a block belong to an M code."""
+    """Return whether an M code owns the words of its block."""
     return code in OWNERS or (code > 16.0 and code != int(code))
 
 
 class Lexer:
-    """Turn the lines of a G-code file into the words of blocks.
+    """Split the lines of a G-code file into blocks of words.
 
-    Lines that are no block are dealt with here: comments, marks, assignments, jumps, words that are not known.
+    Other lines are executed or refused here: comments, skip marks, assignments, jumps, unknown words.
     """
 
     def __init__(self, it: Interpreter, macros: Macros) -> None:
@@ -116,7 +116,7 @@ class Lexer:
         self.begun = False
 
     def read(self, raw: str) -> CncBlock | None:
-        """Return the block in a line, None where it holds none."""
+        """Return the block of a line, None if it has none."""
         line, comments = strip_comments(raw)
         for comment in comments:
             self.it.log.happen("comment", self.it.flow.line, text=comment)
@@ -156,7 +156,7 @@ class Lexer:
         return block
 
     def _check_points(self, words: Words, line: str) -> None:
-        """Refuse a length that is too great for a part unless it counts in increments."""
+        """Refuse a length without decimal point that is implausible in mm and may be in increments."""
         scale = self.it.state.scale
         if all(letter not in LENGTHS or abs(number * scale) < FARTHEST_WITHOUT_POINT for letter, number in words):
             return
@@ -168,9 +168,9 @@ class Lexer:
                 )
 
     def _read_more(self, line: str, raw: str, rest: str) -> tuple[Words, str] | None:
-        """Return the words of a line that holds more than words, and the line; None where it holds none.
+        """Return the words of a line with other text than words, and the line; None if it has no words to execute.
 
-        It may be owned by an M code, hold macro words, or text that moves nothing.
+        The line may belong to an M code, contain macro words, or text without motion.
         """
         if O_WORD.match(line):
             raise InputError(f"program control {line[:40]!r} (O words) is not read; write the program out")

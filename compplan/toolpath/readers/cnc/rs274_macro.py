@@ -1,4 +1,4 @@
-"""Macros of G-code (Fanuc, Haas, LinuxCNC): #1 = [#2 + 3] * SIN[30], X#1, IF, GOTO, WHILE DO, END; M98, M97, G65."""
+"""Macros of G-code (Fanuc, Haas, LinuxCNC): #1 = [#2 + 3] * SIN[30], X#1, IF, GOTO, WHILE DO, END, M98, M97, G65."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 #: Greatest number of variables.
 MOST_VARIABLES = 10_000
 HEAD = re.compile(r"\s*[O:]\s*0*(\d+)\b(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)", re.IGNORECASE)
-#: Lines that others jump to: blocks by their number, ends and beginnings of loops.
+#: Targets of jumps: block numbers, ends and beginnings of loops.
 LABELS = {
     "N": re.compile(r"\s*(?:/\d?\s*)?N\s*0*(\d+)", re.IGNORECASE),
     "END": re.compile(r"\s*(?:N\d+\s*)?END\s*([1-9])", re.IGNORECASE),
     "DO": re.compile(r"\s*(?:N\d+\s*)?(?:WHILE\b.*)?DO\s*([1-9])", re.IGNORECASE),
 }
-#: Control of the flow on a line in capitals, its number taken off.
+#: Flow control of a line in capitals, without block number.
 WHILE = re.compile(r"(?:WHILE\s*(\[.*\])\s*)?DO\s*([1-9])\s*$")
 END_LOOP = re.compile(r"END\s*([1-9])\s*$")
 GOTO = re.compile(r"GOTO\s*(.+)$")
 IF = re.compile(r"IF\s*(?=\[)")
-#: Variables that the words of a macro call set (Fanuc, first kind of arguments).
+#: Variables that are set by the words of a macro call (Fanuc, argument specification I).
 ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)), strict=True))
-#: Words of a block: a letter and a variable, a bracket, or a number.
+#: Beginning of a word whose number is a variable or an expression in brackets.
 WORD_START = re.compile(r"([A-Z,])\s*=?\s*([-+]?)\s*(?=[#\[])")
 ASSIGNMENT = re.compile(r"\s*(#[^=]*?)\s*=\s*")
 
 
 def _work(rule: Callable[[float, float], float]) -> Callable[[Value, Value], float]:
-    """Return an operator on values that may be vacant."""
+    """Return an operator for values that may be vacant."""
     return lambda left, right: rule(need(left), need(right))
 
 
@@ -49,7 +49,7 @@ def _logic(name: str, rule: Callable[[bool, bool], bool]) -> Callable[[Value, Va
     return work
 
 
-#: A vacant variable equals another vacant one alone, and counts as 0 in arithmetic.
+#: A vacant variable equals only another vacant one, and is 0 in arithmetic.
 GRAMMAR = Grammar(
     functions={
         **FUNCTIONS, "ATAN": (2, lambda y, x=None: math.degrees(math.atan(y) if x is None else math.atan2(y, x))),
@@ -74,23 +74,23 @@ GRAMMAR = Grammar(
 
 
 class Macros:
-    """Carry out the macro words of a G-code program, and hold its variables."""
+    """Macro words and variables of a G-code program."""
 
     def __init__(self, flow: Flow) -> None:
         self.flow = flow
-        #: Variables that all programs share; locals #1 to #33 of each call.
+        #: Global variables; local variables of each call (#1 to #33 and names without a leading _).
         self.shared: dict[str, float] = {}
         self.local: list[dict[str, float]] = [{}]
-        #: Line that a jump goes to.
+        #: Target line of a jump.
         self.next: int | None = None
 
     def _home(self, name: str) -> dict[str, float]:
-        """Return where a variable is kept."""
+        """Return the dictionary that holds a variable."""
         private = int(name) <= 33 if name.isdigit() else not name.startswith("_")
         return self.local[-1] if private else self.shared
 
     def get(self, name: str, indices: tuple[float, ...] = ()) -> Value:
-        """Return a variable, None where it is vacant (#0, and locals of a called macro that no argument set)."""
+        """Return the value of a variable, None if vacant (#0, and locals of a macro call without argument)."""
         value = self._home(name).get(name)
         if value is None and name != "0" and not (len(self.local) > 1 and name.isdigit() and int(name) <= 33):
             shown = f"#{name}" if name.isdigit() else f"#<{name}>"
@@ -98,7 +98,7 @@ class Macros:
         return value
 
     def set(self, name: str, value: Value) -> None:
-        """Give a variable a value; None makes it vacant."""
+        """Set a variable; None makes it vacant."""
         if name == "0" or (name.isdigit() and int(name) >= 1000):
             raise ValueError(f"#{name} belongs to the control, the file may set #1 to #999")
         home = self._home(name)
@@ -110,12 +110,12 @@ class Macros:
             raise ValueError(f"more than {MOST_VARIABLES} variables are set")
 
     def work_out(self, text: str) -> tuple[Value, int]:
-        """Return the value of the expression at the beginning of a text, and where it ends."""
+        """Return the value of the expression at the beginning of a text, and the index of its end."""
         parser = Parser(text, 0, GRAMMAR, self.get)
         return parser.parse_all(), parser.place
 
     def assign(self, line: str) -> bool:
-        """Carry out the assignments of a line (#1 = 5 #2 = #1); return whether it is nothing else."""
+        """Execute the assignments of a line (#1 = 5 #2 = #1); return whether the line contains assignments only."""
         place = 0
         results: list[tuple[str, Value]] = []
         while found := ASSIGNMENT.match(line, place):
@@ -125,12 +125,12 @@ class Macros:
             results.append((name, value))
         if line[place:].strip():
             return False
-        for name, value in results:  # those of one line count from before it
+        for name, value in results:  # with the values of variables before the line
             self.set(name, value)
         return bool(results)
 
     def spell_out(self, line: str) -> str:
-        """Return a block with numbers in place of its expressions; words with a vacant variable are left out."""
+        """Replace the expressions of a block by numbers; words with a vacant variable are left out."""
         parts: list[str] = []
         place = 0
         while found := WORD_START.search(line, place):
@@ -143,7 +143,7 @@ class Macros:
         return "".join([*parts, line[place:]])
 
     def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
-        """Find the subprograms of a file, after O1000; return the first program."""
+        """Register the subprograms of a file by O number; return the first program."""
         numbers = [(index, found.group(1)) for index, line in enumerate(lines)
                    if line[:1] in "Oo: " and (found := HEAD.match(line))]  # fmt: skip
         for (index, number), stop in zip(numbers, [*(at for at, _ in numbers[1:]), len(lines)], strict=False):
@@ -151,7 +151,7 @@ class Macros:
         return CncProgram(lines, 0, numbers[1][0] if len(numbers) > 1 else len(lines), file)
 
     def _find(self, key: str, step: int = 0) -> int:
-        """Return the first line of a key (N10), or the next one from here (END1, step 1), or the last (DO1, -1)."""
+        """Return the first line of a key (N10), or the next (END1, step 1) or previous one (DO1, step -1)."""
         program, here = self.flow.call.program, self.flow.line - 1
         if program.labels is None:
             program.labels = {}
@@ -166,7 +166,7 @@ class Macros:
         return places[at]
 
     def run_macro(self, line: str) -> str | None:
-        """Carry out the macro words of a line in capitals; return the block that is left, None without any."""
+        """Execute the macro words of a line in capitals; return the remaining block, None without any."""
         bare = re.sub(r"^N\s*\d+\s*", "", line)
         try:
             if self._control(bare) or (bare.startswith("#") and self.assign(bare)):
@@ -176,7 +176,7 @@ class Macros:
             raise InputError(f"{fault}, in {bare[:40]!r}") from None
 
     def _control(self, line: str) -> bool:
-        """Carry out IF, GOTO, WHILE DO and END; return whether the line is one of them."""
+        """Execute IF, GOTO, WHILE DO and END; return whether the line is one of them."""
         unread = f"program control {line[:40]!r} is not read, expected"
         if found := IF.match(line):
             condition, used = self.work_out(line[found.end() :])
@@ -204,9 +204,9 @@ class Macros:
         return found is not None
 
     def call_number(self, values: Mapping[str, float], *, macro: bool = False, local: bool = False) -> None:
-        """Carry out M98 and G65 (subprogram O number), and M97 (local: block N number of this program).
+        """Execute M98 and G65 (subprogram O number), and M97 (`local`: from block N number of this program).
 
-        P names the program, L (or K in M98) says how often; the other words of G65 are arguments.
+        P is the number of the program, L (or K in M98) of the repetitions; the other words of G65 are arguments.
         """
         code = "G65" if macro else "M97" if local else "M98"
         called = values.get("P", -1.0)

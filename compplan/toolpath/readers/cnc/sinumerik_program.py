@@ -1,4 +1,4 @@
-"""Programs of Sinumerik controls: words of blocks, with numbers or expressions, variables; labels, jumps, loops."""
+"""Lexer and flow control of Sinumerik programs: words with numbers or expressions, variables, labels, jumps, loops."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ PLACED = re.compile(r"(AC|IC|DC|ACP|ACN|CAC|CIC|CDC)\s*\(")
 BLOCK_NUMBER = re.compile(r"\s*(?:/\d?\s*)?(?:[N:]\s*\d+\s*)?(?:/\d?\s*)?")
 LEADING = re.compile(BLOCK_NUMBER.pattern + r"\(([^)]*)\)?(.*)")
 LABEL = re.compile(r"([A-Z_][A-Z0-9_]*)\s*:(?!=)\s*", re.ASCII)
-#: A comment in brackets after words with numbers.
+#: Comment in brackets after words with numbers.
 REMARK = re.compile(rf"(?:^|\s)[A-Z]\s*=?\s*{DECIMAL}\s*(\()", re.IGNORECASE)
 QUOTED = re.compile(r'"[^"]*"')
 EQUALS = re.compile(r"\s*=\s*(?!=)")
 NUMBERED = re.compile(r"([A-Z])(\d{1,4})")
 CLOSING = re.compile(r"\s*\)")
-#: Words of Siemens controls that say nothing about the programmed path.
+#: Words of Sinumerik controls that do not affect the programmed path.
 HARMLESS = frozenset((
     "TRAORI", "TRAFOOF", "STOPRE", "SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "FFWON", "FFWOF", "COMPON", "COMPOF",
     "COMPCURV", "COMPCAD", "COMPSURF", "UPATH", "SPATH", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "ORIPLANE",
@@ -40,7 +40,7 @@ HARMLESS = frozenset((
     "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "PRIO", "SPCON", "SPCOF", "TCARR", "TCOABS", "TCOFR", "STAY", "FMAX",
     "TCPM",
 ))  # fmt: skip
-#: Words that change the path or its frame, or call a cycle at every place.
+#: Words that change the path or its frame, or call a cycle at every position.
 CHANGING = (
     r"A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|MCALL|[ABC]SPLINE|POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|OFFN|CIP|"
     r"INVCC?W"
@@ -55,7 +55,7 @@ CONTROL = re.compile(r"\b(?:GOTO|IF|ELSE|END|WHILE|FOR|REPEAT|UNTIL|LOOP|CASE)",
 OPENING = {"IF": "ENDIF", "WHILE": "ENDWHILE", "FOR": "ENDFOR", "LOOP": "ENDLOOP", "REPEAT": "UNTIL"}
 GOTO = r"(.*?)\b(GOTO[FBC]?)\s+(N\s*\d+|[A-Z_]\w*|\d+)\s*"
 DECLARE = re.compile(r"DEF\s+(?:CHAN\s+|NCK\s+)?(REAL|INT|BOOL|CHAR|STRING(?:\[\d+\])?|AXIS|FRAME)\s+(.*)")
-#: Statements of control that are not read.
+#: Unsupported control statements.
 REFUSED = {
     "CALL", "PCALL", "EXTCALL", "ISOCALL", "GOTOS", "ID", "IDS", "WHEN", "WHENEVER", "EVERY", "DO", "REDEF",
     "DEFINE", "CASE",
@@ -81,30 +81,30 @@ GRAMMAR = Grammar(
 )  # fmt: skip
 
 
-#: Value of a variable that is not known, where the move that it stands in is left out.
+#: Value of an unknown variable in a move that is left out.
 ELSEWHERE = 1e30
-#: System variables that have one value while a program runs.
+#: System variables with a constant value while a program runs.
 SYSTEM = {"$PI": math.pi, "TRUE": 1.0, "FALSE": 0.0, "$P_SEARCH": 0.0, "$P_ISTEST": 0.0, "$P_SIM": 0.0,
           "$P_SEARCH1": 0.0, "$P_SEARCH2": 0.0, "$P_DRYRUN": 0.0, "$P_PROGTEST": 0.0}  # fmt: skip
 
 
 def find_key(name: str, indices: tuple[float, ...] = ()) -> Key:
-    """Return what a variable is kept by: R5 is R[5]."""
+    """Return the key of a variable: R5 is R[5]."""
     return ("R", (float(name[1:]),)) if name[0] == "R" and name[1:].isdigit() else (name, indices)
 
 
 class SinumerikBlocks:
-    """Split blocks into their words, and hold the variables of the program."""
+    """Words of blocks and variables of a program."""
 
     def __init__(self, it: Interpreter) -> None:
         self.it = it
         self.numbers: dict[Key, float] = {}
-        #: Names that the program declares.
+        #: Declared names of variables.
         self.names: set[str] = set()
         self.text, self.place, self.words, self.home = "", 0, CncBlock(), False
 
     def look_up(self, name: str, indices: tuple[float, ...]) -> float:
-        """Return the value of a variable; ValueError if it has none that is known, ELSEWHERE in a move left out."""
+        """Return the value of a variable; if unknown, ELSEWHERE in a move that is left out, otherwise a ValueError."""
         if name in SYSTEM:
             return SYSTEM[name]
         name, indices = find_key(name, indices)
@@ -116,7 +116,7 @@ class SinumerikBlocks:
         return value
 
     def assign(self, name: str, indices: tuple[float, ...], value: float | None) -> None:
-        """Give a variable a value, None where it is text."""
+        """Set a variable, None for a text."""
         if re.match(r"\$P_\w*FR", name):
             raise InputError(f"{name} sets a frame and is not read; use TRANS and ROT")
         if name.startswith("$"):
@@ -132,9 +132,9 @@ class SinumerikBlocks:
         return evaluate(text, GRAMMAR, self.look_up)
 
     def split(self, text: str, *, home: bool = False) -> CncBlock:
-        """Return the words of any block, and carry out its assignments; ValueError if something in it is no word.
+        """Return the words of a block and execute its assignments; raise a ValueError for other text.
 
-        The block is in capitals, without number, label and comment; `home`: it is a move that is left out.
+        The block is in capitals, without number, label and comment; `home`: its move is left out.
         """
         self.text, self.place, self.words, self.home = text, 0, CncBlock(), home
         while self.place < len(text):
@@ -205,7 +205,7 @@ class SinumerikBlocks:
             self._keep(f"{letter}{int(numbered.group(2))}" if numbered else name, *self._value())
 
     def _value(self) -> tuple[float, str]:
-        """Return a value, and whether it is absolute ("A"), relative ("I") or as the mode says ("")."""
+        """Return a value, and whether it is absolute ("A"), relative ("I") or follows the distance mode ("")."""
         found = PLACED.match(self.text, self.place)
         if found and found.group(1) in ("CAC", "CIC", "CDC"):
             raise ValueError(f"coded positions ({found.group(1)}) are not read")
@@ -220,7 +220,7 @@ class SinumerikBlocks:
 
 
 def read_brackets(text: str, place: int) -> tuple[list[str], int]:
-    """Return the arguments in the brackets that open at a place, and where they end."""
+    """Return the arguments in the brackets that open at an index, and the index after them."""
     depth, quoted, parts = 0, False, [""]
     for index in range(place, len(text)):
         letter = text[index]
@@ -236,7 +236,7 @@ def read_brackets(text: str, place: int) -> tuple[list[str], int]:
 
 
 def cut_comment(line: str) -> tuple[str, str]:
-    """Return a line without its comment, and the comment: after ; or in brackets, first or after words with numbers."""
+    """Return a line without its comment, and the comment: after ; or in brackets at its start or after words."""
     comment = ""
     if "(" in line and (leading := LEADING.match(line)):
         comment, line = leading.groups()
@@ -247,13 +247,13 @@ def cut_comment(line: str) -> tuple[str, str]:
 
 
 class SinumerikFlow:
-    """Carry out the control of a Sinumerik program."""
+    """Flow control of a Sinumerik program."""
 
     def __init__(self, it: Interpreter, values: SinumerikBlocks) -> None:
         self.it, self.flow, self.values, self.evaluate = it, it.flow, values, values.evaluate
 
     def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
-        """Find the programs of a file; return the first main program, or the first at all."""
+        """Register the programs of a file; return the first main program with code, otherwise the first subprogram."""
         heads: list[tuple[int, int, str, bool]] = []  # line, first line of the program, name, whether a main program
         for index, line in enumerate(lines):
             if ("%_N_" in line or "%_n_" in line) and (found := HEAD.match(line)):
@@ -272,7 +272,7 @@ class SinumerikFlow:
         return next(held, others[0] if others else mains[0])
 
     def prepare(self, program: CncProgram) -> None:
-        """Find the labels of a program that is carried out, and where its blocks of control close."""
+        """Find the labels and the matching ends of control structures of a program."""
         stack: list[tuple[str, int]] = []
         program.labels, here = {}, self.flow.line
         if not CONTROL.search("\n".join(program.lines[program.first : program.last])):
@@ -304,7 +304,7 @@ class SinumerikFlow:
         self.flow.line = here
 
     def _declare(self, text: str) -> None:
-        """Carry out DEF."""
+        """Execute DEF."""
         kind, rest = match_form(DECLARE, text, "declaration").groups()
         item = r"([A-Z_$][\w]*)\s*(?:\[[^\]]*\])?\s*(?:=\s*((?:\"[^\"]*\"|[^,(]|\([^)]*\))+))?"
         for variable, value in re.findall(item, rest):
@@ -317,7 +317,7 @@ class SinumerikFlow:
                 self.values.numbers[variable, ()] = self.evaluate(value)
 
     def run_flow(self, word: str, text: str, raw: str, program: CncProgram, index: int) -> int:
-        """Carry out a statement of control; return the next line, -1 at the end."""
+        """Execute a control statement; return the index of the next line, or END."""
         rest = text[len(word) :].strip()
         if word in ("RET", "ENDPROC"):
             return END
@@ -350,7 +350,7 @@ class SinumerikFlow:
             return program.partners[index] + 1 if value > self.evaluate(last) else index + 1
         if word.startswith("GOTO"):
             return self._find_goto(word, rest, program, index)
-        if word in ("REPEAT", "REPEATB") and rest:  # from the label to here, P times more
+        if word in ("REPEAT", "REPEATB") and rest:  # from the label to this line, P more times
             pattern = r"([A-Z_]\w*)(?:\s*P\s*=?\s*(.+))?" if word == "REPEAT" else "(?!)"
             label, times = match_form(pattern, rest, "REPEAT: REPEAT label P=n").groups()
             start = self._find_goto("GOTOB", label, program, index)

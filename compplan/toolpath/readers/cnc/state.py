@@ -1,4 +1,4 @@
-"""A block of a CNC program, its modal state (millimetres), and what it switches on the machine."""
+"""Block of a CNC program, modal state (millimetres), and machine functions."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from compplan.toolpath.readers.moves import MoveLog
 AXES, LETTERS = "XYZ", "ABC"
 INCH = 25.4
 
-#: Codes that happen before the move of their block, beside M6, and what they switch on.
+#: M codes that are executed before the move of their block, in addition to M6, and the functions that they start.
 STARTING = {3.0: ("spindle_cw",), 4.0: ("spindle_ccw",), 7.0: ("mist",), 8.0: ("coolant",),
             13.0: ("spindle_cw", "coolant"), 14.0: ("spindle_ccw", "coolant")}  # fmt: skip
-#: ... and after it.
+#: M codes that are executed after the move of their block.
 STOPPING = {0.0: "stop", 1.0: "optional_stop", 5.0: "spindle_off", 9.0: "coolant_off"}
-#: Codes with which S limits the spindle, or is no speed; M codes with which it stops the spindle at an angle.
+#: G codes with which S is a speed limit or not a speed; M codes with which S is an angle of the spindle.
 LIMITS = frozenset({4.0, 25.0, 26.0, 50.0, 92.0})
 ANGLES = frozenset({19.0})
-#: A dwell P without a decimal point is taken in milliseconds from here up. [ms]
+#: Least value P of a dwell that is read in milliseconds. [ms]
 LEAST_MILLISECONDS = 100.0
 
 
 @dataclass
 class CncBlock:
-    """Hold the words of a block: numbers by address (X, CR, A3, I1 ..), G codes, M codes, words without a number.
+    """Words of a block: numbers by address (X, CR, A3, I1 ..), G codes, M codes (`machine`), words without a number.
 
-    Numbers of some addresses are absolute, whatever the mode, or relative to where the tool is. `calls` are names with
-    their arguments as texts.
+    `absolute` and `relative` are addresses whose numbers do not follow the distance mode. `calls` are names with their
+    arguments as texts.
     """
 
     values: dict[str, float] = field(default_factory=dict)
@@ -41,17 +41,17 @@ class CncBlock:
     calls: list[tuple[str, list[str]]] = field(default_factory=list)
 
     def has(self, addresses: frozenset[str]) -> bool:
-        """Return whether the block holds one of these addresses."""
+        """Return whether the block contains one of these addresses."""
         return not self.values.keys().isdisjoint(addresses)
 
     def list_axes(self) -> list[int]:
-        """List the axes X Y Z that the block names."""
+        """Return the numbers of the axes X Y Z in the block."""
         return [axis for axis, letter in enumerate(AXES) if letter in self.values]
 
 
 @dataclass
 class State:
-    """Hold the modal state of a program. A `motion` is 0 to 3 as G0 to G3, CIP, CT, or None before any."""
+    """Modal state of a program; `motion` is 0 to 3 for G0 to G3, "CIP", "CT", or None before the first one."""
 
     scale: float = 1.0
     unit_stated: bool = False
@@ -59,7 +59,7 @@ class State:
     motion: float | str | None = None
     plane: int = 17
     incremental: bool = False
-    #: How I J K count: incremental, absolute or reversed; whether the program says it.
+    #: Meaning of I J K: incremental, absolute or reversed; whether the program states it.
     centres: str = "incremental"
     centres_stated: bool = False
     feed: float | None = None
@@ -71,18 +71,18 @@ class State:
     cooling: bool = False
     tool: float = 0.0
     tool_name: str = ""
-    #: Whether T alone changes the tool, and the file is of a printer.
+    #: Whether T changes the tool without M6; whether the file is for a printer.
     changes_by_t: bool = False
     printer: bool = False
     tip_control: bool = False
-    #: Whether X Y are radius and angle; pole, its plane, radius and angle in force.
+    #: Whether X Y are radius and angle; pole, its plane, active radius and angle.
     polar: bool = False
     pole: Point | None = None
     pole_plane: int | None = None
     polar_words: dict[str, float] = field(default_factory=dict)
-    #: Radius of every corner from here on (RNDM).
+    #: Modal rounding radius of corners (RNDM).
     rounding: float = 0.0
-    #: Whether the block at hand cancels the tool's length.
+    #: Whether the current block cancels tool length compensation.
     cancels_length: bool = False
     retract_to_start: bool = True
     cycle_code: float = 0.0
@@ -90,7 +90,7 @@ class State:
     cycle: dict[str, float] = field(default_factory=dict)
 
     def set_unit(self, scale: float, *, feeds: bool = True) -> None:
-        """Take a unit: millimetres that a length counts in, and a feed where the word sets those too."""
+        """Set the unit [mm] of lengths, and of feeds if the word sets both."""
         self.scale, self.unit_stated = scale, True
         if feeds:
             self.feed_scale = scale
@@ -99,11 +99,11 @@ class State:
             self.units.append(word)
 
     def set_feed(self, number: float) -> None:
-        """Take a feed word; inches count in lengths, not in inverse time."""
+        """Set the feed of an F word; the unit of length applies except in inverse time mode."""
         self.feed = number if self.feed_mode == 93 else number * self.feed_scale
 
     def feed_mm_s(self, length: float) -> float | None:
-        """Return the feed of a move of this length [mm] in mm/s, None where no feed is known."""
+        """Return the feed of a move of this length [mm] in mm/s, None if unknown."""
         if self.feed is None:
             return None
         if self.feed_mode == 93:
@@ -113,18 +113,18 @@ class State:
         return self.feed / 60.0
 
     def counts_on(self, block: CncBlock, address: str) -> bool:
-        """Return whether a number of a block counts from where the tool is."""
+        """Return whether a number of a block is incremental."""
         return address in block.relative or (self.incremental and address not in block.absolute)
 
     def turn(self, angles: dict[str, float], block: CncBlock) -> None:
-        """Take the angles of rotary axes that a block states."""
+        """Update the angles of rotary axes with those of a block."""
         for letter in LETTERS:
             if letter in block.values:
                 base = angles.get(letter, 0.0) if self.counts_on(block, letter) else 0.0
                 angles[letter] = block.values[letter] + base
 
     def centre(self, start: Point, block: CncBlock, plane: int) -> Point:
-        """Return the centre of an arc from I J K, as they count in this program."""
+        """Return the centre of an arc from I J K with their meaning in this program."""
         centre, values = start, block.values
         for axis in PLANE_AXES[plane]:
             letter = "IJK"[axis]
@@ -137,20 +137,20 @@ class State:
 
 
 class Machine:
-    """Let happen what M codes and the words S and T switch."""
+    """Machine functions of M codes and the words S and T."""
 
     def __init__(self, state: State, log: MoveLog, silent: frozenset[float], ends: frozenset[float]) -> None:
         self.state, self.log, self.silent, self.ends = state, log, silent | ends, ends
 
     def start(self, block: CncBlock, line: int) -> None:
-        """Let happen what a block switches before its move."""
+        """Execute the machine functions of a block before its move."""
         state, log, values, machine = self.state, self.log, block.values, block.machine
         by_t = state.changes_by_t and values.get("T", 0.0) not in (0.0, state.tool)
         changing = 6.0 in machine or 61.0 in machine
         if "T" in values:
             state.tool, state.tool_name = values["T"], ""
             if not changing and not state.changes_by_t:
-                log.happen("comment", line, text=f"tool T{values['T']:g} is called")  # it waits for the next M6
+                log.happen("comment", line, text=f"tool T{values['T']:g} is called")  # changed by the next M6
         if 61.0 in machine:
             state.tool, state.tool_name = values.get("Q", state.tool), ""
         if changing or by_t:
@@ -168,17 +168,17 @@ class Machine:
                 if milli:
                     log.note(f"G4 P{values['P']:g} is taken in milliseconds", line)
                 wait = max(values["P"], 0.0) * (1e-3 if milli else 1.0)
-            elif "S" in values:  # in turns
+            elif "S" in values:  # in revolutions
                 wait = 60.0 * values["S"] / state.spindle if state.spindle > 0.0 else 0.0
             log.happen("dwell", line, value=wait)
 
     def change_tool(self, line: int) -> None:
-        """Change to the tool that is called."""
+        """Change to the selected tool."""
         self.log.happen("tool", line, value=self.state.tool, text=self.state.tool_name)
         self.state.turning = ""
 
     def switch_on(self, machine: Iterable[float], line: int, *, changed: bool = False) -> None:
-        """Let happen what M codes switch on, and what a changed speed does to a spindle that turns."""
+        """Execute M codes that switch on, and the change of speed of a running spindle."""
         state, log = self.state, self.log
         kinds = [kind for code in machine for kind in STARTING.get(code, ())]
         for kind in kinds:
@@ -197,7 +197,7 @@ class Machine:
                 log.happen("comment", line, text=f"M{code:g} of the CAM file")
 
     def stop(self, machine: Iterable[float], line: int) -> bool:
-        """Let happen what M codes switch after the move of their block; return whether the program ends."""
+        """Execute M codes after the move of their block; return whether the program ends."""
         for code in machine:
             kind = STOPPING.get(code, "")
             if kind == "spindle_off":
@@ -209,7 +209,7 @@ class Machine:
         return not self.ends.isdisjoint(machine)
 
     def end(self, line: int) -> None:
-        """Stop what still turns or runs where the program ends."""
+        """Stop running spindle and coolant at the end of the program."""
         for running, kind in ((self.state.turning, "spindle_off"), (self.state.cooling, "coolant_off")):
             if running:
                 self.log.happen(kind, line)
