@@ -120,7 +120,7 @@ def count_positions(settings: PostureSettings, axes: int) -> int:
 
 
 def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Options:
-    """Build the grid of options, equal for all stations (k,) except for a joint that follows the tool (`follow_axis`)."""
+    """Build the grid of options, equal for all stations (k,) except a joint that follows the tool (`follow_axis`)."""
     arm, settings = problem.arm, problem.settings
     follow = follow_axis(arm, problem.nominal) if settings.search else None
     varies = bool(len(arm.held)) or settings.lead > 0 or settings.lean > 0
@@ -161,7 +161,7 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
 def _hold_axes(problem: PostureProblem) -> Array:
     """Return the positions of fixed extra axes: job's start, rails with the path in reach, otherwise mid-range.
 
-    On a rail the first axis has a horizontal distance from the middle of the path in share of the reach. Shape (nq,).
+    Rails: the arm's first axis is a share of its reach away from the middle of the path. Shape (nq,). [rad or m]
     """
     arm, settings = problem.arm, problem.settings
     rest = middle_of_limits(arm.robot)
