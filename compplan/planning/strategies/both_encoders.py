@@ -20,7 +20,7 @@ words = "encoders on both sides"
 
 #: Number of poses that the reduced model is fitted to, and their spread about the path. [rad or m]
 REDUCTION_POSES, REDUCTION_SPREAD = 60, 0.5
-#: Force where the task predicts none (assumed). [N]
+#: Force where the task predicts none. [N]
 TYPICAL_FORCE = 500.0
 
 
