@@ -38,7 +38,7 @@ from compplan.planning.timing import parameter_steps
 BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error_band": ("accurate", "smooth"),
           "smooth": ("accurate", "fast")}  # fmt: skip
 LEAST = {"fast": "driven_s", "accurate": "band_mm", "error_band": "band_mm", "smooth": "joint_travel_deg"}
-#: Joint positions that differ by less are one posture. [rad or m]
+#: Joint position difference below which postures are equal. [rad or m]
 ALIKE = 1e-4
 #: Ratio of a run's time to the least time at the programmed feed up to which no gain is possible.
 AT_FEED = 1.02

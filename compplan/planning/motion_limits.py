@@ -58,7 +58,7 @@ def difference_motion(q: Array, time: Array) -> tuple[Array, Array]:
 
 
 def spread_factors(use: Array, time: Array, reach: float) -> Array:
-    """Widen factors above 1 to the waypoints within a reach of time."""
+    """Spread factors above 1 to the waypoints within `reach` [s] of them."""
     wide = np.maximum(use, 1.0)
     found = np.flatnonzero(use > 1.0)
     if not len(found):

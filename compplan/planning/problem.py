@@ -107,12 +107,12 @@ class Station:
     """One station of the program as CasADi symbols; symbols that a problem does not need are empty."""
 
     q: ca.SX  #: Joint positions. Shape (nq). [rad or m]
-    q_next: ca.SX  #: Those of the next station. Shape (nq). [rad or m]
+    q_next: ca.SX  #: Joint positions of the next station. Shape (nq). [rad or m]
     departure: ca.SX  #: q less the chosen posture. Shape (nq). [rad or m]
     rate: ca.SX  #: Derivative of q with respect to the programmed time. Shape (nq). [rad/s or m/s]
     change: ca.SX  #: Second derivative. Shape (nq). [rad/s^2 or m/s^2]
     square: ca.SX  #: Square of the speed as a share of the programmed feed.
-    square_next: ca.SX  #: That of the next station.
+    square_next: ca.SX  #: The same at the next station.
     push: ca.SX  #: Half the derivative of the square with respect to the programmed time. [1/s]
     push_before: ca.SX  #: The same from the station before, 0 at the start of a run. [1/s]
     step: ca.SX  #: Programmed time to the next station, 0 at the end of a run. [s]

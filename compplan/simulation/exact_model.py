@@ -188,7 +188,7 @@ class _Tree:
         return found
 
     def seen_from(self, flange: str, masses: list[Mass]) -> list[Mass]:
-        """Return masses as negative masses at the flange, for their weight only."""
+        """Return masses as negative masses in the flange frame, for their weight only."""
         back, none = self.where[flange].inverse(), np.zeros((3, 3))
         seen = [(mass, np.asarray((back * self.where[link]).act(centre))) for link, mass, centre, _ in masses]
         return [(flange, -mass, centre, none) for mass, centre in seen]

@@ -55,7 +55,7 @@ class ModeShapes:
     """Lowest modes at one posture, v^T M v = 1; m modes, s elastic coordinates."""
 
     omega: Array  #: Angular frequencies, ascending. Shape (m,). [rad/s]
-    shape: Array  #: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) and kin]
+    shape: Array  #: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) or 1/(m sqrt(kg))]
     tip: Array  #: Tip motion of each mode, base axes. Shape (3, m). [1/sqrt(kg)]
 
 

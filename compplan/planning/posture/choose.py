@@ -40,7 +40,7 @@ GAINS = {"accurate": 0.999, "error_band": 0.99, "smooth": 1.0, "fast": 1.0}
 FIGURES = {"smooth": "joint_travel_deg", "fast": "time_s"}
 #: Most searches because of collisions, and most rounds with additional stations.
 COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
-#: Spin and tilts below which the tool orientation counts as that of the job. [rad]
+#: Spin and tilts below which the tool orientation is that of the job. [rad]
 STILL = 1e-9
 #: Most stations times options of the graph, with at least 50 stations.
 NODE_BUDGET = 17_500
@@ -64,7 +64,7 @@ def choose_posture_path(problem: PostureProblem) -> PostureSummary:
 
 
 def choose_partial(problem: PostureProblem) -> PostureSummary | None:
-    """Choose postures for every stretch that the arm can follow, without collision checks; None if there is no stretch.
+    """Choose postures for every stretch that the arm can follow, without collision checks; None if it can follow none.
 
     The other waypoints are missed; the arm has the posture of the nearest reached waypoint there.
     """

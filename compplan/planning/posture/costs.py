@@ -54,7 +54,7 @@ class Weights:
     #: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
     motion: float = 0.0
     time: float = 0.0  #: Per second of motion.
-    #: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
+    #: Per share of the programmed time that joints at half their velocity limits need in addition, over the cut.
     rate: float = 0.0
 
 

@@ -161,7 +161,7 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
 def _hold_axes(problem: PostureProblem) -> Array:
     """Return the positions of fixed extra axes: job's start, rails with the path in reach, otherwise mid-range.
 
-    Rails: the arm's first axis is a share of its reach away from the middle of the path. Shape (nq,). [rad or m]
+    Rails: the arm's first axis is horizontally a share of its reach from the middle of the path. Shape (nq,).
     """
     arm, settings = problem.arm, problem.settings
     rest = middle_of_limits(arm.robot)

@@ -196,7 +196,7 @@ ROUND = 0.01
 def find_first_place(job: Job, robot: Robot) -> tuple[Array, bool] | None:
     """Find a position of the part (3,) [m] with the path of a job in reach of the arm.
 
-    Returns it with whether the reach was checked; None if there is no such position.
+    Returns the position and whether the reach was checked; None without a solution.
 
     Raises:
         InputError: If the toolpath of the job cannot be read.

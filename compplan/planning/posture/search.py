@@ -7,7 +7,7 @@ The cost of a path is a sum over its nodes and edges:
 
 k the inverse condition number, omega the share of the cut (first term) or of the path, dsigma the share of the path of
 an edge, L the length of the path, l = 100 mm, t the time of an edge (programmed, or of the slowest joint), and r the
-time that joints at half their velocity limits need beyond the programmed time, as a share of it. A change of
+time that joints at half their velocity limits need beyond the programmed time, as a share of the total. A change of
 configuration within the cut passes a singularity and costs w_g once.
 """
 

@@ -41,7 +41,7 @@ FOUR_JOINTS = (
 )
 #: Waypoints tried without joint limits if none is reached within them.
 LOOKED_AT = 20
-#: Greatest difference of joint positions [m] and axes [rad] between two folders of one machine (assumed: a measured
+#: Greatest difference of joint origins [m] and axes [rad] between two folders of one machine (assumed: a measured
 #: geometry differs by millimetres).
 SAME_PLACE, SAME_AXIS = 0.05, 0.1
 
