@@ -100,8 +100,8 @@ class Bench:
 
     cell: SimulatedRobot  #: Robot as modelled.
     bias: Array | None = None  #: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
-    #: Robot from the folder, with all masses and without weight; None for robots and paths in memory, which are checked
-    #: less.
+    #: Robot from the folder, with all masses and without weight; None for robots and paths in memory, with fewer
+    #: checks.
     moving: ExactRobot | None = None
 
 

@@ -208,7 +208,7 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     """Divide first and last moves of runs, in steps that grow from the rest, until their rows resolve the motion.
 
     A run starts as s = j t^3 / 6. From its first row at t1, the difference formula yields an acceleration of
-    2 s(t1) / t1^2 = j t1 / 3 at rest; it falls with the cube root of the first step; half a chord is allowed.
+    2 s(t1) / t1^2 = j t1 / 3 at rest, falling with the cube root of the first step. Its deflection may be half a chord.
     """
     dynamics, runs = build_dynamics(task.robot), task.runs
     if not task.inertia or not dynamics.known or not runs:
