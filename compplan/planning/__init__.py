@@ -1,5 +1,5 @@
-"""The continuous part of a plan: one nonlinear program, its solution at every waypoint, and its timing.
+"""Planning: a nonlinear program of the correction, its solution at every waypoint, and the timing.
 
-`problem` states it, `nlp` builds and solves it in CasADi, `limits` and `costs` hold one small class each, `dense` takes
-the solution from the stations to every waypoint, `timing` runs the path by TOPP-RA.
+`problem` defines the program, `nlp` builds and solves it in CasADi, `limits` and `costs` hold one small class each,
+`dense` refines the solution of the stations at every waypoint, `timing` computes the timing by TOPP-RA.
 """

@@ -1,7 +1,7 @@
-"""Approach to the first waypoint and retract from the last one, where the toolpath has none.
+"""Approach to the first waypoint and retract from the last one, if the toolpath has none.
 
-The unloaded tool goes along its axis to the first point; there the correction grows with the force, so that the tool
-does not move into the part ahead of it. The retract is the same, backwards.
+The unloaded tool moves along its axis to the first point; there the correction grows with the force, so that the tool
+does not move into the part before the force acts. The retract is the reverse.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import select_waypoints
 
-#: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
+#: Height of approach and retract along the tool axis, if the toolpath has none. [m]
 APPROACH = 0.05
-#: Rows that the way down and the loading are written in, even in time.
+#: Rows of the motion down and of the loading, evenly spaced in time.
 DOWN_ROWS, LOADING_ROWS = 48, 16
 #: Time at rest where the cut begins or ends. [s]
 DWELL = 0.02
@@ -30,24 +30,24 @@ DWELL = 0.02
 
 @dataclass(frozen=True)
 class Passage:
-    """Rows before the first waypoint, or after the last one, in order of time."""
+    """Rows before the first waypoint or after the last one, in order of time."""
 
-    #: Positions of a program: above, the unloaded tool at the point, and the other side of lost motion. Shape (k', nq).
+    #: Program positions: above, unloaded tool at the point, and the other side of lost motion. Shape (k', nq).
     key_q: Array
-    key_gap: Array  #: Time from each of them to the next, the waypoint's own included. Shape (k',). [s]
+    key_gap: Array  #: Time from each of them to the next, the last one to the waypoint. Shape (k',). [s]
     q: Array  #: Joint positions of the rows. Shape (k, nq). [rad or m]
-    position: Array  #: Wanted tip. Shape (k, 3). [m]
-    wrench: Array  #: Wrench that acts. Shape (k, 6). [N, N m]
-    gap: Array  #: Time from each row to the next, the waypoint's own included. Shape (k,). [s]
+    position: Array  #: Required tip position. Shape (k, 3). [m]
+    wrench: Array  #: Wrench on the tool. Shape (k, 6). [N, N m]
+    gap: Array  #: Time from each row to the next, the last one to the waypoint. Shape (k,). [s]
 
 
 def plan_approach(task: PlanTask, q: Array) -> Passage:
-    """Plan the way to the first waypoint; nothing where the toolpath comes there in a rapid move."""
+    """Plan the motion to the first waypoint; empty if the toolpath begins with a rapid move."""
     return _pass(task, q, 0)
 
 
 def plan_retract(task: PlanTask, q: Array) -> Passage:
-    """Plan the way from the last waypoint; nothing where the toolpath leaves it in a rapid move."""
+    """Plan the motion from the last waypoint; empty if the toolpath ends with a rapid move."""
     way = _pass(task, q, len(task) - 1)
     backwards = (part[::-1] for part in (way.key_q, way.key_gap, way.q, way.position, way.wrench, way.gap))
     return Passage(*backwards)
@@ -65,7 +65,7 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
     above, top = _above(task, free, end)
     if len(above):
         legs.append((above[0], free, point + top, point, np.zeros(6), np.zeros(6), DOWN_ROWS))
-    # from the other side of each lost motion the command pushes the links to where the path begins
+    # the command comes from the other side of each lost motion, so that the links are at the first point
     cross = -2.0 * lead_play(task.robot, task.q_start[:1])[0] if end == 0 else np.zeros(nq)
     if np.abs(loaded + cross - free).max() > 1e-9:
         legs.append((free, loaded + cross, point, point, np.zeros(6), task.wrench[end], LOADING_ROWS))
@@ -84,7 +84,7 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
 def _leg(
     task: PlanTask, start: Array, end: Array, here: Array, there: Array, before: Array, after: Array, rows: int
 ) -> tuple[Array, Array, Array, Array]:
-    """Return rows of a gentle joint move, its end left out, and the times to the next row."""
+    """Return the rows of a smooth joint move without its end, and the times to the next row."""
     u = np.arange(rows + 1) / rows
     share = ease(u)[:, None]
     duration = 1.05 * ease_duration(np.abs(end - start), task.velocity_limits, task.acceleration_limits)
@@ -94,13 +94,13 @@ def _leg(
         duration = max(duration, 1.875 * float(np.linalg.norm(tips[1] - tips[0])) / feed)
     time = u * max(duration, task.gentle_time)
     q, wrench = start * (1 - share) + end * share, before * (1 - share) + after * share
-    # a joint move bows: the rows say where the tool goes, not where a straight line would have it
+    # a joint move is not straight: the rows hold the actual tip positions
     position = task.see_position(attain_pose(task.chain, q, wrench, slope=False).position)
     return q[:-1], position[:-1], wrench[:-1], np.diff(time)
 
 
 def _unload(task: PlanTask, q: Array, end: int) -> Array:
-    """Return the joint positions nearest to q that put the tool at a waypoint while no wrench acts, weights alone."""
+    """Return the joint positions nearest to q with the tool at a waypoint without wrench, under weights only."""
     found = q[None].copy()
     wanted = task.see_pose(attain_pose(task.chain, q[None], task.wrench[end : end + 1], slope=False))
     none = np.zeros((1, 6))
@@ -115,7 +115,7 @@ def _unload(task: PlanTask, q: Array, end: int) -> Array:
 
 
 def _above(task: PlanTask, q: Array, end: int) -> tuple[Array, Array]:
-    """Return joint positions with the unloaded tool above a waypoint, shape (0 or 1, nq), and where that is from it."""
+    """Return joint positions with the unloaded tool above a waypoint, shape (0 or 1, nq), and the offset from it."""
     row, arm = slice(end, end + 1), build_arm(task.robot)
     top = APPROACH * task.nominal.axis[end]
     rotation = task.rotation[row]

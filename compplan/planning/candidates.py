@@ -1,8 +1,8 @@
-"""Start of a redundant path: the best posture of the search, or one that the program optimises together with the speed.
+"""Start of a redundant path: best posture of the search, or one optimised together with the speed.
 
-A preset that is asked for by name takes the best by its own measure of the postures that several presets find. The
-program starts from it and from the programmed posture. Its result is compared with the posture of the search, both
-slowed where the arm vibrates most (`compplan.planning.measured_runs`), and may not take longer.
+A preset named in the job chooses the best posture of several presets by its criterion. The nonlinear program starts
+from it and from the programmed posture. Its result is compared with the posture of the search, both slowed where the
+arm vibrates most (`compplan.planning.measured_runs`), and must not take longer.
 """
 
 from __future__ import annotations
@@ -34,30 +34,30 @@ from compplan.planning.redundancy import PathRequest, Prices, Shaped, shape_star
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import parameter_steps
 
-#: Presets whose postures are compared with that of a preset, and the cost by which they are compared.
+#: Presets whose postures are compared with that of a preset, and the cost of the comparison.
 BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error_band": ("accurate", "smooth"),
           "smooth": ("accurate", "fast")}  # fmt: skip
 LEAST = {"fast": "driven_s", "accurate": "band_mm", "error_band": "band_mm", "smooth": "joint_travel_deg"}
-#: Joint positions that differ by less are one posture. [rad or m]
+#: Joint position difference below which postures are equal. [rad or m]
 ALIKE = 1e-4
-#: Ratio of a run's time to the least that the programmed feed allows, up to which nothing can be gained.
+#: Ratio of a run's time to the least time at the programmed feed up to which no gain is possible.
 AT_FEED = 1.02
-#: Number of waypoints of a run from which on its start and stop are a small part of it.
+#: Waypoints per run above which start and stop are a small part of it.
 MANY = 1000
 #: Share of the acceleration limits below which vibration does not depend on the posture (assumed).
 CALM = 0.5
-#: Greatest number of waypoints of a path whose starts are compared; longer ones take more CPU than they gain.
+#: Greatest number of waypoints of a path whose starts are compared; longer paths take more CPU time than they gain.
 LONGEST = 8000
 #: Weights of the program by preset; other presets keep the posture of the search.
 PRICES = {"fast": Prices(band=0.0), **dict.fromkeys(("accurate", "error_band", ""), Prices())}
 
 
 def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> Start:
-    """Improve a start; return it unchanged where the feed sets the time, or nothing is better.
+    """Improve a start; return it unchanged if the feed determines the time, or nothing is better.
 
-    `fast` reduces the time, `accurate` and `error_band` the band at no more time. Without a preset's name the run gets
-    shorter and its band no wider. `error_band` also starts from what `accurate` gives without a name, and may take the
-    time of the slower of both, so that its band is no wider. Without `shape` no program is solved.
+    `fast` reduces the time, `accurate` and `error_band` the band without more time. Without a named preset the run
+    becomes shorter and its band not wider. `error_band` also starts from the result of the unnamed default `accurate`,
+    and may take the time of the slower of both, so that its band is not wider. Without `shape` no program is solved.
     """
     posture_choice = start.posture_choice
     if posture_choice is None:
@@ -79,9 +79,9 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     if not runs:
         return start
     first = runs[0]
-    groups = [(runs, ease_run(preset, first, first, request))]  # candidates, and the run they are compared with
+    groups = [(runs, ease_run(preset, first, first, request))]  # candidates, and the reference run
     if preset == "error_band" and default is not None and (usual := measure_runs(default, request)):
-        own = (usual, ease_run("", usual[0], usual[0], request))  # as without a preset: no band gets wider than that
+        own = (usual, ease_run("", usual[0], usual[0], request))  # default result: the band must not be wider than that
         groups = [own] if np.allclose(default.q, start.q, atol=ALIKE) else [*groups, own]
     plain = find_plain(request.robot, request.nominal, request.tool_x, start) if len(task) <= LONGEST else None
     if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=ALIKE):
@@ -96,7 +96,7 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
             if shaped is not None:
                 found = measure_runs(shaped[0], request)
                 runs += [run._replace(origin=origin.origin, shaped=shaped[1]) for run in found]
-        bands = [band_beside(run, base) for run in runs]  # of those alike the one nearest to the search's posture
+        bands = [band_beside(run, base) for run in runs]  # of equal ones, the nearest to the posture of the search
         alike = (run for run, band in zip(runs, bands, strict=True) if band <= (1.0 + LEAST_GAIN) * min(bands))
         best = runs if preset == "fast" else [next(alike)]
         candidates += [ease_run(preset, run, base, request) for run in best if run is not first]
@@ -110,9 +110,9 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
 
 
 def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start | None]:
-    """Return the best of the postures of several presets, by the measure of the preset that was asked for.
+    """Return the best of the postures of several presets, by the criterion of the job's preset.
 
-    Also returns the start of the preset `accurate`, None where it is that preset or has no posture.
+    Also returns the start of the preset `accurate`, None if that is the job's preset or has no posture.
     """
     posture_choice, settings = start.posture_choice, start.settings
     assert posture_choice is not None
@@ -148,9 +148,9 @@ def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start |
 
 
 def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
-    """Tell whether a run keeps the programmed feed with low accelerations: nothing can be gained."""
+    """Return whether a run keeps the programmed feed with low accelerations: no gain is possible."""
     rate, push = 0.0, 0.0
-    if len(task) > MANY * len(task.runs):  # few starts and stops: rates at the programmed feed tell it without a run
+    if len(task) > MANY * len(task.runs):  # few starts and stops: the rates at the programmed feed suffice
         for first, last in task.runs:
             time = np.r_[0.0, np.cumsum(parameter_steps(task, task.q_start, first, last))]
             mean, change = difference_motion(task.q_start[first : last + 1], time)
@@ -166,7 +166,7 @@ def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
 
 
 def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Start:
-    """Return the start of the chosen run, with its figures and a note on what it gains over the first."""
+    """Return the start of the chosen run, with its figures and a note on its gain over the first."""
     posture_choice, chosen, pace = start.posture_choice, run.start.posture_choice, run.start.pace
     assert posture_choice is not None and chosen is not None
     shaped = run.shaped or Shaped(0, ())

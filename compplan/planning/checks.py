@@ -1,9 +1,9 @@
-"""Checks of a plan, as one list: name, value, limit, sentence and severity of each.
+"""Checks of a plan: name, value, limit, sentence and severity of each.
 
 Status, notes, terminal, page and plan.json come from this list (`compplan.planning.result.Plan`). The independent check
-reads the robot folder by itself (`compplan.simulation.exact_model`) and solves the loaded equilibrium at and between
-waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints, not
-with the planner's code. A sentence without a figure, such as a note of a reader, is a check that failed.
+parses the robot folder separately (`compplan.simulation.exact_model`) and solves the loaded equilibrium at and between
+waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from the commanded joints,
+without the planner's code. A sentence without a figure, such as a note of a reader, is a failed check.
 """
 
 from __future__ import annotations
@@ -47,66 +47,66 @@ from compplan.statics.inertia import smooth_loads
 from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.motion import Motion, greatest_shift
 
-#: Factor on limits that allows for rounding: of the planner's differences, and of other ways to differentiate.
+#: Factors on limits for rounding: of the planner's differences, and of other difference formulas.
 ROUNDING, ROUNDED = 1.001, 1.002
-#: Moves and loads that are checked where there are more: the worst by the planner's model, and even ones.
+#: Most moves and loads that are checked: the worst by the planner's model, and evenly spaced ones.
 LOOKED_INTO = 3000
-#: Planner and check place the loaded tip within a micrometre and this share of the tolerance; waypoints compared.
+#: Allowed difference of the loaded tip between planner and check: [m] plus share of tolerance; waypoints compared.
 AGREED, AGREED_SHARE, COMPARED = 1e-6, 0.02, 400
-#: Note of readers on drilling cycles that they leave out.
+#: Note of readers on drilling cycles left out.
 LEFT_OUT = "left out: the tool moves rapidly above the holes"
-#: A joint that moves more than this in one move of a cut changes its branch. [rad, m]
+#: Joint motion in one move of a cut above which the configuration changes. [rad, m]
 JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
-#: Allowed tilt of the tool besides that due to the load. [rad]
+#: Allowed tilt of the tool in addition to that due to the load. [rad]
 LEAN = float(np.radians(0.05))
-#: Rows at which the displacement by inertia is checked, and its allowed difference: share, and least. [1, 1, m]
+#: Most rows at which the displacement by inertia is checked; its allowed difference: share plus constant. [1, 1, m]
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
-#: Severities: a failed check keeps the plan from being confirmed, or is noted.
+#: Severities: a failed check prevents confirmation of the plan, or is noted.
 STOP, NOTE = "stop", "note"
 
 
 class Check(NamedTuple):
     """One check of a plan."""
 
-    name: str  #: What is checked.
-    value: float  #: What was found, in the unit of the limit; NaN where a sentence has no figure.
-    limit: float  #: Greatest value that passes.
-    sentence: str  #: What a failed check says; a `Stop` where it has to be settled before the machine moves.
+    name: str  #: Quantity and unit.
+    value: float  #: Value in the unit of the limit; NaN for a sentence without a figure.
+    limit: float  #: Greatest allowed value.
+    sentence: str  #: Message of a failed check; a `Stop` if it must be resolved before the machine moves.
     severity: str = STOP  #: `STOP` or `NOTE`.
 
     @property
     def fails(self) -> bool:
-        """Tell whether the value is beyond the limit."""
+        """Return whether the value is beyond the limit."""
         return not self.value <= self.limit
 
     def describe(self) -> dict[str, object]:
-        """Return what plan.json holds."""
+        """Describe the check for plan.json."""
         return {"name": self.name, "value": self.value, "limit": self.limit, "fails": self.fails}
 
 
 def state_notes(notes: Iterable[str]) -> tuple[Check, ...]:
-    """Return checks without a figure that say given notes."""
+    """Return notes as failed checks without a figure."""
     return tuple(Check("note", np.nan, 0.0, text, NOTE) for text in notes)
 
 
 def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
-    """Return checks without a figure that keep a plan from being confirmed."""
+    """Return sentences as failed checks without a figure that prevent confirmation of a plan."""
     return tuple(Check(name, np.nan, 0.0, text) for text in sentences)
 
 
 @dataclass(frozen=True)
 class Bench:
-    """The robot as the independent check reads it."""
+    """Robot of the independent check."""
 
-    cell: SimulatedRobot  #: The robot as modelled.
+    cell: SimulatedRobot  #: Robot as modelled.
     bias: Array | None = None  #: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
-    #: The robot as read, with all masses and no weight; None for robots and paths in memory, whose other checks are
-    #: left out.
+    #: Robot from the folder, with all masses and without weight; None for robots and paths in memory, with fewer
+    #: checks.
     moving: ExactRobot | None = None
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
-    """Read the robot folder a second time; take a robot or a path in memory as it is."""
+    """Parse the robot folder independently; use a robot or a path in memory as it is."""
     if job is None or task.robot.folder is None or job.context.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
@@ -121,7 +121,7 @@ def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
 
 
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
-    """Return the load of inertia on the springs, smoothed as the plan compensates it. Shape (n, s). [N m or N]"""
+    """Compute the load of inertia on the springs, smoothed as in the plan. Shape (n, s). [N m or N]"""
     loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], task.rests)
     return smooth_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
 
@@ -130,7 +130,7 @@ def run_checks(
     task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, bench: Bench, *,
     job: Job | None = None, motion: Motion | None = None, executed: ExecutedPath | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
-    """Check a command and its run; without a job, or with a robot in memory, those of files are left out."""
+    """Check a command and its run; checks against files are left out without a job, or with a robot in memory."""
     q, time = command.q, timing.time
     position, rotation = solve_rigid(bench.cell.exact_robot, q)
     checks = [
@@ -145,7 +145,7 @@ def run_checks(
 
 
 def _check_tip(task: PlanTask, after: Evaluation) -> Check:
-    """The loaded tip of the independent check is within its tolerance."""
+    """Check that the loaded tip of the independent check is within the tolerance at waypoints."""
     use = np.where(after.cut, after.distance, 0.0) / task.tolerance
     worst = int(use.argmax())
     sentence = (
@@ -155,7 +155,7 @@ def _check_tip(task: PlanTask, after: Evaluation) -> Check:
 
 
 def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
-    """Planner and independent check place the loaded tip alike, at some waypoints of the cut."""
+    """Compare the loaded tip of planner and independent check at some waypoints of the cut."""
     rows, apart, worst = np.flatnonzero(after.cut), 0.0, 0
     if len(rows):
         rows = pick_even(rows, COMPARED)
@@ -167,7 +167,7 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
 
 
 def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[Check, ...]:
-    """The loaded tip stays within the tolerance of each move."""
+    """Check that the loaded tip is within the tolerance between waypoints."""
     found, move = evaluate_between(task, q, between, bench)
     sentence = f"the independent check finds the loaded tip {state_mm(found)} off the path after waypoint {move}"
     own = between.most / task.tolerance
@@ -179,7 +179,7 @@ def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> 
 
 
 def _check_correction(task: PlanTask, position: Array) -> Check:
-    """The unloaded tip, where the independent check has it, stays within the correction that the job allows."""
+    """Check that the distance of the unloaded tip from the path is within the allowed correction."""
     size = np.where(task.compensated, np.linalg.norm(position - task.position, axis=1), 0.0)
     worst = int(size.argmax())
     sentence = (f"the independent check finds a correction of {state_mm(size[worst])} at waypoint {worst}, allowed are "
@@ -189,7 +189,7 @@ def _check_correction(task: PlanTask, position: Array) -> Check:
 
 
 def _check_executed(task: PlanTask, executed: ExecutedPath) -> Check:
-    """The executed path stays within the tolerance."""
+    """Check that the executed path is within the tolerance."""
     use = executed.near / task.tolerance
     worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
     sentence = (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
@@ -198,14 +198,14 @@ def _check_executed(task: PlanTask, executed: ExecutedPath) -> Check:
 
 
 def _check_holes(task: PlanTask) -> Check:
-    """The path has all cuts of the file."""
+    """Check that the path has all cuts of the file."""
     count = sum(LEFT_OUT in note for note in task.nominal.notes)
     sentence = 'holes of the file are not cut, [cam] cycles = "skip" leaves them out; write cycles = "expand"'
     return Check("cycles left out", float(count), 0.0, sentence)
 
 
 def _check_axis(task: PlanTask, after: Evaluation, stiff: Array) -> Check:
-    """The axis of the loaded tool is that of the path, but for the tilt due to the load."""
+    """Check that the axis of the loaded tool is that of the path, except for the tilt due to the load."""
     bent = _angle(after.rotation[:, :, 2], stiff[:, :, 2])
     beyond = np.where(after.cut, after.tilt - 1.5 * bent, -1.0)
     worst = int(beyond.argmax())
@@ -215,7 +215,7 @@ def _check_axis(task: PlanTask, after: Evaluation, stiff: Array) -> Check:
 
 
 def _check_spin(task: PlanTask, q: Array, after: Evaluation, stiff: Array, job: Job) -> Check:
-    """The x axis of the loaded tool is that of the job where the spin is not free, but for the turn due to the load."""
+    """Check that the loaded tool has the job's spin where it is not free, except for the rotation due to the load."""
     name = "rotation about the tool axis, rad"
     if task.spin_free or q.shape[1] < 6:
         return Check(name, 0.0, LEAN, "")
@@ -224,7 +224,7 @@ def _check_spin(task: PlanTask, q: Array, after: Evaluation, stiff: Array, job: 
     upright, axis = task.upright, task.nominal.axis
     flat = towards - (upright @ towards)[:, None] * upright
     size = np.linalg.norm(flat, axis=1)
-    middle = upright + axis  # a lean takes x along: half a turn about the programmed axis, half one about the middle
+    middle = upright + axis  # a tilt moves x: half a turn about the programmed axis, half a turn about the middle
     for about in (upright, middle / np.linalg.norm(middle, axis=1, keepdims=True)):
         flat = 2.0 * np.einsum("ni,ni->n", flat, about)[:, None] * about - flat
     sure = after.cut & (size > 0.05 * np.linalg.norm(towards))
@@ -237,12 +237,12 @@ def _check_spin(task: PlanTask, q: Array, after: Evaluation, stiff: Array, job: 
 
 
 def _angle(a: Array, b: Array) -> Array:
-    """Return the angle between unit vectors. Shape (n,). [rad]."""
+    """Compute the angle between unit vectors. Shape (n,). [rad]"""
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
 
 
 def _check_joints(task: PlanTask, q: Array, time: Array) -> list[Check]:
-    """Joints stay within their limits, in place and in time."""
+    """Check the joints against their position, velocity and acceleration limits, and that time increases."""
     robot, step = task.robot, np.diff(time)
     over = np.maximum(robot.lower - q, q - robot.upper).max(axis=0)
     checks = [
@@ -265,13 +265,13 @@ def _check_joints(task: PlanTask, q: Array, time: Array) -> list[Check]:
 
 
 def _find_moving(task: PlanTask, time: Array) -> NDArray[np.int_]:
-    """Return waypoints in motion, rests left out."""
+    """Return the waypoints in motion, without rests."""
     rows = find_inside(time, np.r_[False, ~task.nominal.rapid[1:]])
     return rows[~task.rests[rows]]
 
 
 def _check_feed(task: PlanTask, time: Array) -> Check:
-    """The wanted tip never runs faster than the feed programmed."""
+    """Check that the required tip does not move faster than the programmed feed."""
     step, cutting = np.diff(time), ~task.nominal.rapid[1:]
     cut = cutting & ~task.lead[1:] & (task.nominal.feed[1:] > 0.0)
     length = np.linalg.norm(np.diff(task.position, axis=0), axis=1)
@@ -283,7 +283,7 @@ def _check_feed(task: PlanTask, time: Array) -> Check:
 
 
 def _check_inertia(task: PlanTask, time: Array, motion: Motion | None, moving: ExactRobot) -> Check:
-    """Plan and Pinocchio's inverse dynamics agree on the displacement of the tip by inertia."""
+    """Compare the tip displacement by inertia of the plan with Pinocchio's inverse dynamics."""
     rows, most = _find_moving(task, time), 0.0
     own = 0.0
     if motion is not None and len(rows):
@@ -300,7 +300,7 @@ def _check_inertia(task: PlanTask, time: Array, motion: Motion | None, moving: E
 
 
 def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
-    """Solve the loaded tip halfway between waypoints, at the mean of joint positions and wrench.
+    """Compute the loaded tip halfway between waypoints, at the mean of joint positions and wrench.
 
     Returns the greatest distance from the moves [m], and the waypoint where that move starts.
     """
@@ -310,7 +310,7 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
         return 0.0, -1
     half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, task.wrench)]
     bias = None if bench.bias is None else 0.5 * (bench.bias[moves] + bench.bias[moves + 1])
-    if task.robot.effects:  # they see the whole path in order
+    if task.robot.effects:  # effects need the complete path in order
         path, load = insert_between(q, half[0], moves, 0.5), insert_between(task.wrench, half[1], moves, 0.5)
         more = None if bench.bias is None or bias is None else insert_between(bench.bias, bias, moves, 0.5)
         tip = run_simulated_robot(bench.cell, path, load, divide_times(task.step_time, 0.5), more).position[
@@ -325,8 +325,8 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
 
 
 def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[int, str]) -> dict[int, str]:
-    """Find the waypoints of a command that fail and their limits; `near`: those without clearance, in words."""
-    lost = task.missed | np.r_[False, task.missed[:-1]]  # jumps to and from waypoints out of reach do not count
+    """Find the failed waypoints of a command and their limits; `near`: violations of the clearance, in words."""
+    lost = task.missed | np.r_[False, task.missed[:-1]]  # jumps to and from waypoints out of reach are ignored
     jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
     stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
     for waypoint, limit in command.failures.items():
@@ -335,7 +335,7 @@ def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[
 
 
 def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
-    """Find waypoints whose static load is beyond the effort limit of a joint, and name the joint."""
+    """Find the waypoints with a static load beyond the effort limit of a joint, by joint name."""
     efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # the load of a positioner is unknown
     if not np.isfinite(efforts).any():
         return {}
@@ -352,7 +352,7 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
 
 
 def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:
-    """Find moves of the cut in which a joint jumps: the arm would change its branch in the material."""
+    """Find moves of the cut in which a joint jumps: a change of configuration in the material."""
     most = np.where(task.robot.prismatic, JUMP_SLIDE, JUMP_TURN)
     step = np.abs(np.diff(q, axis=0)) / most
     jumps = (step.max(axis=1) > 1.0) & ~task.nominal.rapid[1:] & ~task.lead[1:]

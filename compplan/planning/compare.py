@@ -1,4 +1,4 @@
-"""Comparison of strategies: the command of each strategy in each simulated robot."""
+"""Comparison of strategies: command of each strategy on each simulated robot."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from compplan.simulation.simulated_robot import (
     standard_variants,
 )
 
-#: Relative difference of deviations that counts as none (assumed).
+#: Relative difference below which deviations are equal (assumed).
 SAME = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Remaining deviations of strategies on the drawn robots, forces and sensors of a Monte Carlo study."""
+    """Remaining deviations of strategies in a Monte Carlo study with random robots, forces and sensors."""
 
-    source: str  #: Where the widths come from.
-    rms: Mapping[str, Array]  #: By strategy, rms deviation over the cut of every drawn robot. Shape (draws,). [m]
-    interval: Mapping[str, tuple[float, float]]  #: By strategy, 95 % interval of the median. [m]
+    source: str  #: Source of the standard deviations.
+    rms: Mapping[str, Array]  #: By strategy: rms deviation over the cut of every random robot. Shape (draws,). [m]
+    interval: Mapping[str, tuple[float, float]]  #: By strategy: 95 % interval of the median. [m]
 
     def median(self, strategy: str) -> float:
         """Return the median over the robots. [m]"""
@@ -50,24 +50,24 @@ class Drawn:
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Shown):
-    """The comparison of strategies on a task."""
+    """Comparison of strategies on a task."""
 
     name: str  #: Name of the job.
     task: PlanTask  #: Robot, nominal path, predicted wrench, posture, limits.
-    cells: tuple[SimulatedRobot, ...]  #: The cells; in the first the planner's model is the truth.
-    commands: Mapping[str, Command]  #: What each strategy commands.
-    evaluations: Mapping[str, Mapping[str, Evaluation]]  #: By cell name and strategy, the run against the path.
+    cells: tuple[SimulatedRobot, ...]  #: Simulated robots; the first equals the planner's model.
+    commands: Mapping[str, Command]  #: Command of each strategy.
+    evaluations: Mapping[str, Mapping[str, Evaluation]]  #: By robot name and strategy: deviation of the run.
     job: Job | None = None  #: The job, or None.
-    drawn: Drawn | None = None  #: What the strategies leave on robots drawn from the folder's own uncertainty, or None.
+    drawn: Drawn | None = None  #: Deviations on robots sampled from the folder's uncertainty, or None.
 
     @property
     def as_modelled(self) -> Mapping[str, Evaluation]:
-        """The strategies in the cell where the planner's model is the truth."""
+        """Evaluations on the simulated robot that equals the planner's model."""
         return self.evaluations[AS_MODELLED]
 
     @property
     def least(self) -> tuple[str, ...]:
-        """The strategies without sensors with the least deviation, on drawn robots if any, else as modelled."""
+        """Offline strategies with the least deviation, on sampled robots if any, otherwise as modelled."""
         drawn = self.drawn
         left = {name: run.rms_deviation if drawn is None else drawn.median(name)
                 for name, run in self.as_modelled.items() if name not in ONLINE}  # fmt: skip
@@ -90,7 +90,7 @@ class Comparison(Shown):
         return [("comparison", f"{self.name}, {self.task.robot.name}: {said}"), *rows]
 
     def columns(self) -> dict[str, Any]:
-        """Return a row a strategy and cell: rms, mean and greatest deviation."""
+        """Return a row per strategy and simulated robot: rms, mean and greatest deviation."""
         rows = [(strategy, cell.name, self.evaluations[cell.name][strategy].figures)
                 for cell in self.cells for strategy in self.commands]  # fmt: skip
         figures = {f"{key}_mm": [row[2][key] for row in rows] for key in ("rms", "mean", "max")}
@@ -107,7 +107,7 @@ class Comparison(Shown):
                       (self.task.tolerance * 1e3, "tolerance"), logarithmic=True)  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what compare.json holds."""
+        """Return the contents of compare.json."""
         nominal, *others = self.cells
         strategies: dict[str, dict[str, Any]] = {}
 
@@ -139,9 +139,9 @@ class Comparison(Shown):
 def compare_task(
     task: PlanTask, *, name: str = "path", announce: Callable[[str], None] = lambda text: None
 ) -> Comparison:
-    """Correct a task by every strategy that the robot can carry out, and run every command in every cell.
+    """Correct a task by every strategy applicable to the robot, and run every command on every simulated robot.
 
-    Cells are as modelled, and with compliances that differ. Strategies that read sensors read them without error here.
+    Simulated robots are as modelled, and with other compliances. Sensors of online strategies have no error here.
     """
     cells, names = standard_variants(task.robot), list_strategies(task.robot)
     online = prepare_answers(task, [strategy for strategy in names if strategy in ONLINE])

@@ -1,13 +1,12 @@
-"""The solution of the program at every waypoint: redundancy from the stations, pose by batched Newton steps.
+"""Solution of the program at every waypoint: redundancy from the stations, pose by batched Newton steps.
 
-The program holds the path at its stations. Between them the joints follow from the loaded pose, exactly:
+The program is solved at stations of the path. Between them the joints follow exactly from the loaded pose:
 
     q <- q - W^-1 A^T (A W^-1 A^T)^-1 F(q),    F the pose equations, A = dF/dq in the loaded equilibrium,
 
-Newton steps that move the joints least, for all waypoints at once. Where the pose does not
-fix all joints, the choice made at the stations is interpolated. A waypoint that exceeds a limit becomes a station and
-the nonlinear program is solved again. Where no solution keeps all limits, stations may miss their pose, by as little
-as possible.
+Newton steps of least joint motion, for all waypoints at once. Where the pose does not determine all joints, the
+redundancy is interpolated between stations. A waypoint that exceeds a limit becomes a station and the program is solved
+again. Where no solution keeps all limits, stations may miss their pose, by as little as possible.
 """
 
 from __future__ import annotations
@@ -37,33 +36,33 @@ from compplan.toolpath.toolpath import interpolate, pick_even
 
 LOG = logging.getLogger(__name__)
 
-#: Stations of a path without and with redundancy. As many of the waypoints out of reach become stations too.
+#: Most stations of a path without and with redundancy; at most `STATIONS` waypoints out of reach in addition.
 STATIONS, REDUNDANT_STATIONS = 100, 150
-#: Missed pose that counts as none, that Newton steps stop at, and that a station may have. [m and rad]
+#: Pose errors: accepted, at which Newton steps stop, and accepted slack of a station. [m and rad]
 KEPT, EXACT, CAN_KEEP = 1e-6, 1e-10, 1e-8
-#: Newton steps and solves of the program at most.
+#: Most Newton steps, and most solves of the program.
 STEPS, SOLVES = 6, 6
-#: Waypoints that become stations because they leave a limit at most: even ones of more.
+#: Most waypoints that become stations because they violate a limit; evenly selected from more.
 MOST_MORE = 1500
-#: Difference of joint positions at the stations that counts as none. [rad or m]
+#: Joint position difference at the stations below which positions are equal. [rad or m]
 ALIKE = 1e-9
-#: The same where effects of the robot depend on the whole path. [rad or m]
+#: The same for robots with effects that depend on the complete path. [rad or m]
 ALIKE_MEMORY = 1e-7
 
 
 @dataclass(frozen=True)
 class PathSolution:
-    """The program's solution along a path."""
+    """Solution of the program along a path."""
 
     q: Array  #: Joint positions at every waypoint. Shape (n, nq). [rad or m]
-    stations: Solution  #: The last solution of the program.
-    solves: int  #: How often the program was solved.
-    iterations: int  #: Iterations of the solver in all.
-    cpu: float  #: CPU time of the program in all. [s]
-    conflict: str = ""  #: Which limits conflict and where, "" where none do.
+    stations: Solution  #: Last solution of the program.
+    solves: int  #: Number of solves.
+    iterations: int  #: Total iterations of the solver.
+    cpu: float  #: Total CPU time of the program. [s]
+    conflict: str = ""  #: Conflicting limits and their waypoint, "" if none.
 
     def describe(self) -> dict[str, object]:
-        """Return what plan.json holds."""
+        """Describe the solution for plan.json."""
         found = self.stations
         active = {name: float(np.mean(rows)) for name, rows in found.active.items()}
         return {"solver": "ipopt", "status": found.status, "stations": len(found.problem),
@@ -72,9 +71,9 @@ class PathSolution:
 
 
 def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
-    """Solve the program of a path without lost motion and take its solution to every waypoint.
+    """Solve the program of a path without lost motion, and refine its solution at every waypoint.
 
-    It begins at joint positions `near` (n, nq), those of the task if left out.
+    The initial guess is joint positions `near` (n, nq), default those of the task.
     """
     most = REDUNDANT_STATIONS if task.redundant else STATIONS
     stations, released, lost = pick_stations(task, most), task.missed.copy(), np.flatnonzero(task.missed)
@@ -82,7 +81,7 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
     leaving = _find_leaving(task, q, lost)
     stations = np.union1d(np.setdiff1d(stations, lost), np.r_[leaving, pick_even(lost, STATIONS)])
     q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
-    if released.any() or (len(leaving) and not task.redundant):  # Newton steps found the only solution there is
+    if released.any() or (len(leaving) and not task.redundant):  # Newton steps found the only solution
         released[stations] = True
     solves, iterations, cpu, memory = 0, 0, 0.0, bool(task.robot.effects)
     for last in range(1, SOLVES + 1):
@@ -103,18 +102,18 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
 
 
 def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released: NDArray[np.bool_]) -> PlanningProblem:
-    """State the program that corrects a path: the loaded pose within all limits, near the posture that was chosen.
+    """Build the problem that corrects a path: loaded pose within all limits, near the chosen posture.
 
     Args:
         task: The task.
         stations: Waypoints that are stations. Shape (k,).
-        q: Joint positions to begin at. Shape (n, nq). [rad or m]
+        q: Initial guess of the joint positions. Shape (n, nq). [rad or m]
         released: Waypoints whose pose may be missed. Shape (n,).
     """
     robot, k = task.robot, len(stations)
     attained = attain_rows(task, q, stations, slope=False)
     lower, upper = np.tile(robot.lower, (k, 1)), np.tile(robot.upper, (k, 1))
-    held = task.stays & ~task.missed[stations, None]  # where the arm alone does not reach, a rail helps
+    held = task.stays & ~task.missed[stations, None]  # a rail moves where the arm alone does not reach
     lower, upper = (np.where(held, task.q_start[stations], side) for side in (lower, upper))
     limits: list[Limit] = [PoseEquation(), JointRange()]
     if np.isfinite(task.max_correction):
@@ -143,7 +142,7 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
 
 
 def place_pose(task: PlanTask, rows: NDArray[np.int_], position: Array, rotation: Array) -> tuple[Array, Array]:
-    """Return poses relative to the found part frame where the model has them: displaced where the tool is loaded.
+    """Transform poses relative to the measured part frame to those of the model: displaced where the tool is loaded.
 
     rows: waypoints (k,); position: tips (k, 3) [m]; rotation: orientations (k, 3, 3).
     """
@@ -155,7 +154,7 @@ def place_pose(task: PlanTask, rows: NDArray[np.int_], position: Array, rotation
 
 
 def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
-    """Pick waypoints of the cut as stations: evenly in bends of the path and changes of the force, at most so many."""
+    """Pick at most `most` waypoints of the cut as stations: evenly in path curvature and changes of the force."""
     rows = np.flatnonzero(task.compensated)
     if len(rows) <= most:
         return rows
@@ -170,12 +169,12 @@ def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
 
 
 def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
-    """Solve the loaded pose at every waypoint from `near` (n, nq), with the choice of the program at its stations.
+    """Solve the loaded pose at every waypoint from `near` (n, nq), with the redundancy of the program at its stations.
 
-    Out of reach joint positions between stations are interpolated.
+    At waypoints out of reach the joint positions are interpolated between stations.
     """
     rows, missing, lost = solution.problem.waypoint, np.abs(solution.slack).max(axis=1) > CAN_KEEP, task.missed
-    if not solution.success:  # stations that have been reached stay so
+    if not solution.success:  # stations once reached remain so
         missing &= size_of(miss_pose(task, near, rows)) > KEPT
     held = np.union1d(rows[missing], np.flatnonzero(lost))
     q = np.array(near)
@@ -193,9 +192,9 @@ def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
 
 
 def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> Array:
-    """Bring the pose equations to nothing by least-norm Newton steps of the joints that are off their limits.
+    """Solve the pose equations by least-norm Newton steps of the joints inside their limits.
 
-    q: joint positions (n, nq) [rad or m]; held: waypoints that keep theirs.
+    q: joint positions (n, nq) [rad or m]; held: waypoints with fixed joint positions.
     """
     robot, busy, ease = task.robot, np.setdiff1d(np.arange(len(q)), held), 1.0 / task.worth
     missed = miss_pose(task, q, busy)
@@ -216,27 +215,27 @@ def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> Array:
         worse = size_of(left) >= size_of(missed)
         trial[busy[worse]] = q[busy[worse]]
         q, busy, missed = trial, busy[~worse], left[~worse]
-        if task.robot.effects and worse.any():  # effects with a memory see the whole path
+        if task.robot.effects and worse.any():  # effects with a memory depend on the complete path
             missed = miss_pose(task, q, busy)
     return q
 
 
 def miss_pose(task: PlanTask, q: Array, rows: NDArray[np.int_] | None = None) -> Array:
-    """Return by how much joint positions miss the pose equations. Shape (k, rows). [m, rad]"""
+    """Compute the residuals of the pose equations at joint positions. Shape (k, rows). [m, rad]"""
     rows = np.arange(len(q)) if rows is None else rows
     return pose_equations(task, attain_rows(task, q, rows, slope=False), rows)
 
 
 def size_of(rows: Array) -> Array:
-    """Return the greatest entry of every row."""
+    """Return the greatest absolute entry of every row."""
     return np.asarray(np.abs(rows).max(axis=1))
 
 
 def _find_leaving(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Find waypoints beside the stations that miss their pose or leave a limit."""
+    """Find waypoints other than stations that miss their pose or violate a limit."""
     missed = size_of(miss_pose(task, q)) > KEPT
     if task.robot.effects:
-        missed[:] = False  # lost motion at a reversal is no matter of limits: the evaluation sees the tip
+        missed[:] = False  # lost motion at a reversal does not violate a limit; the evaluation includes it
     far = task.compensated & (measure_correction(task, q) > task.max_correction + AT_CORRECTION)
     outside = ((q < task.robot.lower - 1e-9) | (q > task.robot.upper + 1e-9)).any(axis=1)
     return pick_even(np.setdiff1d(np.flatnonzero(missed | far | outside), stations), MOST_MORE)

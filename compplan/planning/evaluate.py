@@ -1,4 +1,4 @@
-"""Evaluate a run against its path."""
+"""Evaluation of a run against its path."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from compplan.statics.stiffness import attain_pose
 
 
 def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:
-    """Return a cell whose robot has found the part by touching it, where the task says so."""
+    """Return the simulated robot with the part frame measured by touching, if the task has one."""
     if task.touched is None or cell.displacement is not None:
         return cell
     return touch_cell(cell, task.touched.q, task.touched.shown)
 
 
 def evaluate_run(task: PlanTask, q: Array, cell: SimulatedRobot, bias: Array | None = None) -> Evaluation:
-    """Run a command (n, nq) in a cell and compare the loaded tool with the nominal path.
+    """Run a command (n, nq) on a simulated robot and compare the loaded tool with the nominal path.
 
-    The load of inertia on each elastic coordinate (n, s) is the task's if left out.
+    `bias` (n, s) is the load of inertia on each elastic coordinate (default: of the task).
     """
     more = task.bias if bias is None else bias
     return _compare(task, run_simulated_robot(find_part(task, cell), q, task.wrench, task.step_time, more))
 
 
 def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
-    """Compare the loaded tool of a command (n, nq), as the planner models it, with the nominal path."""
+    """Compare the loaded tool of a command (n, nq) in the planner's model with the nominal path."""
     if task.robot.effects:
         found = attain_rows(task, q, np.arange(len(q)), slope=False)
     else:

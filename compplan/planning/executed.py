@@ -1,11 +1,11 @@
-"""Where the controller takes the loaded tip: the executed path of a command.
+"""Executed path of a command: loaded tip under controller and drives.
 
-The third path that is checked, beside joint-linear and straight moves: the lines and arcs of the programs, blended in
-the zones of their language, at the speed of the controller, followed by its drives and bent by the load. Zones are made
-smaller where they would leave the path by more than `ROUNDED` of the tolerance.
+The third checked path, in addition to joint-linear and straight moves: lines and arcs of the programs, blended in the
+zones of their language, at the speed of the controller, followed by its drives and deflected by the load. Zones are
+reduced where they would deviate from the path by more than `ROUNDED` of the tolerance.
 
 A joint follows a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s), less half the lost motion
-(`compplan.controllers.motion.run`). Drives without identified values are taken to follow exactly; the verdict says so.
+(`compplan.controllers.motion.run`). Without identified values exact drives are assumed; the verdict states it.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 
-#: Pieces of the path to either side among which the nearest is taken.
+#: Segments of the path on either side in the search for the nearest.
 NEAR = 8
-#: Poses that are followed at once.
+#: Poses per block of computation.
 BLOCK = 100_000
-#: Places of the executed path that are looked at, at most: of longer ones every second, third .. cycle.
+#: Most evaluated places of the executed path: of longer ones every second, third .. cycle.
 MOST_PLACES = 200_000
 
 
 @dataclass(frozen=True)
 class ExecutedPath:
-    """Distance of the loaded tip from the path of a cut as the controller executes it, across the path."""
+    """Distance of the loaded tip of the executed path from the path of the cut, across the path."""
 
-    near: Array  #: Greatest distance on the moves beside each waypoint. Shape (n,). [m]
+    near: Array  #: Greatest distance on the moves adjacent to each waypoint. Shape (n,). [m]
     p95: float  #: 95th percentile over the executed path. [m]
     most: float  #: Greatest distance. [m]
-    source: str  #: Where the values of the drives come from, or "assumed".
-    zone: BlendZone  #: How far before a corner a move may blend into the next.
+    source: str  #: Source of the drive parameters, or "assumed".
+    zone: BlendZone  #: Greatest distance before a corner at which blending begins.
 
     @property
     def known(self) -> bool:
-        """Tell whether the drives were identified."""
+        """Return whether the drives were identified."""
         return self.source != ASSUMED
 
     def describe(self) -> dict[str, object]:
-        """Return what plan.json holds."""
+        """Describe the executed path for plan.json."""
         return {
             "p95": 1e3 * self.p95,
             "max": 1e3 * self.most,
@@ -71,9 +71,9 @@ class ExecutedPath:
 
 
 def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None) -> ExecutedPath | None:
-    """Execute the moves that programs write for a command (n, nq) at its times (n,) [s], as the controller does.
+    """Simulate the controller on the program moves of a command (n, nq) at its times (n,) [s].
 
-    None where a job asks for no lines and arcs of the tool, or the controller steers tip and part together.
+    None if a job writes no Cartesian lines and arcs, or the controller moves tip and part together.
     """
     languages = () if output is None else tuple(name for name in output.programs if name != "csv")
     if output is None or not languages or output.form == "joint" or task.robot.carrying or not task.cut.any():
@@ -83,7 +83,7 @@ def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable
     known = motion.source != ASSUMED and bool(drives.any())
     try:
         found = _follow_program(task, q, time, output, zone, motion, known=known)
-    except InfeasibleError:  # a line that the arm as its controller believes it cannot follow: the read-back says so
+    except InfeasibleError:  # a line out of reach in the controller's kinematics: the readback reports it
         return None
     return ExecutedPath(*_measure(task, q, *found), motion.source if known else ASSUMED, zone)
 
@@ -91,9 +91,9 @@ def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable
 def _follow_program(
     task: PlanTask, q: Array, time: Array, output: OutputTable, zone: BlendZone, motion: ServoMotion, *, known: bool
 ) -> tuple[Array, Array]:
-    """Follow the lines and arcs of the written program; drives that nobody identified follow them exactly.
+    """Follow the lines and arcs of the written program; drives that are not identified follow exactly.
 
-    Returns the joints reached, shape (k, nq) [rad or m], and their places, waypoints counted from 0. Shape (k,).
+    Returns joint positions, shape (k, nq) [rad or m], and their places in waypoint numbers from 0. Shape (k,).
     """
     believed, nominal = believed_robot(task.robot), task.nominal
     exact = task.rests.copy()
@@ -124,15 +124,15 @@ def _follow_program(
 
 
 def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
-    """Return how far zones may lead beside the path of a task, and how its controller blends, as a `Program` has it."""
+    """Return the allowed deviation of zones from the path of a task and the controller's blending, as in `Program`."""
     corner = np.full(len(task), ROUNDED * task.tolerance)
     return {"corner": corner, "blend_share": motion.blend_share, "smoothing": motion.smoothing}
 
 
 def _measure(task: PlanTask, q: Array, reached: Array, place: Array) -> tuple[Array, float, float]:
-    """Return how far the executed loaded tip is across the path of the cut: beside each waypoint, 95 %, at most. [m]"""
+    """Compute the distance of the executed loaded tip across the path: per waypoint, 95 % and greatest. [m]"""
     every, effect = np.arange(len(q)), np.zeros((len(q), 3))
-    if task.robot.effects:  # what they move the tip by at the waypoints, they move it by beside them
+    if task.robot.effects:  # tip displacement by effects: interpolated between waypoints
         effect = attain_rows(task, q, every, slope=False).position
         plain = attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias).position
         effect = effect - task.see_position(plain)
@@ -142,7 +142,7 @@ def _measure(task: PlanTask, q: Array, reached: Array, place: Array) -> tuple[Ar
     distance, beside = np.zeros(len(row)), np.zeros(len(q))
     commanded = locate_frames(task.chain, q).tcp_position
     for rows in np.array_split(np.flatnonzero(cut), max(1, int(cut.sum()) // BLOCK)):
-        # around a corner the force turns with the place: it is the nearest, not the one at this share of a move
+        # around a corner the force changes with the place: that of the nearest place, not of the same share of a move
         at = find_nearest(commanded, row[rows], locate_frames(task.chain, reached[rows]).tcp_position, NEAR)[1]
         load, moved = (interpolate(at, every, values) for values in (task.wrench, effect))
         bias = None if task.bias is None else interpolate(at, every, task.bias)

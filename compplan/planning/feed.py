@@ -1,10 +1,10 @@
-"""Feed requirements of a process: one constant feed, joint torques within their limits.
+"""Feed requirements of a process: constant feed, joint torques within their limits.
 
-A constant feed is the highest that every waypoint of the cut holds: with q(s) along the path and s at unit feed f,
+A constant feed is the highest that is feasible at every waypoint of the cut: with q(s) along the path and feed f,
 
     |q'| f <= v_max,    |q''| f^2 <= a_max;
 
-the tool still starts and stops from rest. Sharp corners hold it down: `compplan.toolpath.corners` rounds them.
+the tool still starts and stops at rest. Sharp corners limit the feed: `compplan.toolpath.corners` rounds them.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from compplan.simulation.torque import TorqueRules
 class FeedRequest:
     """Requirements of the process on the feed."""
 
-    constant: bool = False  #: Whether the whole cut needs one feed.
-    torque: bool = False  #: Whether joint torques have to stay within the robot's efforts.
+    constant: bool = False  #: Whether the complete cut requires one feed.
+    torque: bool = False  #: Whether joint torques must stay within the efforts of the robot.
 
 
 def time_run(
     task: PlanTask, q: Array, feed_request: FeedRequest, slow: Array | None = None
 ) -> tuple[PlanTask, Timing, tuple[str, ...]]:
-    """Time a command (n, nq) as the process requires; `slow` (n,): factors by which the run has to be slower, or None.
+    """Compute the timing of a command (n, nq) for a feed request; `slow` (n,): required slowdown factors, or None.
 
     Returns:
-        The task with the feed that was programmed in the end, the run, and sentences for the user.
+        The task with its final programmed feed, the timing, and notes for the user.
     """
     notes, rules = list[str](), None
     if feed_request.constant:
@@ -48,16 +48,16 @@ def time_run(
 
 
 def find_constant_feed(task: PlanTask, q: Array) -> tuple[float, str]:
-    """Find the highest feed [m/s] that every waypoint of a command (n, nq) holds, the lowest programmed one at most.
+    """Find the highest feed [m/s] feasible at every waypoint of a command (n, nq), at most the lowest programmed one.
 
-    Returns the feed, and a sentence on the limit that holds it down, "" where none does.
+    Returns the feed, and a note on the limit that reduces it, "" if none.
     """
     cutting = ~task.nominal.rapid & (task.nominal.feed > 0)
     cutting[0] = False
     programmed = float(task.nominal.feed[cutting].min())
     even = program_feed(task, programmed)
     best, note = programmed, ""
-    apart = even.nominal.rapid | even.lead  # what leads in or out stands still
+    apart = even.nominal.rapid | even.lead  # lead-ins and lead-outs are at rest
     apart[0] = False
     for start, end in cutting_runs(apart):
         if end - start < 2:

@@ -1,13 +1,13 @@
-"""One fixed point of correction, timing, force and sampling.
+"""Fixed point of correction, timing, force and sampling.
 
-The force depends on the feed that is driven, inertia on the motion, the motion on the correction, the correction on
-the force. One loop works them out in turn, until no turn moves the loaded tip by more than `SETTLED` of the tolerance
-and no joint passes a limit:
+The force depends on the actual feed, inertia on the motion, the motion on the correction, the correction on the force.
+One loop iterates them until an iteration moves the loaded tip by at most `SETTLED` of the tolerance and no joint
+exceeds a limit:
 
-    command <- loads,   run <- command,   loads <- run,   slower where a limit is passed.
+    command <- loads,   run <- command,   loads <- run,   slower where a limit is exceeded.
 
-A settled turn whose tip strays between waypoints divides those moves and goes on with the same loop. The nonlinear
-program is solved for the loads that it ends with.
+If the tip deviates between waypoints after convergence, those moves are divided and the loop continues. The nonlinear
+program is solved for the final loads.
 """
 
 from __future__ import annotations
@@ -45,38 +45,38 @@ from compplan.statics.inertia import build_moving_chain
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.toolpath import interpolate
 
-#: Stated tolerance: force, feed and motion agree where a turn moves the tip by less than this share of the tolerance.
+#: Convergence of force, feed and motion: shift of the tip per iteration as a share of the tolerance.
 SETTLED = 1e-3
-#: Turns between two divisions, and divisions of the path.
+#: Most iterations between two divisions, and most divisions of the path.
 TURNS, DIVISIONS = 12, 5
-#: Moves on both sides of one that crosses lost motion that are divided as finely: a slow crossing holds up less.
+#: Moves on both sides of a lost-motion crossing that are divided as finely: a slow crossing delays the run less.
 BESIDE = 2
-#: Shift of the tip that asks for no new correction. [m]
+#: Shift of the tip below which the correction is not updated. [m]
 EXACT = 1e-10
 
 
 @dataclass(frozen=True)
 class Compensation:
-    """A command with the time and the loads that belong to it."""
+    """Command with its timing and loads."""
 
-    task: PlanTask  #: The task as divided, with the feed programmed and the wrench at the feed driven.
-    command: Command  #: The command.
-    timing: Timing  #: Its run.
-    between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
-    executed: ExecutedPath | None = None  #: Where the controller takes the tip, None where it is not known.
-    excess: float = 0.0  #: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
-    change: float = 0.0  #: Shift of the tip that the last turn still made. [m]
-    notes: tuple[str, ...] = ()  #: Sentences for the user.
+    task: PlanTask  #: Divided task with the programmed feed and the wrench at the actual feed.
+    command: Command  #: Joint positions and status.
+    timing: Timing  #: Timing of the command.
+    between: Between  #: Deviation of the loaded tip between waypoints, by the planner's model.
+    executed: ExecutedPath | None = None  #: Executed path of the controller, None if not simulated.
+    excess: float = 0.0  #: Factor by which a joint motion limit is still exceeded; at most 1 after convergence.
+    change: float = 0.0  #: Shift of the tip in the last iteration. [m]
+    notes: tuple[str, ...] = ()  #: Notes for the user.
 
 
 def compensate(
     task: PlanTask, strategy: str, feed_request: FeedRequest, output: OutputTable | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Compensation:  # fmt: skip
-    """Let a strategy command a task, with the run and the loads that belong to the command.
+    """Compute the command of a strategy for a task, consistent with its timing and loads.
 
-    Inertia that keeps a plan from being one is left to the error band. `output` is what programs are asked for, if it
-    is known.
+    If compensation of inertia makes a plan infeasible, inertia is covered by the error band only. `output`: requested
+    programs, if known.
     """
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
@@ -96,10 +96,10 @@ def _settle(
     task: PlanTask, strategy: str, feed_request: FeedRequest, output: OutputTable | None,
     progress: Callable[[str], None],
 ) -> Compensation:  # fmt: skip
-    """Run the loop; arguments as of `compensate`.
+    """Iterate to the fixed point; arguments as of `compensate`.
 
-    Where the loads depend on the motion, the run is that of the uncorrected motion, so that it does not follow the
-    force; a turn only makes it slower. Rapid moves, and corrections that come in at rest, take the time of the command.
+    If the loads depend on the motion, the timing is that of the uncorrected motion, independent of the force; an
+    iteration only slows it down. Rapid moves, and corrections added at rest, have the time of the command.
     """
     coupled = task.follows_feed or task.inertia
     masses = build_moving_chain(task.robot) if task.inertia else None
@@ -148,7 +148,7 @@ def _settle(
 
 
 def _load(task: PlanTask, timing: Timing, q: Array, masses: Chain | None) -> PlanTask:
-    """Return the task with the force at the feed that is driven and the inertia of the commanded motion."""
+    """Return the task with the force at the actual feed and the inertia of the commanded motion."""
     loads = predict_loads(task, _moving_feed(task, timing)) if task.follows_feed else task.wrench
     changed = replace(task, wrench=loads, bias=None)
     if masses is None:
@@ -160,7 +160,7 @@ def _load(task: PlanTask, timing: Timing, q: Array, masses: Chain | None) -> Pla
 def _divide(
     task: PlanTask, pieces: NDArray[np.int_], slow: Array, command: Command, strategy: str
 ) -> tuple[PlanTask, Array, Command | None]:
-    """Divide moves; slowness and correction go over linearly, a command of `nlp` by Newton steps."""
+    """Divide moves; interpolate slowdown and correction linearly, and refine a command of `nlp` by Newton steps."""
     before = task.origin
     finer = divide_by(task, pieces)
     at = np.interp(finer.origin, before, np.arange(len(before)))
@@ -173,7 +173,7 @@ def _divide(
 
 
 def _solve_program(found: Compensation) -> Compensation:
-    """Solve the nonlinear program for the loads that force, feed and motion have come to."""
+    """Solve the nonlinear program for the loads at the fixed point."""
     task = found.task
     command = nlp.command_path(task, found.command)
     timing = state_timing(task, command.q, time_between_cuts(task, command.q, found.timing.time))
@@ -181,9 +181,9 @@ def _solve_program(found: Compensation) -> Compensation:
 
 
 def _moving_feed(task: PlanTask, timing: Timing) -> Array:
-    """Return the feed at every waypoint: of two moves of a cut the means, each weighed by the other's time. [m/s].
+    """Compute the feed at every waypoint: mean of two moves of a cut, each weighted by the time of the other. [m/s]
 
-    That of the move before it alone would step where moves of different lengths meet.
+    The feed of the previous move alone would have steps between moves of different lengths.
     """
     feed, step = timing.feed.copy(), np.diff(timing.time)
     feed[0] = feed[1]
@@ -194,7 +194,7 @@ def _moving_feed(task: PlanTask, timing: Timing) -> Array:
 
 
 def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
-    """Return by how much the loads of another task would move the loaded tip at most. [m]."""
+    """Compute the greatest shift of the loaded tip by the loads of another task. [m]"""
     rows = np.flatnonzero(task.compensated)
     biases = (None if each.bias is None else each.bias[rows] for each in (task, other))
     now, then = (
@@ -205,10 +205,10 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
 
 
 def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
-    """Divide first and last moves of runs, in steps that grow away from the rest, until their rows tell the motion.
+    """Divide first and last moves of runs, in steps that grow from the rest, until their rows resolve the motion.
 
-    A run starts as s = j t^3 / 6. Its first row at t1 says that it accelerates by 2 s(t1) / t1^2 = j t1 / 3 where it
-    still rests; that falls with the cube root of the first step, and may bend the arm by half a chord.
+    A run starts as s = j t^3 / 6. From its first row at t1, the difference formula yields an acceleration of
+    2 s(t1) / t1^2 = j t1 / 3 at rest, falling with the cube root of the first step. Its deflection may be half a chord.
     """
     dynamics, runs = build_dynamics(task.robot), task.runs
     if not task.inertia or not dynamics.known or not runs:
@@ -234,9 +234,9 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
 
 
 def _missing_pieces(found: Compensation) -> NDArray[np.int_]:
-    """Tell into how many pieces moves are to be divided that stray by more than their ends. Shape (n - 1,)."""
+    """Return the number of pieces of moves that deviate by more than their ends. Shape (n - 1,)."""
     task, q, ways = found.task, found.command.links, found.between
-    if np.ndim(found.command.lead):  # division mends lost motion in the moves alone that cross it
+    if np.ndim(found.command.lead):  # division reduces lost motion only in the moves that cross it
         task = nlp.leave_play(task)
         ways = measure_between(task, q)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position

@@ -1,4 +1,4 @@
-"""The inertia of the motion: what it bends, what of it a plan compensates, and how long motion is smoothed."""
+"""Inertia of the motion: deflection, the part that a plan compensates, and smoothing time of the motion."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loa
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm
 
-#: Share of critical damping of an arm's modes where a job states none (assumed).
+#: Damping ratio of an arm's modes (assumed).
 DAMPING = 0.03
-#: Window over which the load of inertia is averaged before it is compensated, in periods of the lowest mode.
+#: Averaging window of the compensated load of inertia, as a share of the smoothing time.
 FOLLOWED = 0.5
-#: Shortest and longest time over which motion is smoothed. [s]
+#: Shortest and longest smoothing time. [s]
 SHORTEST, LONGEST = 0.02, 0.3
 
 
 def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics) -> Motion | None:
-    """Let the arm answer to the load of its motion, times (n,) [s], with its modes; None without masses on springs."""
+    """Compute the modal response of the arm to the load of its motion at times (n,) [s]; None without masses."""
     if not dynamics.known:
         return None
     loads = load_motion(build_moving_chain(task.robot), task.q_links, time, find_inside(task))
@@ -45,7 +45,7 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics) -> Motion | 
 
 
 def find_inside(task: PlanTask) -> NDArray[np.bool_]:
-    """Tell which waypoints are in motion, within a run from rest to rest. Shape (n,)."""
+    """Return which waypoints are in motion, inside a run from rest to rest. Shape (n,)."""
     inside = np.zeros(len(task), bool)
     for first, last in task.runs:
         inside[first + 1 : last] = True
@@ -53,9 +53,9 @@ def find_inside(task: PlanTask) -> NDArray[np.bool_]:
 
 
 def plan_loads(task: PlanTask, time: Array, masses: Chain) -> Array:
-    """Return the load of inertia that a plan compensates: as far as the arm can follow it. Shape (n, s). [N m or N]
+    """Compute the load of inertia that a plan compensates: averaged as the arm can follow it. Shape (n, s). [N m or N]
 
-    It is that of an arm whose tool follows the path, turned as the command turns it; `time`: at each waypoint (n,) [s],
+    The load is that of an arm with its tool on the path and the spin of the command; `time`: at each waypoint (n,) [s],
     `masses`: the chain with its masses.
     """
     loads = load_motion(masses, task.q_links, time, find_inside(task))
@@ -63,10 +63,10 @@ def plan_loads(task: PlanTask, time: Array, masses: Chain) -> Array:
 
 
 def follow_links(task: PlanTask, q: Array) -> Array:
-    """Return where the links of an arm go whose loaded tool follows the path. Shape (n, nq). [rad or m]
+    """Compute the link-side joint positions of an arm with its loaded tool on the path. Shape (n, nq). [rad or m]
 
-    They are those of a stiff arm with its tool on the path, turned about its axis as the command q (n, nq) turns it: a
-    command may use the free rotation, and then that moves masses which q_start leaves where they are.
+    They are those of a rigid arm with its tool on the path and the spin of the command q (n, nq): a command may use the
+    free spin, which moves masses that are at rest with q_start.
     """
     links, rows = task.q_start.copy(), np.flatnonzero(task.compensated & ~task.missed)
     if task.redundant and len(rows):
@@ -77,9 +77,9 @@ def follow_links(task: PlanTask, q: Array) -> Array:
 
 
 def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
-    """Return the time over which motion is smoothed: a period of the lowest natural frequency, which it leaves at rest.
+    """Return the smoothing time of the motion: a period of the lowest natural frequency, which is then not excited.
 
-    q: some postures along the path, shape (k, nq); default: the time where no frequency is known. [s]
+    q: some postures along the path, shape (k, nq); default: time for unknown frequencies. [s]
     """
     lowest = natural_frequencies(build_dynamics(robot), q, 1)
     if not np.isfinite(lowest).all():

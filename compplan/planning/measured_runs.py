@@ -1,10 +1,10 @@
-"""Time and widest 95 % band of uncorrected runs, vibration included, and runs that are slowed to vibrate less.
+"""Time and widest 95 % band of uncorrected runs with vibration, and runs slowed to vibrate less.
 
-A run is slowed where the arm vibrates most, as long as it takes no longer than another run. With f_i the factor by
-which waypoint i is slower, the part of the band due to vibration falls about with f_i^2. The factors follow a target B
-of the band, which is found by bisection between runs that take too long and runs that do not:
+A run is slowed where the arm vibrates most, but takes no longer than a reference run. With f_i the slowdown factor at
+waypoint i, the part of the band due to vibration falls about with f_i^2. The factors follow a target B of the band,
+which is found by bisection between runs that take too long and runs that do not:
 
-    f_i <- max(1, f_i (v_i / sqrt(B^2 - s_i^2))^g),    v the band due to vibration, s that due to all else.
+    f_i <- max(1, f_i (v_i / sqrt(B^2 - s_i^2))^g),    v the band due to vibration, s the band due to other causes.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from compplan.uncertainty.band import band_radius, linearise_path, split_covaria
 from compplan.uncertainty.motion import greatest_shift, spread_draws
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, pick_rows
 
-#: Shortest windows of smoothing, as a share of those that plans have.
+#: Shortest smoothing windows, as a share of the default ones.
 SHORT = 0.7
-#: Least gain for which a posture is changed, and relative difference of two bands that counts as none.
+#: Least gain for a change of posture, and relative difference below which two bands are equal.
 LEAST_GAIN, SAME = 0.01, 1e-3
-#: Rows of the cut at which the band of a run is measured.
+#: Rows of the cut at which the band of a run is computed.
 BAND_ROWS = 120
-#: Greatest number of slowed runs that are tried, and of waypoints times runs.
+#: Most slowed runs, and most waypoints times runs.
 ROUNDS, WORK = 14, 40_000
-#: Least share of the time that slower runs need to be tried.
+#: Least spare time for slowed runs, as a share of the reference time.
 SPARE = 1e-3
-#: Ratio of successive targets until a run takes too long, and least share of a target that is left for vibration.
+#: Ratio of successive targets until a run takes too long, and least share of a target reserved for vibration.
 LOWER, LEAST_SHARE = 0.86, 0.2
 #: Ratio of targets at which the bisection ends.
 NEAR = 1.02
@@ -49,33 +49,33 @@ GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
 
 
 class TimedStart(NamedTuple):
-    """An uncorrected run of a start."""
+    """Uncorrected run of a start."""
 
-    start: Start  #: The start, with its pace.
-    time: float  #: The whole run. [s]
+    start: Start  #: Start with its slowdown.
+    time: float  #: Total time. [s]
     band: float  #: Widest 95 % band along the cut. [m]
-    still: float  #: The same, vibration left out. [m]
+    still: float  #: The same without vibration. [m]
     bend: float  #: Greatest quasi-static displacement of the tip by inertia along the cut. [m]
-    spare: float  #: Time saved by the shortest windows of smoothing. [s]
-    quiet: Array  #: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
-    task: PlanTask  #: The task, with the usual windows.
-    passing: Array  #: Time at each of its waypoints. Shape (n,). [s]
-    origin: str = "search"  #: Where it comes from: "search" or "programmed".
-    shaped: Shaped | None = None  #: What the program did, None for nothing.
+    spare: float  #: Time saved by the shortest smoothing windows. [s]
+    quiet: Array  #: Covariance of the tip at rows of the cut, without vibration. Shape (k, 3, 3). [m^2]
+    task: PlanTask  #: Task with the default windows.
+    passing: Array  #: Time at each waypoint of the task. Shape (n,). [s]
+    origin: str = "search"  #: Origin of the posture: "search" or "programmed".
+    shaped: Shaped | None = None  #: Result of the program, None without one.
 
 
 def measure_runs(
     start: Start, request: PathRequest, *, window: float = 1.0, beside: TimedStart | None = None,
     known: TimedStart | None = None,
 ) -> list[TimedStart]:  # fmt: skip
-    """Measure the fastest run of a start and, given a run to keep up with, slowed ones with a narrower band.
+    """Compute time and band of the fastest run of a start and, given a reference run, of slowed ones.
 
     Args:
-        start: The start, without a pace.
-        request: What is asked of the path.
-        window: Windows of smoothing, share of those that plans have.
-        beside: The run that slowed ones take no longer than, or None.
-        known: A run of the same posture that has been measured, or None.
+        start: The start, without slowdown.
+        request: Requirements on the path.
+        window: Smoothing windows as a share of the default ones.
+        beside: Reference run: slowed runs take no longer; or None.
+        known: Known run of the same posture, or None.
     """
     found = list[TimedStart]()
     try:
@@ -97,7 +97,7 @@ def measure_runs(
             found.append(TimedStart(eased, float(time[-1]), widest, least, bend, spare, still, whole, time))
             if beside is None or not vibration.any():
                 break
-            if count % 2 == 0:  # two rounds bring the run near to a target, then the time says which way it goes on
+            if count % 2 == 0:  # after two rounds the run is near its target; its time decides the bisection
                 late = time[-1] > beside.time
                 if count == 0 and time[-1] > (1.0 - SPARE) * beside.time:
                     break
@@ -117,7 +117,7 @@ def measure_runs(
 
 
 def spread_tip(task: PlanTask, force: ForceSpread) -> Array:
-    """Return the covariance of the tip at some rows of the cut, before correction and vibration. Shape (k, 3, 3). [m^2]
+    """Compute the covariance of the tip at rows of the cut, before correction and vibration. Shape (k, 3, 3). [m^2]
 
     The rows are those of `pick_rows(task.cut, BAND_ROWS)`.
     """
@@ -130,7 +130,7 @@ def spread_tip(task: PlanTask, force: ForceSpread) -> Array:
 
 
 def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynamics: Dynamics) -> tuple[Array, float]:
-    """Return the covariance of the tip by vibration at some waypoints, and its greatest quasi-static displacement.
+    """Compute the covariance of the tip by vibration at some waypoints, and its greatest quasi-static displacement.
 
     Shape (k, 3, 3). [m^2, m]
     """
@@ -141,7 +141,7 @@ def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynam
 
 
 def _widen(use: Array, time: Array, reach: float) -> Array:
-    """Return the greatest value within a reach of time [s] on either side, its steps smoothed. Shape (n,)."""
+    """Return the greatest value within `reach` [s] on either side, with smoothed steps. Shape (n,)."""
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
     span = time[-1] - time[0]
@@ -155,7 +155,7 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 
 
 def ease_run(preset: str, run: TimedStart, base: TimedStart, request: PathRequest) -> TimedStart:
-    """Return the best of a run and of runs of its posture that are slowed where the arm vibrates, beside a base."""
+    """Return the best of a run and slowed runs of its posture, compared with a base run."""
     beside, runs, windows = (None if preset == "fast" else base), [run], [SHORT]
     late = max(run.time - base.time, 0.0) / run.spare
     if beside is not None and late < 1.0:
@@ -167,14 +167,14 @@ def ease_run(preset: str, run: TimedStart, base: TimedStart, request: PathReques
 
 
 def choose_run(preset: str, runs: list[TimedStart], base: TimedStart) -> TimedStart:
-    """Choose the run with the best measure of a preset; among runs within `LEAST_GAIN` of it, the shortest."""
+    """Choose the run with the best figure of a preset; among runs within `LEAST_GAIN` of it, the shortest."""
     gains = [compute_gain(preset, run, base) for run in runs]
     alike = [run for run, gain in zip(runs, gains, strict=True) if gain <= min(gains) + LEAST_GAIN]
     return min(alike, key=lambda run: run.time)
 
 
 def band_beside(run: TimedStart, base: TimedStart) -> float:
-    """Return the band of a run if it took the time of the base; infinite where it cannot be that short. [m]
+    """Estimate the band of a run at the time of the base; infinite if the run cannot be that short. [m]
 
     The band due to vibration falls with the square of the time.
     """
@@ -183,7 +183,7 @@ def band_beside(run: TimedStart, base: TimedStart) -> float:
 
 
 def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
-    """Return the measure that a preset ("" for none) reduces, over that of the base; infinite if time or band grows."""
+    """Compute the figure that a preset ("" for none) reduces, relative to the base; infinite if time or band grows."""
     time, band, still = run.time / base.time, run.band / base.band, run.still / base.still
     if preset == "fast":
         return time
@@ -195,7 +195,7 @@ def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
 
 
 def least_time(task: PlanTask) -> float:
-    """Return the time of the programmed feed, of rapid moves and of smoothing: no run is shorter. [s]"""
+    """Compute the lower bound of the time of a run: programmed feed, rapid moves and smoothing. [s]"""
     rapid = task.nominal.rapid[1:]
     moves = np.abs(np.diff(task.q_start, axis=0))[rapid]
     between = time_rapids(moves, task.velocity_limits, task.acceleration_limits).sum()
@@ -203,9 +203,9 @@ def least_time(task: PlanTask) -> float:
 
 
 def measure_beside(base: TimedStart, origin: TimedStart, task: PlanTask) -> Measured:
-    """Return the reference time and bend of the program: those of the base, as if all of its band were due to motion.
+    """Compute reference time and deflection of the program: of the base, as if its band were due to motion only.
 
-    origin: the run of the task from which the program starts.
+    origin: run of the task from which the program starts.
     """
     motion = np.sqrt(max(base.band**2 - base.still**2, 0.0))
     bend = base.bend * base.band / motion if motion > 0.0 else 0.0
@@ -214,5 +214,5 @@ def measure_beside(base: TimedStart, origin: TimedStart, task: PlanTask) -> Meas
 
 
 def smoothing_time(task: PlanTask) -> float:
-    """Return the time by which smoothing makes the runs of a path longer, each by its windows. [s]"""
+    """Compute the time that smoothing adds to the runs of a path, each by its windows. [s]"""
     return len(task.runs) * task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)

@@ -1,6 +1,6 @@
 """Factors by which a run is too fast for the velocity, acceleration and torque limits of the joints.
 
-Velocity and acceleration count by differences of the joint positions, torque along a cubic spline over time.
+Velocity and acceleration are differences of the joint positions; torque is evaluated along a cubic spline over time.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from scipy.interpolate import CubicSpline
 
 from compplan.robot import Array
 
-#: Steps of time below this are none. [s]
+#: Time steps below this are ignored. [s]
 AT_ONCE = 1e-9
-#: Joint velocity and acceleration (k, nq) to what inertia puts on the joints, what weight and force do, and the limits.
+#: Function of joint velocity and acceleration (k, nq): M q', torque of inertia, torque of weight and force, limits.
 Torques = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 
 
 def measure_torque_use(q: Array, time: Array, torques: Torques) -> Array:
-    """Return the factor by which a run from rest to rest is too fast for joint torques: 1 at a limit. Shape (k,).
+    """Compute the factor by which a run from rest to rest is too fast for joint torques: 1 at a limit. Shape (k,).
 
-    Slower by a factor f, a run has 1/f^2 of what inertia puts on the joints: with the torque D of inertia and S of
-    weight and force within L, the factor is (D / (L - S))^(1/2). It counts at the waypoints of a cubic spline over time
-    through the run, at rest at both ends, as a controller may follow it. Positions (k, nq), times (k,) [s].
+    A slowdown by a factor f reduces the torque of inertia by f^2: with the torque D of inertia and S of weight and
+    force and the limit L, the factor is (D / (L - S))^(1/2). The torques are those at the waypoints of a cubic spline
+    over time, at rest at both ends, as a controller may interpolate. Positions (k, nq), times (k,) [s].
     """
     rows = np.flatnonzero(np.r_[True, np.diff(time) > AT_ONCE])
     if len(rows) < 2:
@@ -35,7 +35,7 @@ def measure_torque_use(q: Array, time: Array, torques: Torques) -> Array:
 
 
 def measure_use(q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
-    """Return max(|v| / v_max, sqrt(|a| / a_max)) along a run from rest to rest, by differences. Shape (k,).
+    """Compute max(|v| / v_max, sqrt(|a| / a_max)) along a run from rest to rest, by differences. Shape (k,).
 
     Above 1 the run is too fast by that factor; q: shape (k, nq), time: shape (k,) [s], limits: shapes (nq,).
     """
@@ -46,7 +46,7 @@ def measure_use(q: Array, time: Array, velocity_limits: Array, acceleration_limi
 
 
 def difference_motion(q: Array, time: Array) -> tuple[Array, Array]:
-    """Return mean velocities of the moves, shape (k - 1, nq), and accelerations at the waypoints, shape (k, nq).
+    """Compute mean velocities of the moves, shape (k - 1, nq), and accelerations at the waypoints, shape (k, nq).
 
     The run starts and ends at rest.
     """
@@ -58,7 +58,7 @@ def difference_motion(q: Array, time: Array) -> tuple[Array, Array]:
 
 
 def spread_factors(use: Array, time: Array, reach: float) -> Array:
-    """Widen factors above 1 to the waypoints within a reach of time."""
+    """Spread factors above 1 to the waypoints within `reach` [s] of them."""
     wide = np.maximum(use, 1.0)
     found = np.flatnonzero(use > 1.0)
     if not len(found):

@@ -1,12 +1,12 @@
-"""The nonlinear program of a path: one CasADi program over joint positions, and the speed where it counts.
+"""Nonlinear program of a path: one CasADi program over joint positions, and optionally the speed.
 
     minimise    sum of the costs                       `compplan.planning.costs`
     over        q_i, and x_i (square of the speed), s_i (slack of released stations)
     subject to  rows of every limit within its bounds   `compplan.planning.limits`
 
-The loaded pose enters as an equality: steps of the fixed point theta <- C (J(q, theta)^T w + tau) from the equilibrium
-at the initial guess are part of the expression, so that its derivatives are exact. Every limit and cost is a function
-of one station; `Function.map` puts it on all of them. IPOPT solves it with the exact Hessian of the Lagrangian.
+The loaded pose is an equality constraint: steps of the fixed point theta <- C (J(q, theta)^T w + tau) from the
+equilibrium at the initial guess are part of the expression, so that its derivatives are exact. Every limit and cost is
+a function of one station; `Function.map` applies it to all. IPOPT solves with the exact Hessian of the Lagrangian.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from compplan.statics.kinematics import build_loaded_function, locate_symbolic
 LOG = logging.getLogger(__name__)
 
 SOLVER = "ipopt"
-#: Steps of the loaded equilibrium in the expression: each leaves about a thousandth of the deflection's error on real
-#: arms. Where the speed is a variable the solution is no command, and the first guess is within a fraction.
+#: Steps of the loaded equilibrium in the expression: each reduces the error of the deflection to about a thousandth on
+#: real arms. With the speed as a variable the solution is not a command, and one step suffices.
 STEPS, TIMED_STEPS = 3, 1
-#: A row counts as active where it is this near to its bound, or its multiplier is larger. [row, 1]
+#: Distance from its bound below which a row is active. [unit of the row]
 ACTIVE = 1e-6
-#: A released station misses its pose by more. [m and rad]
+#: Pose error above which a released station misses its pose. [m and rad]
 MISSED = 1e-7
-#: Programs that are kept, so that one with other loads is not built again.
+#: Cached programs, reused for other loads.
 KEPT = 4
 OPTIONS: dict[str, Any] = {
     "print_level": 0,
@@ -54,21 +54,21 @@ OPTIONS: dict[str, Any] = {
     "nlp_scaling_method": "none",
     "linear_solver": "mumps",
 }
-#: Where the speed is a variable: no joint position has to be exact, the dense solution makes it so.
+#: Options with the speed as a variable: joint positions need not be exact, the dense solution refines them.
 TIMED: dict[str, Any] = {"mu_init": 1e-2, "tol": 1e-6, "constr_viol_tol": 1e-8}
 
 
 class Solution(NamedTuple):
-    """What the solver found, success or not; k stations."""
+    """Result of the solver, successful or not; k stations."""
 
-    problem: PlanningProblem  #: What was solved.
+    problem: PlanningProblem  #: The problem.
     q: Array  #: Joint positions. Shape (k, nq). [rad or m]
-    square: Array  #: Square of the speed as a share of the programmed feed, ones where it was none. Shape (k,).
-    slack: Array  #: Missed pose of released stations. Shape (k, rows). [m, rad]
-    success: bool  #: Whether the solver says that all limits hold.
-    status: str  #: The solver's own word.
-    iterations: int  #: Its iterations.
-    cpu: float  #: CPU time, building and solving. [s]
+    square: Array  #: Square of the speed as a share of the programmed feed; ones if not a variable. Shape (k,).
+    slack: Array  #: Pose error of released stations. Shape (k, rows). [m, rad]
+    success: bool  #: Whether the solver succeeded and all limits hold.
+    status: str  #: Return status of the solver.
+    iterations: int  #: Number of iterations.
+    cpu: float  #: CPU time of building and solving. [s]
     violation: float  #: Greatest violation of a row. [m, rad or share]
     multipliers: Mapping[str, Array]  #: Multipliers of the rows of each limit. Shapes (k, r).
     active: Mapping[str, NDArray[np.bool_]]  #: Stations at which each limit is active, by name. Shapes (k,).
@@ -83,10 +83,10 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True)
 class PathProgram:
-    """A program, ready to be solved for any loads, poses and bounds at its stations."""
+    """Built program, solvable for any loads, poses and bounds at its stations."""
 
-    problem: PlanningProblem  #: What it was built from.
-    solver: ca.Function  #: CasADi's solver; `solver.stats()` tells about its last run.
+    problem: PlanningProblem  #: Problem it was built from.
+    solver: ca.Function  #: CasADi solver; `solver.stats()` describes the last run.
     sizes: tuple[int, ...]  #: Number of rows of each limit at a station.
     #: First variable of q, square and slack in the vector of variables, and their number.
     offsets: tuple[int, int, int, int]
@@ -96,7 +96,7 @@ _KEPT: dict[tuple[Any, ...], PathProgram] = {}
 
 
 def build_nlp(problem: PlanningProblem) -> PathProgram:
-    """Build the program of a problem, or find one that differs by numbers alone."""
+    """Build the program of a problem, or return a cached one that differs only in numbers."""
     if problem.timed:
         return _build(problem)
     weights = tuple(np.asarray(value).tobytes() for cost in problem.costs for value in vars(cost).values())
@@ -112,9 +112,9 @@ def build_nlp(problem: PlanningProblem) -> PathProgram:
 
 
 def _build(problem: PlanningProblem) -> PathProgram:
-    """Write the program: variables, objective, constraints."""
+    """Build the program: variables, objective, constraints."""
     k = len(problem)
-    # variables: x, and what each station sees of them, v_i = L_i x
+    # variables x, and those of each station, v_i = L_i x
     seen, sizes = _state_sight(problem)
     x, data = ca.MX.sym("x", seen.shape[1]), ca.MX.sym("data", _pack(problem).shape[1], k)
     local = ca.reshape(ca.mtimes(ca.DM(seen), x), seen.shape[0] // k, k)
@@ -149,13 +149,13 @@ def _build(problem: PlanningProblem) -> PathProgram:
 
 
 def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int, int, int]]:
-    """Return what the stations see of the variables as a matrix, and the numbers of q, square and slack."""
+    """Build the matrix that selects the variables of each station, and count those of q, square and slack."""
     k, nq, rows = len(problem), problem.chain.nq, problem.pose_rows + 1
     sizes = nq * k, k if problem.timed else 0, rows * k if problem.released is not None else 0
     offsets = np.cumsum([0, *sizes])
 
     def see(matrix: Any, kind: int, height: int) -> sparse.csr_matrix:
-        """Place a matrix on the stations (k, k), each with `height` entries, among the columns of its kind."""
+        """Expand a matrix over stations (k, k) to `height` entries each, in the columns of its kind."""
         part = sparse.kron(matrix, sparse.identity(height))
         before, after = offsets[kind], offsets[-1] - offsets[kind + 1]
         return sparse.hstack([sparse.csr_matrix((k * height, before)), part, sparse.csr_matrix((k * height, after))])
@@ -180,7 +180,7 @@ def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int
 
 
 def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
-    """Solve a program for the numbers of a problem, which differs by numbers alone from what it was built from."""
+    """Solve a program with the numbers of a problem that differs only in numbers from the one it was built from."""
     k, nq = problem.q_start.shape
     clock, offsets = time.process_time(), program.offsets
     begin, lower, upper = np.zeros(offsets[-1]), np.full(offsets[-1], -np.inf), np.full(offsets[-1], np.inf)
@@ -201,7 +201,7 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
               for limit, size in zip(problem.limits, program.sizes, strict=True)]  # fmt: skip
     low, high = (np.hstack([each[side] for each in bounds]) for side in (0, 1))
     begin = np.clip(begin, lower, upper)
-    if problem.released is not None:  # slack begins at what the guess misses
+    if problem.released is not None:  # the initial slack is the residual of the guess
         g = np.array(program.solver.get_function("nlp_g")(begin, numbers)).reshape(k, -1)
         excess = np.maximum(g - high, 0.0)[:, problem.pose_rows :].max(axis=1, keepdims=True, initial=0.0)
         begin[slacks] = np.hstack([g[:, : problem.pose_rows], excess]).ravel()
@@ -247,10 +247,10 @@ def solve_problem(problem: PlanningProblem) -> Solution:
 
 
 def explain_conflict(solution: Solution) -> str:
-    """Say which limits conflict and where, "" where the program was solved and no released station misses its pose.
+    """Name conflicting limits and their waypoint; "" if the program is solved and no released station misses its pose.
 
-    Of a failed solve these are the limits with the greatest multipliers, at the station where their sum is greatest; of
-    a compromise those that hold the station which misses its pose the most.
+    After a failed solve these are the limits with the greatest multipliers, at the station with their greatest sum;
+    after a compromise, the limits at the station with the greatest pose error.
     """
     missed = np.abs(solution.slack).max(axis=1)
     if solution.success and missed.max(initial=0.0) < MISSED:
@@ -272,7 +272,7 @@ def explain_conflict(solution: Solution) -> str:
 
 
 def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
-    """Write out one station; returns it and the inputs of its functions: what it sees of the variables, its data."""
+    """Build the expressions of one station; return it and the inputs of its functions: variables and data."""
     chain, nq, rows = problem.chain, problem.chain.nq, problem.pose_rows
     q, ahead = ca.SX.sym("q", nq), ca.SX.sym("q_next", nq)
     names = (
@@ -306,7 +306,7 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
 
 
 def _list_numbers(problem: PlanningProblem) -> dict[str, Array]:
-    """List the numbers of every station by name. Shapes (k, c)."""
+    """List the data of every station by name. Shapes (k, c)."""
     k, steps = len(problem), problem.steps
     pace = np.divide(1.0, steps, where=steps > 0.0, out=np.zeros(k))
     turn = {} if problem.turn is None else {"turn": _flat(problem.turn)}
@@ -320,10 +320,10 @@ def _list_numbers(problem: PlanningProblem) -> dict[str, Array]:
 
 
 def _pack(problem: PlanningProblem) -> Array:
-    """Put the numbers of every station side by side. Shape (k, c)."""
+    """Stack the data of every station horizontally. Shape (k, c)."""
     return np.hstack([np.asarray(values, float) for values in _list_numbers(problem).values()])
 
 
 def _flat(rotation: Array) -> Array:
-    """Flatten (k, 3, 3) column by column, as CasADi reads it."""
+    """Flatten (k, 3, 3) column by column, as in CasADi."""
     return np.swapaxes(rotation, 1, 2).reshape(len(rotation), 9)

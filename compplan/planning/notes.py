@@ -1,4 +1,4 @@
-"""Notes of a plan: questions about the job, assumptions, where and why the feed is lowered."""
+"""Notes of a plan: questions about the job, assumptions, and waypoints and causes of a reduced feed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from compplan.robot import Robot, load_robot
 from compplan.robot.mounting import name_axis, outward_axis
 from compplan.uncertainty.motion import Motion, greatest_shift
 
-#: Share of the tolerance from which on the inertia of the motion is told.
+#: Deflection by inertia above which a note is written, as a share of the tolerance.
 WORTH_A_NOTE = 0.1
 #: Force models of a turning tool.
 TURNING = ("milling", "end_mill", "drill")
@@ -28,7 +28,7 @@ TURNING = ("milling", "end_mill", "drill")
 def list_notes(
     task: PlanTask, command: Command, timing: Timing, motion: Motion | None, job: Job | None
 ) -> tuple[Check, ...]:
-    """Return the notes of a plan, as checks that failed."""
+    """Return the notes of a plan, as failed checks."""
     notes = [*task.nominal.notes, "" if task.law is None else task.law.note]
     if job is not None:
         notes += [describe_spindle(task, job), "" if job.part.fit is None else job.part.fit.tell()]
@@ -49,7 +49,7 @@ def list_notes(
 
 
 def describe_inertia(task: PlanTask, motion: Motion | None, job: Job | None) -> str:
-    """Note how far inertia bends the arm if the plan does not compensate it; "" below a tenth of the tolerance."""
+    """Describe the deflection by inertia if the plan does not compensate it; "" below a tenth of the tolerance."""
     inertia = 0.0 if task.inertia or motion is None else greatest_shift(motion.answer[task.cut])
     if inertia <= WORTH_A_NOTE * task.tolerance:
         return ""
@@ -72,16 +72,16 @@ def describe_spindle(task: PlanTask, job: Job) -> str:
                 "or write lines that do into a template ([output] templates).")  # fmt: skip
 
 
-#: Angle between tool and flange from which on the tool is asked about. [deg]
+#: Angle between tool and flange above which a note questions the tool. [deg]
 SIDEWAYS = 60.0
-#: A tip nearer to the flange than this says nothing of a direction. [m]
+#: Flange-tip distance below which no tool direction is inferred. [m]
 SHORT = 0.02
-#: Share of the reach (base axis to wrist) beyond which a tool is asked about; robots carry tools of a fifth (assumed).
+#: Tool length as a share of the reach above which a note questions it; usual tools have a fifth (assumed).
 LONG = 0.5
 
 
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
-    """Question a tool across the flange without a mesh, a very long one, or an unconfirmed pendant frame."""
+    """Question a sideways tool without a mesh, a very long one, or an unconfirmed pendant frame."""
     assert job.tool is not None
     pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
     length, notes = float(np.linalg.norm(pose[:3, 3])), list[str]()
@@ -107,7 +107,7 @@ def ask_about_tool(job: Job, robot: Robot) -> list[str]:
 
 
 def look_at_spindle(axis: Array, job: Job) -> str:
-    """Question a path with the spindle on the side of -z of the part all along. axis: base axes, shape (n, 3)."""
+    """Question a path with the spindle always on the -z side of the part. axis: base axes, shape (n, 3)."""
     if not len(axis) or float((axis @ job.T_base_part[:3, 2]).max()) > -np.cos(np.radians(SIDEWAYS)):
         return ""
     return Stop("The spindle is on the side of -z of the part frame all along. Is z of the part reversed, or i j k of "
@@ -115,28 +115,28 @@ def look_at_spindle(axis: Array, job: Job) -> str:
 
 
 def _angle(a: Array, b: Array) -> float:
-    """Return the angle between two directions. [deg]"""
+    """Compute the angle between two directions. [deg]"""
     cosine = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-12)
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def describe_outside(job: Job) -> str:
-    """Name templates outside the job's folder, links resolved, since programs contain their lines; "" for none."""
+    """List templates outside the job's folder, links resolved, since programs contain their lines; "" for none."""
     home = (job.folder if job.file.is_file() else Path.cwd()).resolve()
     files = {name: (job.folder / text).resolve() for name, text in job.output.templates.items()}
     listed = "; ".join(f"{name} = {path}" for name, path in files.items() if not path.is_relative_to(home))
     return Stop(f"Templates outside the job's folder go into the programs: {listed}.") if listed else ""
 
 
-#: Times of smoothing around both ends of a cut, where starting up and coming to rest do not count.
+#: Time from both ends of a cut in which acceleration from and to rest is ignored, in smoothing times.
 FROM_END = 4.0
-#: Stretches that a sentence lists.
+#: Most stretches listed in a sentence.
 LISTED = 5
 
 
 def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
-    """Mark the waypoints where limits lower the feed; starting up and coming to rest do not count. Shape (n,)."""
-    middle = np.r_[timing.time[0], 0.5 * (timing.time[1:] + timing.time[:-1])]  # of the move whose feed it is
+    """Mark the waypoints where limits reduce the feed, except for acceleration from and to rest. Shape (n,)."""
+    middle = np.r_[timing.time[0], 0.5 * (timing.time[1:] + timing.time[:-1])]  # middle of the move that has the feed
     away = np.zeros(len(task), bool)
     for first, last in cutting_runs(task.nominal.rapid | task.lead):
         run = slice(first, last + 1)
@@ -144,7 +144,7 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
             FROM_END * task.smoothing
         )
     slow = timing.lowered & away
-    beside = np.r_[False, slow[:-1]] | np.r_[slow[1:], False]  # a single waypoint is rounding of the run
+    beside = np.r_[False, slow[:-1]] | np.r_[slow[1:], False]  # a single waypoint is due to rounding
     return np.asarray(slow & beside)
 
 
@@ -156,7 +156,7 @@ def find_top_feed(task: PlanTask, timing: Timing) -> float | None:
 
 
 def describe_causes(task: PlanTask, timing: Timing) -> str:
-    """Say at which waypoints the feed is lowered, how far, and which limits are reached there; "" where it is not."""
+    """Describe where and how far the feed is reduced, and the limits reached there; "" if it is not reduced."""
     slow = np.flatnonzero(mark_slow(task, timing))
     if not len(slow):
         top = find_top_feed(task, timing)

@@ -48,35 +48,35 @@ from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Options of a plan, as the tables [plan] and [limits] of a job state them."""
+    """Options of a plan, as in the tables [plan] and [limits] of a job."""
 
     strategy: str = "nlp"  #: none, mirror, iterated_mirror or nlp.
     spin_free: bool = True  #: Whether the tool may rotate about its axis.
     max_correction: float = 0.010  #: Greatest distance of the unloaded tip from the path. [m]
-    tolerance: float = 1e-4  #: Greatest deviation that counts as within tolerance. [m]
-    #: Where the TCP frame's x points, base axes. Shape (3,).
+    tolerance: float = 1e-4  #: Greatest allowed deviation of the loaded tip. [m]
+    #: Direction of x of the TCP frame, base axes. Shape (3,).
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
-    velocity_scale: float = 1.0  #: Share of the robot's velocity limits that may be used.
-    acceleration_scale: float = 1.0  #: Share of the robot's acceleration limits that may be used.
-    #: What is asked of the posture; by default one configuration and the tool's x where `tool_x` has it.
+    velocity_scale: float = 1.0  #: Usable share of the robot's velocity limits.
+    acceleration_scale: float = 1.0  #: Usable share of the robot's acceleration limits.
+    #: Settings of the posture search (default: one configuration, x of the tool along `tool_x`).
     posture: PostureSettings = field(default_factory=lambda: PostureSettings(search=False))
     feed: FeedRequest = field(default_factory=FeedRequest)  #: Requirements of the process on the feed.
-    law: ForceLaw | None = None  #: The law of the wrench; None where the path carries its wrench.
-    #: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out. [m]
+    law: ForceLaw | None = None  #: Force law; None if the path has its wrench.
+    #: Allowed deviation of the loaded tip between waypoints (default: a tenth of the tolerance). [m]
     chord: float | None = None
-    inertia: bool = True  #: Whether the inertia of the motion counts as a load and is compensated.
+    inertia: bool = True  #: Whether the inertia of the motion is a load and is compensated.
     lock: Robot | None = None  #: Another model of the same machine, whose posture is kept.
     force: ForceSpread | None = None  #: Uncertainty of the force (default: assumed).
-    #: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
+    #: Allowed offset from the path, as a share of the tolerance, for a shorter run or a narrower band.
     tube: float = 0.0
-    touch: TouchOff | None = None  #: How the part was found by touching it with the robot; None: its frame is absolute.
+    touch: TouchOff | None = None  #: Measurement of the part by touching it with the robot; None: absolute frame.
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
-    """Plan a job; `progress` gets the name of each step, and an exception raised in it ends the call.
+    """Plan a job; `progress` receives the name of each step, and an exception raised in it ends the call.
 
     Raises:
-        InputError: If the job, or a file that it names, is not what it has to be, or the part is out of reach.
+        InputError: If the job or one of its files is not valid, or the part is out of reach.
     """
     progress("robot and toolpath")
     robot, nominal, options = prepare_job(job)
@@ -87,10 +87,10 @@ def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
-    """Load what a job refers to: the robot with its tool, the nominal path with its wrench, and the options.
+    """Load robot with tool, nominal path with wrench, and options of a job.
 
     Raises:
-        InputError: If a file that the job names is not what it has to be.
+        InputError: If a file of the job is not valid.
 
     """
     robot = job_robot(job)
@@ -109,9 +109,9 @@ def plan_compensation(
     robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path",
     progress: Callable[[str], None] = lambda text: None,
 ) -> Plan:  # fmt: skip
-    """Plan a path with its predicted wrench, base frame: choose the posture, compensate, time, and check as modelled.
+    """Plan a path with its predicted wrench, base frame: posture, compensation, timing, and check as modelled.
 
-    `progress` gets the name of each step; an exception raised in it ends the call.
+    `progress` receives the name of each step; an exception raised in it ends the call.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
@@ -126,9 +126,9 @@ def plan_task(
     task: PlanTask, strategy: str, *, name: str = "path", feed: FeedRequest | None = None, job: Job | None = None,
     progress: Callable[[str], None] = lambda text: None, output: OutputTable | None = None,
 ) -> Plan:  # fmt: skip
-    """Correct a task by a strategy, time and check the command; `progress` gets the name of each step.
+    """Correct a task by a strategy, time and check the command; `progress` receives the name of each step.
 
-    `output`: the programs that are asked for where no job is given.
+    `output`: requested programs if there is no job.
 
     Raises:
         InfeasibleError: If the arm buckles under the load; with waypoint and joint.
@@ -163,13 +163,13 @@ def plan_task(
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
-    """Prepare the task of a strategy: posture, orientation, wrench, times and limits; `file` is for messages.
+    """Build the task of a strategy: posture, orientation, wrench, times and limits; `file` is for messages.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
     """
     nominal = check_toolpath(nominal, file=file)
-    robot_effects(robot)  # refuses tables that are no effects of this robot
+    robot_effects(robot)  # raises an error for tables that are not effects of this robot
     if not options.spin_free:
         check_tool_x(nominal, np.asarray(options.tool_x, float), file)
     chain = build_chain(robot)
@@ -190,7 +190,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
 
 
 def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:
-    """State the task of a path with a given start."""
+    """Build the task of a path with a given start."""
     nominal = start.nominal
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
@@ -206,14 +206,14 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
         touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
     )  # fmt: skip
-    sided = robot if nominal.rapid[0] else state_sides(robot, start.q)  # a rapid move takes the joints along
+    sided = robot if nominal.rapid[0] else state_sides(robot, start.q)  # a rapid move determines the side
     task = replace(task, wrench=predict_loads(task), robot=sided)
     turns = options.law is not None and options.law.turns_with_travel
     return prepare_sampling(task, rest_at_corners=turns or not options.feed.constant)
 
 
 def job_robot(job: Job) -> Robot:
-    """Load the robot of a job, with the tool that the job mounts."""
+    """Load the robot of a job with its tool."""
     try:
         robot = job.context.mounted or load_robot(job.robot, relative_to=job.folder)
     except UnknownNameError as error:
@@ -225,7 +225,7 @@ def job_robot(job: Job) -> Robot:
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:
-    """Return the options that a job states, in SI units."""
+    """Read the options of a job, in SI units."""
     table = job.plan
     return PlanOptions(
         strategy=table.strategy,

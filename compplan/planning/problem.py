@@ -1,4 +1,4 @@
-"""The planning problem as an engineer states it: arm, path at stations, loads, what is free, limits and costs."""
+"""Planning problem: arm, path at stations, loads, degrees of freedom, limits and costs."""
 
 from __future__ import annotations
 
@@ -18,45 +18,45 @@ from compplan.statics.kinematics import SymbolicFrames
 
 @dataclass(frozen=True)
 class PlanningProblem:
-    """A path at k stations, and what the joint positions there have to fulfil; base frame, SI units."""
+    """Path at k stations, with the limits and costs of the joint positions there; base frame, SI units."""
 
-    chain: Chain  #: The elastic chain with the tool.
+    chain: Chain  #: Elastic chain with the tool.
     joints: tuple[str, ...]  #: Names of the joints.
     waypoint: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
-    position: Array  #: Wanted tool tip. Shape (k, 3). [m]
-    #: Wanted orientation of the TCP frame; z (out of the tool) is binding, x where the spin is not free. Shape (k, 3,
-    #: 3).
+    position: Array  #: Required tool tip. Shape (k, 3). [m]
+    #: Required orientation of the TCP frame: z (out of the tool), and x if the spin is not free.
+    #: Shape (k, 3, 3).
     rotation: Array
     wrench: Array  #: Wrench of the environment on the tool at the TCP. Shape (k, 6). [N, N m]
-    bias: Array  #: Further load on each elastic coordinate, such as that of inertia. Shape (k, s). [N m or N]
+    bias: Array  #: Further load on each elastic coordinate, such as inertia. Shape (k, s). [N m or N]
     theta: Array  #: Elastic coordinates at `guess` under these loads. Shape (k, s). [rad or m]
-    #: Where the loaded tool has to be on the path; the unloaded one at the others. Shape (k,).
+    #: Stations with the loaded tool on the path; with the unloaded tool at the others. Shape (k,).
     loaded: NDArray[np.bool_]
-    q_start: Array  #: Posture that the posture search chose. Shape (k, nq). [rad or m]
-    guess: Array  #: Where the solver begins. Shape (k, nq). [rad or m]
+    q_start: Array  #: Posture of the posture search. Shape (k, nq). [rad or m]
+    guess: Array  #: Initial guess of the joint positions. Shape (k, nq). [rad or m]
     lower: Array  #: Lower bounds of the joint positions. Shape (k, nq). [rad or m]
     upper: Array  #: Upper bounds. Shape (k, nq). [rad or m]
     spin_free: bool  #: Whether the rotation about the tool axis is free.
-    axis_free: bool  #: Whether the tool axis follows from the tip: arms of four joints.
-    limits: tuple[Limit, ...]  #: What has to hold.
-    costs: tuple[Cost, ...]  #: What is minimised, the sum of all.
+    axis_free: bool  #: Whether the tip determines the tool axis: arms of four joints.
+    limits: tuple[Limit, ...]  #: Constraints.
+    costs: tuple[Cost, ...]  #: Terms of the objective.
     along: Array  #: Programmed time from the first station. Shape (k,). [s]
     runs: tuple[tuple[int, int], ...] = ()  #: First and last station of every run from rest to rest.
-    #: Square of the speed where the solver begins, as a share of the programmed feed's, where it varies. Shape (k,).
+    #: Initial guess of the squared speed as a share of the squared programmed feed, if a variable. Shape (k,).
     square: Array | None = None
-    #: What the model leaves out of the loaded tip at `guess`, None for nothing. Shape (k, 3). [m]
+    #: Tip displacement at `guess` that the model does not include, None for zero. Shape (k, 3). [m]
     shift: Array | None = None
-    turn: Array | None = None  #: The same of its orientation, to be multiplied from the right. Shape (k, 3, 3).
-    #: Stations whose pose may be missed at a price, None for none. Shape (k,).
+    turn: Array | None = None  #: The same for the orientation, multiplied from the right. Shape (k, 3, 3).
+    #: Stations whose pose may be missed at a cost, None for none. Shape (k,).
     released: NDArray[np.bool_] | None = None
-    #: Tip that the correction is counted from, `position` if left out. Shape (k, 3). [m]
+    #: Reference tip of the correction (default: `position`). Shape (k, 3). [m]
     programmed: Array | None = None
 
     def __len__(self) -> int:
         return len(self.position)
 
     def __str__(self) -> str:
-        """Print the problem as it is minimised."""
+        """Format the problem as objective, variables and constraints."""
         costs = " + ".join(str(cost) for cost in self.costs) or "0"
         rows = "\n            ".join(str(limit) for limit in self.limits)
         over = ["joint positions", *(["squared speed"] if self.timed else [])]
@@ -69,18 +69,18 @@ class PlanningProblem:
 
     @property
     def timed(self) -> bool:
-        """Tell whether the speed along the path is a variable."""
+        """Return whether the speed along the path is a variable."""
         return any(each.timed for each in (*self.limits, *self.costs))
 
     @property
     def own_numbers(self) -> dict[str, Array]:
-        """Numbers of limits and costs at every station, by their names. Shapes (k, c)."""
+        """Data of limits and costs at every station, by name. Shapes (k, c)."""
         every = {each.name: each.numbers for each in (*self.limits, *self.costs)}
         return {name: numbers for name, numbers in every.items() if numbers is not None}
 
     @cached_property
     def rates(self) -> tuple[Array, Array]:
-        """First and second derivative along the programmed time as matrices on the stations. Shapes (k, k)."""
+        """Matrices of the first and second derivative with respect to the programmed time. Shapes (k, k)."""
         first, second = np.zeros((len(self), len(self))), np.zeros((len(self), len(self)))
         for start, end in self.runs:
             for i in range(start, end + 1):
@@ -104,29 +104,29 @@ class PlanningProblem:
 
 @dataclass(frozen=True)
 class Station:
-    """One station of the program as CasADi symbols; what a problem does not need is None."""
+    """One station of the program as CasADi symbols; symbols that a problem does not need are empty."""
 
     q: ca.SX  #: Joint positions. Shape (nq). [rad or m]
-    q_next: ca.SX  #: Those of the next station. Shape (nq). [rad or m]
-    departure: ca.SX  #: q less the posture that was chosen. Shape (nq). [rad or m]
-    rate: ca.SX  #: Derivative of q along the programmed time. Shape (nq). [rad/s or m/s]
-    change: ca.SX  #: Its second derivative. Shape (nq). [rad/s^2 or m/s^2]
+    q_next: ca.SX  #: Joint positions of the next station. Shape (nq). [rad or m]
+    departure: ca.SX  #: q less the chosen posture. Shape (nq). [rad or m]
+    rate: ca.SX  #: Derivative of q with respect to the programmed time. Shape (nq). [rad/s or m/s]
+    change: ca.SX  #: Second derivative. Shape (nq). [rad/s^2 or m/s^2]
     square: ca.SX  #: Square of the speed as a share of the programmed feed.
-    square_next: ca.SX  #: That of the next station.
-    push: ca.SX  #: Half the derivative of the square along the programmed time. [1/s]
-    push_before: ca.SX  #: The same of the way from the station before, 0 at the start of a run. [1/s]
+    square_next: ca.SX  #: The same at the next station.
+    push: ca.SX  #: Half the derivative of the square with respect to the programmed time. [1/s]
+    push_before: ca.SX  #: The same from the station before, 0 at the start of a run. [1/s]
     step: ca.SX  #: Programmed time to the next station, 0 at the end of a run. [s]
-    pace: ca.SX  #: Its inverse, 0 at the end of a run. [1/s]
-    slack: ca.SX  #: Missed pose rows of a released station. Shape (rows).
-    excess: ca.SX  #: Excess of the correction of a released station. [m]
-    missed: ca.SX  #: Missed pose in the wanted frame: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
-    position: ca.SX  #: Tip, loaded where the station is. Shape (3). [m]
+    pace: ca.SX  #: Inverse of `step`, 0 at the end of a run. [1/s]
+    slack: ca.SX  #: Pose error of a released station. Shape (rows).
+    excess: ca.SX  #: Correction beyond its limit at a released station. [m]
+    missed: ca.SX  #: Pose error in the required frame: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
+    position: ca.SX  #: Tip, loaded at loaded stations. Shape (3). [m]
     rotation: ca.SX  #: Orientation of the TCP frame. Shape (3, 3).
-    programmed: ca.SX  #: Tip that the correction is counted from. Shape (3). [m]
+    programmed: ca.SX  #: Reference tip of the correction. Shape (3). [m]
     deflection: ca.SX  #: Elastic coordinates. Shape (s). [rad or m]
     wrench: ca.SX  #: Wrench on the tool. Shape (6). [N, N m]
     frames: SymbolicFrames  #: Frames of the unloaded arm.
-    numbers: Mapping[str, ca.SX]  #: Numbers of the limits at this station, and costs at this station, by their names.
+    numbers: Mapping[str, ca.SX]  #: Data of limits and costs at this station, by name.
 
 
 #: Lower and upper bounds of rows: one number, or an array that broadcasts to (k, r).
@@ -134,38 +134,38 @@ Bounds = tuple[Array | float, Array | float]
 
 
 class Term:
-    """What limits and costs have in common."""
+    """Base class of limits and costs."""
 
-    name: ClassVar[str]  #: What plan.json calls it.
-    formula: ClassVar[str]  #: Its line of mathematics.
-    timed: ClassVar[bool] = False  #: Whether it speaks of the speed along the path.
+    name: ClassVar[str]  #: Name in plan.json.
+    formula: ClassVar[str]  #: Formula as text.
+    timed: ClassVar[bool] = False  #: Whether the term depends on the speed along the path.
 
     def __str__(self) -> str:
         return self.formula
 
     @property
     def numbers(self) -> Array | None:
-        """Its own numbers at every station, which it finds in `Station.numbers`, or None. Shape (k, c)."""
+        """Data of the term at every station, passed in `Station.numbers`, or None. Shape (k, c)."""
         return None
 
 
 class Limit(Term):
-    """What has to hold at every station; a limit is a class derived from this one."""
+    """Base class of constraints at every station."""
 
-    of_joints: ClassVar[bool] = False  #: Whether its rows are one a joint.
+    of_joints: ClassVar[bool] = False  #: Whether there is one row per joint.
 
     def rows(self, station: Station) -> ca.SX:
         """Return the rows of one station. Shape (r)."""
         raise NotImplementedError
 
     def bounds(self, problem: PlanningProblem) -> Bounds:
-        """Return the bounds of the rows; rows are shares of a limit where a class says nothing else."""
+        """Return the bounds of the rows; by default rows are shares of a limit."""
         return -1.0, 1.0
 
 
 class Cost(Term):
-    """What is minimised; a cost is a class derived from this one."""
+    """Base class of terms of the objective."""
 
     def term(self, station: Station) -> ca.SX:
-        """Return what one station costs."""
+        """Return the cost of one station."""
         raise NotImplementedError

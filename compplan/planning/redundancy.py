@@ -1,8 +1,8 @@
-"""Choose spin, leans, extra axes, offset within the tolerance (tube) and speed of a path by a nonlinear program.
+"""Optimise spin, tilts, extra axes, offset within the tolerance (tube) and speed of a path by a nonlinear program.
 
-The posture search gives the discrete choice and the initial guess. Unknowns: joints and speed at the stations (a subset
-of the waypoints). Cost: time, widest 95 % band, travel. Constraint: the pose under load. Spin, leans and offsets are
-then interpolated to all waypoints.
+The posture search provides the discrete choice and the initial guess. Variables: joints and speed at the stations (a
+subset of the waypoints). Cost: time, widest 95 % band, joint motion. Constraint: pose under load. Spin, tilts and
+offsets are then interpolated to all waypoints.
 """
 
 from __future__ import annotations
@@ -44,64 +44,64 @@ from compplan.uncertainty.sensitivities import ForceSpread
 
 LOG = logging.getLogger(__name__)
 
-#: Stations at most, and waypoints up to which all are stations; in a tube each of them may move.
+#: Most stations, and most waypoints of which all are stations, without and with a tube.
 STATIONS, FEW, FEW_IN_TUBE = 150, 300, 600
-#: Motion that travel is counted in: an axis that turns or slides. [rad, m]
+#: Reference motion of a revolute and a prismatic joint. [rad, m]
 UNIT_TURN, UNIT_SLIDE = 0.3, 0.2
-#: Share of the square of a measured run's speed that the program begins with, inside of its limits.
+#: Initial guess of the squared speed, as a share of that of a known run: inside the limits.
 BEGIN = 0.8
-#: Solves of the program at most where something is in the way, clearance that is added between stations, and least
-#: share of a step after which distances are linearised anew. [1, m, 1]
+#: Most solves of the program with a collision scene, clearance added between stations, and least share of a step
+#: before distances are linearised again. [1, m, 1]
 CLEARANCE_SOLVES, RESERVE, LEAST_SHARE = 6, 1e-3, 0.05
 
 
 class Prices(NamedTuple):
-    """What the program weighs, against the time as a share of the measured run's."""
+    """Weights of the costs, relative to the time as a share of the reference run's time."""
 
-    band: float = 0.3  #: Mean square of the bend by inertia, as a share of the square of the measured run's greatest.
-    motion: float = 2e-3  #: One unit of travel of a joint.
-    smooth: float = 0.3  #: Mean square of q'' / a_max.
+    band: float = 0.3  #: Of the mean square deflection by inertia, relative to the greatest of the reference run.
+    motion: float = 2e-3  #: Of joint motion in reference motions.
+    smooth: float = 0.3  #: Of the mean square of q'' / a_max.
 
 
 class Measured(NamedTuple):
-    """What a run was measured to have, in whose shares the program counts."""
+    """Reference quantities of the program, from a reference run."""
 
-    time: float  #: Time along its runs, without smoothing. [s]
-    bend: float  #: Greatest displacement of the tip by inertia if the springs gave at once. [m]
-    #: Time at each waypoint of a run of the start, from which the speed begins. Shape (n,). [s]
+    time: float  #: Time along the runs, without smoothing. [s]
+    bend: float  #: Greatest quasi-static displacement of the tip by inertia. [m]
+    #: Time at each waypoint of a run of the start: initial guess of the speed. Shape (n,). [s]
     passing: Array
 
 
 class Shaped(NamedTuple):
-    """How the program shaped a start."""
+    """Figures of the optimisation of a start."""
 
-    iterations: int  #: Its iterations.
-    names: tuple[str, ...]  #: What was free.
+    iterations: int  #: Iterations of the solver.
+    names: tuple[str, ...]  #: Free coordinates.
 
 
 class Free(NamedTuple):
-    """What is free at the stations of a task, and where the start has it."""
+    """Free coordinates at the stations of a task."""
 
     rows: NDArray[np.int_]  #: Waypoints that are stations. Shape (k,).
     names: tuple[str, ...]  #: "spin", "lead", "lean", names of extra axes, and "ahead", "left", "up" of a tube.
     frame: Array  #: Axes of the path at the stations, as columns. Shape (k, 3, 3).
-    room: Array  #: How far each row of the pose may be off. Shape (k, 5). [m, rad]
+    room: Array  #: Allowed error of each row of the pose. Shape (k, 5). [m, rad]
 
 
 @dataclass(frozen=True)
 class PathRequest:
-    """What is asked of a redundant path."""
+    """Requirements on a redundant path."""
 
     robot: Robot  #: The robot.
-    nominal: Toolpath  #: The toolpath, its tool axis as programmed.
-    tool_x: Array  #: Where x of the TCP points at spin 0, base axes. Shape (3,).
-    feed_request: FeedRequest  #: What the process asks of the feed.
-    force: ForceSpread  #: How surely the force is known.
-    state: Callable[[Start], PlanTask]  #: States the task that begins with a start.
-    tube: float = 0.0  #: Share of the tolerance by which the program may leave the path.
+    nominal: Toolpath  #: Toolpath with the programmed tool axis.
+    tool_x: Array  #: Direction of x of the TCP at spin 0, base axes. Shape (3,).
+    feed_request: FeedRequest  #: Requirements of the process on the feed.
+    force: ForceSpread  #: Uncertainty of the force.
+    state: Callable[[Start], PlanTask]  #: Builds the task of a start.
+    tube: float = 0.0  #: Allowed offset from the path, as a share of the tolerance.
 
     def time(self, task: PlanTask) -> float:
-        """Time the fastest run of a task, its starts resolved; infinite where none keeps the limits. [s]"""
+        """Compute the time of the fastest run of a task, its starts resolved; infinite if none keeps the limits. [s]"""
         try:
             task = resolve_starts(task, self.feed_request)
             return float(time_run(task, task.q_start, self.feed_request)[1].time[-1])
@@ -110,7 +110,7 @@ class PathRequest:
 
 
 def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathRequest) -> Free | None:
-    """Find what a posture leaves free; None where nothing is, or where the path has no run to shape."""
+    """Find the free coordinates of a posture; None if there are none, or the path has no run to optimise."""
     settings, arm, robot = posture_choice.settings, build_arm(task.robot), task.robot
     leans = {"lead": settings.lead, "lean": settings.lean}
     names = [*(["spin"] if settings.free_spin else []), *(name for name, most in leans.items() if most > 0.0)]
@@ -126,14 +126,14 @@ def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathReque
 def state_problem(
     task: PlanTask, free: Free, prices: Prices, beside: Measured, *, torque: bool = False
 ) -> PlanningProblem:
-    """State the program of posture and speed.
+    """Build the problem of posture and speed.
 
     Args:
-        task: The task at the start that the posture search chose.
-        free: What is free.
-        prices: What is weighed.
-        beside: The run that time and bend are shares of.
-        torque: Whether joint torques have to stay within the robot's efforts.
+        task: The task at the start of the posture search.
+        free: Free coordinates.
+        prices: Weights of the costs.
+        beside: Reference time and deflection.
+        torque: Whether joint torques must stay within the efforts of the robot.
     """
     rows, robot = free.rows, task.robot
     k = len(rows)
@@ -145,7 +145,7 @@ def state_problem(
         0.0 if task.start is None else robot.room(task.start.settings.limit_margin),
         np.minimum(task.q_start[rows] - robot.lower, robot.upper - task.q_start[rows]).min(axis=0),
     )
-    room = np.maximum(room, 0.0)  # away from the limits by what the start keeps
+    room = np.maximum(room, 0.0)  # distance from the limits, at most that of the start
     bias = np.zeros((k, task.chain.n_springs))
     attained = attain_pose(task.chain, task.q_start[rows], task.wrench[rows], slope=False)
     most = np.where(np.isfinite(task.acceleration_limits), task.acceleration_limits, 20.0 * task.velocity_limits)
@@ -176,7 +176,7 @@ def state_problem(
 def shape_start(
     task: PlanTask, start: Start, request: PathRequest, prices: Prices, beside: Measured
 ) -> tuple[Start, Shaped] | None:
-    """Solve the program of posture and speed around the start of a task; None where nothing is free or follows."""
+    """Solve the program of posture and speed from the start of a task; None if nothing is free or feasible."""
     posture_choice, settings = start.posture_choice, start.settings
     if posture_choice is None or task.missed.any():
         return None
@@ -199,7 +199,7 @@ def shape_start(
         found = _follow(task, posture_choice, request, free, solution, settings)
         if scene is None or found is None or _keeps_clear(scene, found.q, settings.clearance):
             break
-        share, found = 1.0, None  # linearise anew on the way to the solution, as far as the arm keeps clear
+        share, found = 1.0, None  # linearise again between old and new solution, where the arm is still clear
         while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), settings.clearance):
             share *= 0.5
         clear = clear + share * (solution.q - clear)
@@ -210,11 +210,11 @@ def _follow(
     task: PlanTask, posture_choice: PostureSummary, request: PathRequest, free: Free, solution: Solution,
     settings: PostureSettings,
 ) -> Start | None:  # fmt: skip
-    """Follow the free coordinates of a solution at every waypoint; None where that tears or leaves a joint's range."""
+    """Interpolate the free coordinates of a solution to every waypoint; None if a joint jumps or leaves its range."""
     robot, arm, nominal = task.robot, build_arm(task.robot), request.nominal
     place, every, nq = task.origin[free.rows], np.arange(len(nominal)), task.robot.nq
     moved, room, path = solution.q - task.q_start[free.rows], free.room[:, :3], nominal
-    if room.any():  # a tube: where in it the loaded tip goes
+    if room.any():  # with a tube: offset of the loaded tip
         tip = task.see_pose(attain_pose(task.chain, solution.q, task.wrench[free.rows], slope=False)).position
         local = (np.swapaxes(free.frame, 1, 2) @ (tip - task.position[free.rows])[..., None])[..., 0]
         moved = np.hstack([moved, np.clip(local, -room, room)])
@@ -246,13 +246,13 @@ def _follow(
 
 
 def _keeps_clear(scene: CollisionScene, q: Array, wanted: float) -> bool:
-    """Tell whether the arm keeps clear all along joint positions."""
+    """Return whether the arm keeps the clearance along a joint motion."""
     places = np.arange(0.0, len(q), max(len(q) // STATIONS, 1))
     return bool(sweep_margin(scene, q, wanted, places)[1].min() >= 0.0)
 
 
 def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
-    """Pick waypoints of the runs of a cut: all of few, else evenly in time and in bends of the path; ends included."""
+    """Pick waypoints of the runs of a cut: all if few, otherwise evenly in time and path curvature, with the ends."""
     time, chosen = np.r_[0.0, np.cumsum(task.step_time)], list[NDArray[np.int_]]()
     runs = [run for run in task.runs
             if run[1] - run[0] >= 2 and time[run[1]] > time[run[0]]]  # fmt: skip
@@ -273,9 +273,9 @@ def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
 
 
 def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[str, Array]:
-    """Return how far the tip may go each way at the stations, nowhere in rapid moves and at rest. Shapes (k,). [m]
+    """Return the allowed tip offset by direction at the stations, zero in rapid moves and at rest. Shapes (k,). [m]
 
-    Both ways across the travel have an even part of the square.
+    Both directions across the path have an equal share of the square.
     """
     names = ("ahead", "left", "up")
     if share <= 0.0 or not len(rows):

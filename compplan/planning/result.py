@@ -1,4 +1,4 @@
-"""The plan as a record: task, command, run, checks, error band, verdict, and the content of plan.json."""
+"""Result of planning: task, command, timing, checks, error band, verdict, and the contents of plan.json."""
 
 from __future__ import annotations
 
@@ -31,29 +31,29 @@ from compplan.uncertainty.motion import Motion, greatest_shift, read_placement, 
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.uncertainty.touch_off import read_touch, touch_part
 
-#: Limits that a sentence lists.
+#: Most limits listed in a sentence.
 LISTED = 3
 
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
-    """A plan, with its input and intermediate results."""
+    """Plan with its input and intermediate results."""
 
     name: str  #: Name of the job.
     task: PlanTask  #: Robot, nominal path, predicted wrench, posture, limits.
-    strategy: str  #: How the command was found.
+    strategy: str  #: Compensation strategy.
     command: Command  #: Joint positions, status, failures, figures of the solver.
     timing: Timing  #: Times, joint rates and feeds of the command.
-    before: Evaluation  #: The uncorrected command (`task.q_start`) in the cell as modelled.
-    after: Evaluation  #: The command in the cell as modelled.
-    approach: Passage  #: The way to the first waypoint, where the toolpath has no rapid start.
-    retract: Passage  #: The way from the last waypoint, where the toolpath ends in a cut.
-    between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
-    motion: Motion | None  #: What the motion of the arm adds to the band; None without masses on springs.
-    checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
-    clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
+    before: Evaluation  #: Deviation of the uncorrected command (`task.q_uncorrected`) as modelled.
+    after: Evaluation  #: Deviation of the command in the independent check, as modelled.
+    approach: Passage  #: Motion to the first waypoint, if the toolpath does not start with a rapid move.
+    retract: Passage  #: Motion from the last waypoint, if the toolpath ends in a cut.
+    between: Between  #: Deviation of the loaded tip between waypoints, by the planner's model.
+    motion: Motion | None  #: Contribution of the motion of the arm to the band; None without masses on springs.
+    checks: tuple[Check, ...] = ()  #: Checks with values and limits, and notes.
+    clearance: ClearanceProfile | None = None  #: Clearance of arm and tool from part and fixture, or None.
     job: Job | None = None  #: The job, or None.
-    #: Where the controller takes the loaded tip, and what programs hold; None where neither is known.
+    #: Executed path of controller and programs; None if not simulated.
     executed: ExecutedPath | None = None
     learned: ErrorBand | None = None  #: Uncertainty of the tip learned from measured parts on this path, or None.
 
@@ -74,7 +74,7 @@ class Plan(Shown):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves."""
+        """Warnings, one sentence each; those of the class `Stop` must be resolved before the machine moves."""
         return tuple(check.sentence for check in self.checks if check.fails and check.severity != STOP)
 
     @property
@@ -83,7 +83,7 @@ class Plan(Shown):
         return tuple(Stop(f"Not confirmed: {text}.") for text in self.breaches if self.status == "not_confirmed")
 
     def add_checks(self, checks: tuple[Check, ...], *, first: bool = False) -> Plan:
-        """Return the plan with more checks; what is computed from its other fields stays cached."""
+        """Return the plan with more checks; results that do not depend on checks stay cached."""
         added = copy(self)
         object.__setattr__(added, "checks", (*checks, *self.checks) if first else (*self.checks, *checks))
         for name in ("breaches", "notes", "verdict"):
@@ -92,12 +92,12 @@ class Plan(Shown):
 
     @property
     def status(self) -> str:
-        """Tell "solved", "infeasible" or "not_confirmed"."""
+        """Status: "solved", "infeasible" or "not_confirmed"."""
         return "not_confirmed" if self.command.status == "solved" and self.breaches else self.command.status
 
     @cached_property
     def correction(self) -> Array:
-        """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
+        """Unloaded tip of the command minus nominal. Shape (n, 3). [m]"""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
 
     @cached_property
@@ -114,7 +114,7 @@ class Plan(Shown):
     def limit_room(self) -> tuple[float, str]:
         """Least distance of a joint from its position limits, negative beyond, and the joint. [rad or m]"""
         room = np.minimum(self.q - self.robot.lower, self.robot.upper - self.q).min(axis=0)
-        room = np.where(self.robot.lower == self.robot.upper, np.inf, room)  # held where the job wants it
+        room = np.where(self.robot.lower == self.robot.upper, np.inf, room)  # fixed by the job
         return float(room.min()), self.robot.joint_names[int(room.argmin())]
 
     @cached_property
@@ -151,7 +151,7 @@ class Plan(Shown):
 
     @cached_property
     def verdict(self) -> ToleranceVerdict:
-        """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
+        """Whether the 95 % band is within the tolerance: `word` for software, `sentence` for people."""
         return check_tolerance(
             self.task, self.status, self.error_band, left=self.after.distance, known=self.motion is not None,
             failures=self.command.failures, failure=self.explain_failures(),
@@ -160,7 +160,7 @@ class Plan(Shown):
         )  # fmt: skip
 
     def explain_failures(self) -> str:
-        """Return a sentence on failing waypoints and their limits, or on what is not confirmed; "" if solved."""
+        """Describe failed waypoints and their limits, or the checks that do not confirm the plan; "" if solved."""
         failures, start = self.command.failures, self.task.start
         if not failures:
             return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
@@ -196,7 +196,7 @@ class Plan(Shown):
         ]  # fmt: skip
 
     def columns(self) -> dict[str, Any]:
-        """Return a row a waypoint: place, time, joints, deviation before and after, 95 % band, predicted force."""
+        """Return a row per waypoint: place, time, joints, deviation before and after, 95 % band, predicted force."""
         task, band = self.task, self.error_band
         columns: dict[str, Any] = {"s_mm": task.nominal.arc_length * 1e3, "time_s": self.timing.time}
         columns |= self.robot.joint_columns(self.q)
@@ -216,10 +216,10 @@ class Plan(Shown):
                       (self.task.tolerance * 1e3, f"tolerance {self.task.tolerance * 1e3:g} mm"))  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what plan.json holds."""
+        """Return the contents of plan.json."""
         failures, between, (room, nearest) = self.command.failures, self.between, self.limit_room
         ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian}
-        learned = None if self.task.law is None else self.task.law.learned  # what measured parts said of the force
+        learned = None if self.task.law is None else self.task.law.learned  # force learned from measured parts
         summary: dict[str, Any] = {
             "schema": 1,
             "status": self.status,

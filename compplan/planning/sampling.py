@@ -1,8 +1,8 @@
-"""Where the loaded tool goes between waypoints, and how finely moves are divided for that.
+"""Deviation of the loaded tool between waypoints, and division of moves.
 
-It is looked at joint-linear (joints.csv, joint moves of programs) and Cartesian-linear (the commanded tip on a straight
-line); the wrench goes over linearly. Divisions keep every waypoint; those in between lie on the straight move, and the
-posture between its neighbours.
+The motion between waypoints is joint-linear (joints.csv, joint moves of programs) or Cartesian-linear (commanded tip on
+a straight line); the wrench is interpolated linearly. Divisions keep every waypoint; new ones lie on the straight move,
+with a posture between their neighbours.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from compplan.toolpath.corners import find_corners
 from compplan.toolpath.events import find_halts
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 
-#: Places on a move that are looked at, as shares of it.
+#: Evaluated places on a move, as shares of it.
 SHARES = (0.5, 0.25, 0.75)
-#: Moves that stray by less than this in the middle are not looked at elsewhere. [m]
+#: Deviation in the middle of a move below which other places are not evaluated. [m]
 STRAIGHT = 2e-7
-#: Waypoints that bring the correction in where a force stands at once, or take it out where it still stands.
+#: Waypoints at rest along which the correction grows where a force begins abruptly, or fades where one ends abruptly.
 LEAD_ROWS = 8
-#: Shortest step beside a rest; each further step is longer by this factor. [m]
+#: Shortest step next to a rest [m], and ratio of successive steps.
 FIRST_STEP, GROWTH = 1e-4, 1.8
 #: Greatest motion of a joint in one move of a cut. [rad, m]
 MOST_TURN, MOST_SLIDE = float(np.radians(4.0)), 0.05
-#: Pieces that one division makes of a move at most, and waypoints that a path may have at most.
+#: Most pieces of a move per division, and most waypoints of a path.
 MOST_PIECES, MOST_WAYPOINTS = 16, 1_000_000
 
 
@@ -47,22 +47,22 @@ class Between(NamedTuple):
 
     @property
     def most(self) -> Array:
-        """Greatest distance of both. Shape (n - 1,). [m]."""
+        """Greatest distance of both. Shape (n - 1,). [m]"""
         return np.maximum(self.joint, self.cartesian)
 
     @property
     def max_deviation(self) -> float:
-        """Greatest distance over the path. [m]."""
+        """Greatest distance over the path. [m]"""
         return float(self.most.max(initial=0.0))
 
 
 def judged_moves(task: PlanTask) -> NDArray[np.int_]:
-    """Return the moves of the cut, by the waypoint that they start at."""
+    """Return the moves of the cut, by their first waypoint."""
     return np.flatnonzero(~task.nominal.rapid[1:] & ~task.lead[1:])
 
 
 def measure_between(task: PlanTask, q: Array) -> Between:
-    """Measure how far the loaded tip strays from the path between waypoints of a command (n, nq), as modelled."""
+    """Compute the deviation of the loaded tip between waypoints of a command (n, nq), as modelled."""
     moves, n = judged_moves(task), len(task)
     joint, cartesian = np.zeros(n - 1), np.zeros(n - 1)
     plain = locate_frames(task.chain, q).tcp_position
@@ -84,7 +84,7 @@ def measure_between(task: PlanTask, q: Array) -> Between:
 
 
 def insert_between(values: Array, inside: Array, moves: NDArray[np.int_], share: float) -> Array:
-    """Put one row into every move: those given at `moves`, the others on a straight line. Shape (2 n - 1, ...)."""
+    """Insert one row into every move: given rows at `moves`, otherwise interpolated. Shape (2 n - 1, ...)."""
     rows = np.empty((2 * len(values) - 1, *values.shape[1:]))
     rows[::2], rows[1::2] = values, values[:-1] * (1 - share) + values[1:] * share
     rows[2 * moves + 1] = inside
@@ -92,14 +92,14 @@ def insert_between(values: Array, inside: Array, moves: NDArray[np.int_], share:
 
 
 def divide_times(step_time: Array, share: float) -> Array:
-    """Return the times of all moves of a path of `insert_between`. Shape (2 n - 2,). [s]."""
+    """Return the times of all moves of a path of `insert_between`. Shape (2 n - 2,). [s]"""
     return np.stack([step_time * share, step_time * (1 - share)], axis=1).ravel()
 
 
 def _attain(
     task: PlanTask, q: Array, middle: Array, load: Array, bias: Array | None, moves: NDArray[np.int_], share: float
 ) -> Array:
-    """Return the loaded tip at a share of some moves; effects of the robot's folder see the whole path in order."""
+    """Compute the loaded tip at a share of some moves; effects of the robot folder need the complete path in order."""
     near = task.theta[moves]
     loaded = attain_pose(task.chain, middle, load, slope=False, torque_bias=bias, theta=near).position
     if not task.robot.effects:
@@ -112,13 +112,13 @@ def _attain(
 
 
 def wanted_pieces(stray: Array, chord: float) -> NDArray[np.int_]:
-    """Tell into how many pieces each move that strays by (n - 1,) [m] is to be divided to stay within a chord [m]."""
+    """Return the number of pieces of each move with a deviation (n - 1,) [m] for a deviation within `chord` [m]."""
     excess = stray / max(chord, 1e-12)
     return np.where(excess > 1.0, np.ceil(np.sqrt(1.2 * excess)), 1.0).astype(int)
 
 
 def distance_to_moves(point: Array, start: Array, end: Array) -> Array:
-    """Return the distance of points from straight moves. Shape (k,)."""
+    """Compute the distance of points from straight moves. Shape (k,)."""
     along = end - start
     square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
     share = np.clip(np.einsum("ni,ni->n", point - start, along) / square, 0.0, 1.0)
@@ -126,12 +126,11 @@ def distance_to_moves(point: Array, start: Array, end: Array) -> Array:
 
 
 def predict_loads(task: PlanTask, feed: Array | None = None) -> Array:
-    """Predict the wrench to plan with at every waypoint. Shape (n, 6). [N, N m]
+    """Predict the planned wrench at every waypoint. Shape (n, 6). [N, N m]
 
-    A point of contact carries none (a dead weight excepted): the tool comes there in a rapid move, and touches nothing
-    yet. The waypoints that lead in take the wrench of the cut that begins, share by share; those that lead out lose
-    that of the cut that has ended. `feed` is that of the move that ends at each waypoint, the programmed one if left
-    out. Shape (n,). [m/s]
+    A point of contact has no wrench (except a dead weight): the tool reaches it in a rapid move, without contact. Along
+    a lead-in the wrench of the following cut grows linearly; along a lead-out that of the previous cut fades. `feed`
+    (n,) [m/s] is that of the move that ends at each waypoint (default: programmed).
     """
     nominal = task.nominal
     given = nominal.wrench if task.law is None else task.law.predict(nominal, feed)
@@ -146,7 +145,7 @@ def predict_loads(task: PlanTask, feed: Array | None = None) -> Array:
 
 
 def find_contacts(rapid: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Return the waypoints that are reached in a rapid move and left in a cut."""
+    """Return the waypoints at the end of a rapid move and the beginning of a cut."""
     return np.flatnonzero(rapid[:-1] & ~rapid[1:])
 
 
@@ -155,8 +154,8 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
 
     Args:
         task: The task.
-        places: Old waypoint numbers of the new waypoints, fractional on a move, rising; all old ones included. (m,)
-        lead: New waypoints that lead in at the contact before them, or out where a cut has ended. Shape (m,).
+        places: Old waypoint numbers of the new waypoints, fractional on a move, ascending; with all old ones. (m,)
+        lead: New waypoints of a lead-in after a contact, or of a lead-out after a cut. Shape (m,).
     """
     before = np.clip(np.floor(places).astype(int), 0, len(task) - 2)
     share = (places - before)[:, None]
@@ -194,7 +193,7 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
 
 
 def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
-    """Bring in leads, rests (at sharp corners where asked) and the first division of a task whose posture is chosen."""
+    """Add lead-ins, lead-outs, rests (at sharp corners on request) and the first division to a task with posture."""
     rapid = task.nominal.rapid
     contacts, leaves = find_contacts(rapid), np.flatnonzero(~rapid[:-1] & rapid[1:])
     sudden, abrupt = (True, True) if task.law is None else (task.law.sudden, task.law.abrupt)
@@ -220,7 +219,7 @@ def divide_by(task: PlanTask, pieces: NDArray[np.int_]) -> PlanTask:
     """Divide the move that starts at each waypoint into equal pieces. Shape of `pieces`: (n - 1,).
 
     Raises:
-        InfeasibleError: If that makes more waypoints than can be planned; with the waypoint that asks for the most.
+        InfeasibleError: If there are too many waypoints; with the waypoint of the most pieces.
 
     """
     count = np.clip(pieces, 1, MOST_PIECES)
@@ -255,14 +254,14 @@ def _find_rests(nominal: Toolpath) -> NDArray[np.int_]:
 
 
 def programmed_times(nominal: Toolpath) -> Array:
-    """Return the time of every move at the programmed feed, of rapid moves at the median feed; (n - 1,) [s]."""
+    """Compute the time of every move at the programmed feed, of rapid moves at the median feed. Shape (n - 1,). [s]"""
     feed, cutting = nominal.feed[1:], ~nominal.rapid[1:]
     typical = float(np.median(feed[cutting & (feed > 0)])) if (cutting & (feed > 0)).any() else 0.1
     return np.asarray(nominal.steps / np.where(cutting & (feed > 0), feed, typical))
 
 
 def _grade(task: PlanTask) -> Array:
-    """Return places beside every rest, at distances that grow away from it: there the force grows with the feed."""
+    """Return places next to every rest, at growing distances: there the force grows with the feed."""
     steps = task.nominal.steps
     places = [
         grow_places(move, FIRST_STEP / max(float(steps[move]), 1e-12), forward)
@@ -279,7 +278,7 @@ def grow_places(move: int, share: float, forward: bool) -> Array:
 
 
 def _bound_travel(task: PlanTask) -> Array:
-    """Return places that keep the joint motion of every move of the cut within bounds."""
+    """Return places that bound the joint motion of every move of the cut."""
     most = np.where(task.robot.prismatic, MOST_SLIDE, MOST_TURN)
     need = np.ceil((np.abs(np.diff(task.q_start, axis=0)) / most).max(axis=1) - 1e-9).astype(int)
     need[task.nominal.rapid[1:] | task.missed[1:] | task.missed[:-1]] = 1

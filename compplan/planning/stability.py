@@ -1,4 +1,4 @@
-"""Stability of a plan: where the arm buckles, and up to which depth an end mill cuts without chatter."""
+"""Stability of a plan: buckling of the arm, and limit of the depth of cut of an end mill by chatter."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from compplan.statics.elastic import solve_equilibrium
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import pick_even
 
-#: Waypoints that are looked at.
+#: Most waypoints tested for buckling.
 TRIED = 400
 
 
 def explain_buckling(task: PlanTask) -> InfeasibleError | None:
-    """Name a waypoint without loaded equilibrium, and the joint that yields the most; None if all have one."""
+    """Find a waypoint without loaded equilibrium, and the joint that yields the most; None if all have one."""
     for row in pick_even(np.flatnonzero(task.compensated), TRIED).tolist():
         q, wrench = task.q_start[[row]], task.wrench[[row]]
         try:
@@ -41,12 +41,12 @@ def explain_buckling(task: PlanTask) -> InfeasibleError | None:
     return InfeasibleError(message, waypoints=[row], limits=[f"equilibrium of {name}"])
 
 
-#: Modes of the arm at a posture, and places of the cut that are looked at.
+#: Modes of the arm at a posture, and most places of the cut tested for chatter.
 MODES, PLACES = 5, 12
 
 
 def describe_depth_limit(task: PlanTask, q: Array) -> str:
-    """Return a sentence on the least depth limit along a plan; "" if no end mill cuts or masses are unknown."""
+    """Describe the least depth limit along a plan; "" without an end mill or with unknown masses."""
     cutting = None if task.law is None else task.law.cutting
     if cutting is None or not isinstance(cutting.process, EndMillProcess):
         return ""
@@ -62,7 +62,7 @@ def describe_depth_limit(task: PlanTask, q: Array) -> str:
     period, limits = 1.0 / (process.spindle_rpm / 60.0 * process.teeth), np.empty(len(rows))
     for k, own in enumerate(find_modes(dynamics, q[there], MODES)):
         omega, shape, damping = own.omega, axes[k].T @ own.tip, np.full(len(own.omega), DAMPING)
-        if tool is not None:  # its mode is alike along both path axes across the tool
+        if tool is not None:  # its mode is equal along both path axes across the tool
             rate = 2.0 * np.pi * tool.frequency_Hz
             shape = np.hstack([shape, np.eye(3)[:, :2] * rate / np.sqrt(1e3 * tool.stiffness_N_mm)])
             omega, damping = np.r_[omega, rate, rate], np.r_[damping, tool.damping, tool.damping]

@@ -1,6 +1,6 @@
 """Input and output of a compensation strategy: a `PlanTask` (robot, path, wrench, limits) and a `Command`.
 
-`attain_rows` alone predicts where the loaded tool goes, with the effects of the robot folder (effects.toml).
+Only `attain_rows` predicts the pose of the loaded tool, with the effects of the robot folder (effects.toml).
 """
 
 from __future__ import annotations
@@ -25,58 +25,58 @@ from compplan.statics.stiffness import AttainedPose, attain_pose, chunk_rows
 from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 from compplan.uncertainty.touch_off import TouchedPart
 
-#: Time over which motion is smoothed where no natural frequency is known. [s]
+#: Smoothing time of the motion without a known natural frequency. [s]
 SMOOTHING = 0.05
-#: Least duration of a move that loads or unloads the tool at rest, in times of smoothing.
+#: Least duration of a move that loads or unloads the tool at rest, in smoothing times.
 PERIODS = 2.0
-#: Distance from its limit below which a joint [rad or m] or a correction [m] counts as at it.
+#: Distance from its limit below which a joint [rad or m] or a correction [m] is at the limit.
 AT_LIMIT, AT_CORRECTION = 1e-6, 1e-6
-#: What stops a failing waypoint: the limit of the correction, or nothing but the reach.
+#: Limits of a failed waypoint: correction, or reach of the arm.
 CORRECTION_LIMIT, OUT_OF_REACH = "correction limit", "reach of the arm"
 
 
 @dataclass(frozen=True)
 class PlanTask:
-    """The path to correct and all that a strategy may use; n waypoints, nq joints, base frame."""
+    """Path to correct with the input of a strategy; n waypoints, nq joints, base frame."""
 
-    robot: Robot  #: The robot model with its tool.
-    chain: Chain  #: Its elastic chain.
-    nominal: Toolpath  #: The path to reach, base frame.
-    rotation: Array  #: Wanted orientation of the TCP frame, x as the job points it. Shape (n, 3, 3).
-    #: Predicted wrench at the tip; at a point of contact that of the cut that begins. Shape (n, 6). [N, N m]
+    robot: Robot  #: Robot model with its tool.
+    chain: Chain  #: Elastic chain of the robot.
+    nominal: Toolpath  #: Required path, base frame.
+    rotation: Array  #: Required orientation of the TCP frame, with the chosen spin. Shape (n, 3, 3).
+    #: Predicted wrench at the tip, see `compplan.planning.sampling.predict_loads`. Shape (n, 6). [N, N m]
     wrench: Array
     #: Waypoints to correct: the cut and its points of contact; the others are rapid. Shape (n,).
     compensated: NDArray[np.bool_]
-    q_start: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+    q_start: Array  #: Joint positions with the unloaded tool on the path. Shape (n, nq). [rad or m]
     configuration: Mapping[str, str]  #: Shoulder, elbow and wrist of q_start.
-    missed: NDArray[np.bool_]  #: Waypoints that the arm does not reach at q_start's orientation. Shape (n,).
+    missed: NDArray[np.bool_]  #: Waypoints out of reach. Shape (n,).
     step_time: Array  #: Time from each waypoint to the next at the programmed feed. Shape (n - 1,). [s]
     velocity_limits: Array  #: Velocity limits. Shape (nq,). [rad/s or m/s]
     acceleration_limits: Array  #: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
     max_correction: float  #: Greatest distance of the unloaded tip from the path. [m]
-    #: Greatest deviation of the loaded tip that counts as on the path. [m]
+    #: Greatest allowed deviation of the loaded tip. [m]
     tolerance: float
     spin_free: bool  #: Whether the rotation about the tool axis is free.
-    start: Start | None = None  #: How q_start was found, or None.
-    law: ForceLaw | None = None  #: The law of the wrench, or None where the path carries it.
-    #: Waypoints, the tip at rest, along which the correction grows at a contact or fades after a cut. Shape (n,).
+    start: Start | None = None  #: Result of the posture search, or None.
+    law: ForceLaw | None = None  #: Force law, or None if the path has its wrench.
+    #: Waypoints with the tip at rest along which the correction grows at a contact or fades after a cut. Shape (n,).
     lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     #: Waypoints within a cut at which the tool comes to rest. Shape (n,).
     rests: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    #: How far the loaded tip may stray from the path between waypoints. [m]
+    #: Allowed deviation of the loaded tip between waypoints. [m]
     chord: float = np.inf
-    smoothing: float = SMOOTHING  #: Time over which the motion is smoothed. [s]
-    inertia: bool = False  #: Whether the inertia of the motion counts as a load.
-    bias: Array | None = None  #: What it puts on each elastic coordinate, or None. Shape (n, s). [N m or N]
-    #: Joint positions that the links go through, None where those are q_start. Shape (n, nq). [rad or m]
+    smoothing: float = SMOOTHING  #: Smoothing time of the motion. [s]
+    inertia: bool = False  #: Whether the inertia of the motion is a load.
+    bias: Array | None = None  #: Load of inertia on each elastic coordinate, or None. Shape (n, s). [N m or N]
+    #: Link-side joint positions, None if they are q_start. Shape (n, nq). [rad or m]
     links: Array | None = None
     #: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
     places: Array | None = None
-    #: Elastic coordinates of the last equilibrium, from which the next one starts; overwritten. Results depend on them
-    #: by rounding alone. Shape (n, s). [rad or m]
+    #: Elastic coordinates of the last equilibrium: initial guess of the next one, overwritten. Results depend on them
+    #: only by rounding. Shape (n, s). [rad or m]
     theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    #: The part as the robot found it by touching; None where its frame is absolute. Loaded poses are relative to the
-    #: found frame (`see_position`).
+    #: Part frame measured by touching with the robot; None if absolute. Loaded poses are relative to the measured
+    #: frame (`see_position`).
     touched: TouchedPart | None = None
 
     def __post_init__(self) -> None:
@@ -92,7 +92,7 @@ class PlanTask:
 
     @property
     def position(self) -> Array:
-        """Wanted tool tip. Shape (n, 3). [m]."""
+        """Required tool tip. Shape (n, 3). [m]"""
         return self.nominal.position
 
     @property
@@ -102,7 +102,7 @@ class PlanTask:
 
     @property
     def programmed(self) -> Array:
-        """The programmed path: `position` without its offset within the tolerance tube. Shape (n, 3). [m]"""
+        """Programmed path: `position` without its offset within the tolerance tube. Shape (n, 3). [m]"""
         aside = None if self.start is None else self.start.aside
         if aside is None:
             return self.position
@@ -126,7 +126,7 @@ class PlanTask:
 
     @property
     def pace(self) -> Array:
-        """Factor by which the run is slower than the fastest one, to vibrate less. Shape (n,)."""
+        """Slowdown factor of the run relative to the fastest one, to vibrate less. Shape (n,)."""
         pace = None if self.start is None else self.start.pace
         return np.ones(len(self)) if pace is None else np.interp(self.origin, pace.places, pace.slower)
 
@@ -136,11 +136,11 @@ class PlanTask:
         return PERIODS * self.smoothing
 
     def see_position(self, position: Array) -> Array:
-        """Return positions of the loaded tip relative to the part frame as it was found. Shape (n, 3). [m]."""
+        """Return positions of the loaded tip relative to the measured part frame. Shape (n, 3). [m]"""
         return position if self.touched is None else self.touched.see_position(position)
 
     def see_pose(self, pose: AttainedPose) -> AttainedPose:
-        """Return loaded poses relative to the part frame as it was found; unloaded ones are the controller's."""
+        """Return loaded poses relative to the measured part frame; unloaded poses are those of the controller."""
         if self.touched is None or self.touched.displacement is None:
             return pose
         seen = self.touched
@@ -151,17 +151,17 @@ class PlanTask:
 
     @property
     def follows_feed(self) -> bool:
-        """Tell whether the wrench depends on the feed that is driven."""
+        """Return whether the wrench depends on the actual feed."""
         return self.law is not None and self.law.follows_feed
 
     @property
     def q_links(self) -> Array:
-        """Joint positions of the links; commands lead them by inertia and lost motion. Shape (n, nq). [rad or m]"""
+        """Link-side joint positions; commands lead them by inertia and lost motion. Shape (n, nq). [rad or m]"""
         return self.q_start if self.links is None else self.links
 
     @property
     def cut(self) -> NDArray[np.bool_]:
-        """Waypoints whose deviation counts: the cut and its points of contact, without `lead`. Shape (n,)."""
+        """Waypoints whose deviation is evaluated: the cut and its points of contact, without `lead`. Shape (n,)."""
         return self.compensated & ~self.lead
 
     @property
@@ -172,7 +172,7 @@ class PlanTask:
 
     @property
     def stays(self) -> NDArray[np.bool_]:
-        """Joints that keep q_start: rails and positioners, which do not follow small motions. Shape (nq,)."""
+        """Joints fixed at q_start: rails and positioners, which do not follow small motions. Shape (nq,)."""
         return (self.robot.prismatic | self.robot.carriers) & (np.arange(self.robot.nq) < self.robot.nq - 6)
 
     @cached_property
@@ -187,22 +187,22 @@ class PlanTask:
 
     @cached_property
     def moving_runs(self) -> list[tuple[int, int]]:
-        """Runs along which the wanted tip moves; in the others the tool turns in place."""
+        """Runs along which the required tip moves; in the others the tool rotates in place."""
         return [(first, last) for first, last in self.runs if self.nominal.steps[first:last].any()]
 
     @property
     def axis_free(self) -> bool:
-        """Tell whether the tip determines the tool axis, as with four joints (palletisers, SCARA)."""
+        """Return whether the tip determines the tool axis, as with four joints (palletisers, SCARA)."""
         return self.chain.nq < 5
 
     @property
     def redundant(self) -> bool:
-        """Tell whether the arm has more joints than pose equations."""
+        """Return whether the arm has more joints than pose equations."""
         return self.chain.nq - int(self.stays.sum()) > count_equations(self.chain, spin_free=self.spin_free)
 
 
 def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = None) -> list[tuple[int, int]]:
-    """List first and last waypoint of every run from rest to rest; the first is where it is reached.
+    """List first and last waypoint of every run from rest to rest.
 
     Args:
         rapid: Whether the move that ends at a waypoint is rapid. Shape (n,).
@@ -220,39 +220,39 @@ def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = Non
 
 
 def pick_worst(rows: NDArray[np.int_], score: Array, most: int) -> NDArray[np.int_]:
-    """Pick at most so many rows (k,): half of them those of the greatest scores (k,), the others evenly."""
+    """Pick at most `most` of rows (k,): half with the greatest scores (k,), the others evenly."""
     if len(rows) <= most:
         return rows
     return np.union1d(rows[np.argsort(score)[-most // 2 :]], pick_even(rows, most // 2))
 
 
 def count_equations(chain: Chain, *, spin_free: bool) -> int:
-    """Count the pose equations of a waypoint: tip, tool axis where the arm chooses it, spin where it is not free."""
+    """Count the pose equations of a waypoint: tip, tool axis (five joints or more), spin if it is not free."""
     return (3 if chain.nq < 5 else 5) + (not spin_free)
 
 
 @dataclass(frozen=True)
 class Command:
-    """The answer of a strategy."""
+    """Command of a strategy."""
 
     q: Array  #: Commanded joint positions. Shape (n, nq). [rad or m]
     status: str = "solved"  #: "solved" or "infeasible".
-    failures: Mapping[int, str] = field(default_factory=dict)  #: Waypoints that fail, and the limit that stops each.
+    failures: Mapping[int, str] = field(default_factory=dict)  #: Failed waypoints and their limits.
     solve_time: float = 0.0  #: Wall time in the solver. [s]
     nlp: Mapping[str, Any] = field(default_factory=dict)  #: Figures of the nonlinear program for plan.json.
     lead: Array | float = 0.0  #: Command minus link positions, due to lost motion. Shape (n, nq). [rad or m]
 
     @property
     def links(self) -> Array:
-        """Positions of the links. Shape (n, nq). [rad or m]"""
+        """Link-side joint positions. Shape (n, nq). [rad or m]"""
         return self.q - self.lead
 
 
 def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
-    """Predict the pose of the loaded tool (in rapid moves the unloaded one) at some waypoints (k,).
+    """Predict the pose of the loaded tool (unloaded in rapid moves) at some waypoints (k,).
 
-    q (n, nq) is the command of the whole path, on which effects with a memory depend. Without `slope` the derivative is
-    left at zero. Where the folder has effects, their forward model gives the pose, and the bend by inertia is added.
+    q (n, nq) is the command of the complete path, on which effects with a memory depend. Without `slope` the derivative
+    is zero. With effects in the robot folder, their forward model yields the pose, and deflection by inertia is added.
     """
     bias = None if task.bias is None else task.bias[rows]
     loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias, theta=task.theta[rows])
@@ -277,7 +277,7 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
 
 
 def pose_equations(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> Array:
-    """Return the residuals of the pose equations: tip, tool axis (and spin). Shape (k, equations). [m, rad]"""
+    """Compute the residuals of the pose equations: tip, tool axis (and spin). Shape (k, equations). [m, rad]"""
     missed = [attained.position - task.position[rows]]
     missed += [np.einsum("ni,ni->n", a, b)[:, None] for a, b in _crossings(task, attained, rows)]
     return np.hstack(missed)
@@ -293,14 +293,14 @@ def differentiate_equations(task: PlanTask, attained: AttainedPose, rows: NDArra
 
 
 def _crossings(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> list[tuple[Array, Array]]:
-    """Pair wanted and attained directions that are normal to each other at the wanted pose. Shapes (k, 3)."""
+    """Pair required and attained directions that are normal to each other at the required pose. Shapes (k, 3)."""
     x, y = task.rotation[rows, :, 0], task.rotation[rows, :, 1]
     pairs = [] if task.axis_free else [(x, attained.rotation[:, :, 2]), (y, attained.rotation[:, :, 2])]
     return pairs if task.spin_free else [*pairs, (y, attained.rotation[:, :, 0])]
 
 
 def check_limits(task: PlanTask, q: Array) -> Command:
-    """Return joint positions as a command, with the waypoints that leave a limit or are out of reach."""
+    """Return joint positions as a command, with the waypoints that violate a limit or are out of reach."""
     outside = np.maximum(task.robot.lower - q, q - task.robot.upper)
     too_far = measure_correction(task, q) > task.max_correction + AT_CORRECTION
     failing = np.flatnonzero(task.missed | (outside > 1e-9).any(axis=1) | (too_far & task.compensated))
@@ -309,7 +309,7 @@ def check_limits(task: PlanTask, q: Array) -> Command:
 
 
 def measure_correction(task: PlanTask, q: Array) -> Array:
-    """Return the distance of the unloaded tip from the path. Shape (n,). [m]."""
+    """Compute the distance of the unloaded tip from the path. Shape (n,). [m]"""
     tip = np.empty((len(q), 3))
     for start in range(0, len(q), 4096):
         rows = slice(start, start + 4096)
@@ -318,7 +318,7 @@ def measure_correction(task: PlanTask, q: Array) -> Array:
 
 
 def name_failures(task: PlanTask, q: Array, failing: NDArray[np.int_]) -> dict[int, str]:
-    """Name the limit that stops each failing waypoint: a joint's position limit, the correction limit, or the reach."""
+    """Name the limit of each failed waypoint: position limit of a joint, correction limit, or reach."""
     if not len(failing):
         return {}
     robot = task.robot

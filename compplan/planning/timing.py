@@ -1,18 +1,18 @@
-"""When the robot is where: the fastest run along a commanded path, within programmed feed, joint rates and torques.
+"""Timing: the fastest run along a commanded path within programmed feed, joint rates and torques.
 
 A cut is timed by TOPP-RA [Pham2018], from rest to rest. With s the programmed time and x = (ds/dt)^2,
 
     |q'| sqrt(x) <= v_max,  sqrt(x) <= 1 (the programmed feed),  |q' u + q'' x| <= a_max,  u = x' / 2,
 
-and torques tau = a u + b x + c where they count. Its speed is averaged over a window of time,
+and torques tau = a u + b x + c on request. The speed is averaged over a window of time,
 
     s_T(t) = (S(t) - S(t - T)) / T,    S the integral of s,
 
-which starts and ends at rest later by T, has no more speed and acceleration than s has nearby, and changes its
-acceleration by no more than 2 max|s''| / T a second. A window of one period of a natural frequency leaves that
-frequency unexcited. Where the differences of joint positions are still beyond a limit, the run is slowed down. At a
-corner that is rounded within less than a run needs to come to rest, the run comes to rest in its middle and starts
-before that: both overlap. Rapid moves go from rest to rest: every joint takes the time of the slowest one.
+which starts at rest and ends at rest later by T. Its speed and acceleration do not exceed those of s nearby, and its
+acceleration changes by at most 2 max|s''| / T per second. A window of one period of a natural frequency does not excite
+that frequency. Where the differences of joint positions still exceed a limit, the run is slowed down. At a rounded
+corner shorter than the distance to come to rest, a run ends in its middle and the next one begins there: both overlap.
+Rapid moves go from rest to rest: every joint takes the time of the slowest one.
 """
 
 from __future__ import annotations
@@ -42,50 +42,50 @@ from compplan.statics.chain import locate_frames
 from compplan.toolpath.corners import find_roundings, find_shares
 from compplan.toolpath.toolpath import interpolate
 
-#: A feed below this share of the programmed one counts as lowered.
+#: Share of the programmed feed below which a feed is reduced.
 LOWERED = 0.995
-#: Share of the limits that a run may use by finite differences, and rounds that slow it down where it uses more.
+#: Usable share of the limits by finite differences, and most rounds of slowing down.
 FULL_USE, SLOW_ROUNDS = 0.999, 8
-#: What of a run counts as its end: rows, time, and spans of smoothing. [1, s, 1]
+#: End of a run: least rows, time, and smoothing times. [1, s, 1]
 END_ROWS, END_TIME, END_SPANS = 100, 6.0, 20.0
-#: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
+#: Time to full speed of a joint without an acceleration limit, in rapid moves. [s]
 FULL_SPEED_AFTER = 0.5
-#: Stands for an acceleration limit that the robot folder does not state. [rad/s^2 or m/s^2]
+#: Replaces an acceleration limit that the robot folder does not have. [rad/s^2 or m/s^2]
 NO_LIMIT = 1e4
-#: Halvings that bring the time of a waypoint near enough for Newton's steps, and those steps.
+#: Bisection steps to the initial guess of Newton's method for the time of a waypoint, and Newton steps.
 HALVINGS, NEWTON_STEPS = 18, 3
-#: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
+#: Smoothing windows of a run with inertia, in smoothing times: its acceleration must be smooth for the correction.
 INERTIA_WINDOWS = (1.0, 1.0, 0.5)
-#: Share of the limits by which TOPP-RA's answer may pass them, its solver's tolerance; what it leaves of a limit.
+#: Share of the limits reserved for the solver tolerance of TOPP-RA.
 ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
 class Timing:
-    """The run of a command; n waypoints, nq joints."""
+    """Timing of a command; n waypoints, nq joints."""
 
     time: Array  #: Time at each waypoint. Shape (n,). [s]
     velocity: Array  #: Joint velocities at each waypoint. Shape (n, nq). [rad/s or m/s]
     acceleration: Array  #: Joint accelerations at each waypoint. Shape (n, nq). [rad/s^2 or m/s^2]
     feed: Array  #: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
     share: Array  #: Feed as a share of the programmed one; 1 in rapid moves. Shape (n,).
-    limiting: NDArray[np.int_]  #: Joint whose limit is used the most, -1 where none is near. Shape (n,).
-    by_velocity: NDArray[np.bool_]  #: Whether that limit is the velocity's. Shape (n,).
-    velocity_ratio: float  #: Greatest joint velocity against its limit.
-    acceleration_ratio: float  #: Greatest joint acceleration against its limit; 0 where no limit is known.
+    limiting: NDArray[np.int_]  #: Joint nearest to its limit, -1 below 90 % of every limit. Shape (n,).
+    by_velocity: NDArray[np.bool_]  #: Whether that is a velocity limit. Shape (n,).
+    velocity_ratio: float  #: Greatest joint velocity as a share of its limit.
+    acceleration_ratio: float  #: Greatest joint acceleration as a share of its limit; 0 without limits.
 
     @property
     def lowered(self) -> NDArray[np.bool_]:
-        """Waypoints whose feed had to be lowered. Shape (n,)."""
+        """Waypoints with a reduced feed. Shape (n,)."""
         return self.share < LOWERED
 
 
 def time_command(
     task: PlanTask, q: Array, *, rules: TorqueRules | None = None, slow: Array | None = None, keep: bool = False
 ) -> Timing:
-    """Time a command (n, nq) within the limits of its task and, with `rules`, of the joint torques.
+    """Compute the timing of a command (n, nq) within the limits of its task and, with `rules`, of the joint torques.
 
-    The run is slower by factors `slow` (n,) than these ask for; with `keep` it keeps its feed at rounded corners.
+    The run is slower than these require by factors `slow` (n,); with `keep` it keeps its feed at rounded corners.
 
     Raises:
         ConvergenceError: If no run keeps the limits.
@@ -112,9 +112,9 @@ def time_command(
 
 
 def time_ends(task: PlanTask, q: Array) -> Array:
-    """Return times (n,) [s] of which the first and last moves of every run of a command (n, nq) are right.
+    """Compute times (n,) [s] that are valid for the first and last moves of every run of a command (n, nq).
 
-    A run speeds up and slows down within END_TIME and some spans of smoothing; what lies farther away is not timed.
+    A run accelerates and decelerates within END_TIME and some smoothing times; moves farther away are not timed.
     """
     step, far, pace = np.zeros(len(q)), END_TIME + END_SPANS * task.smoothing, task.pace
     for start, end in task.moving_runs:
@@ -131,7 +131,7 @@ def time_ends(task: PlanTask, q: Array) -> Array:
 
 
 def time_between_cuts(task: PlanTask, q: Array, time: Array) -> Array:
-    """Return times (n,) [s] in which joint moves between cuts and at rest take as long as a command (n, nq) needs."""
+    """Update times (n,) [s]: joint moves between cuts and at rest have the time required by a command (n, nq)."""
     step, rapid = np.r_[0.0, np.diff(time)], np.r_[False, task.nominal.rapid[1:]]
     for start, end in set(task.runs) - set(task.moving_runs):
         step[start + 1 : end + 1] = np.diff(_turn_in_place(task, q[start : end + 1], start))
@@ -141,7 +141,7 @@ def time_between_cuts(task: PlanTask, q: Array, time: Array) -> Array:
 
 
 def state_timing(task: PlanTask, q: Array, time: Array) -> Timing:
-    """Work out rates and feeds of a command (n, nq) at given times (n,) [s], by differences."""
+    """Compute rates and feeds of a command (n, nq) at given times (n,) [s], by differences."""
     velocity, acceleration = np.zeros(q.shape), np.zeros(q.shape)
     rapid, step = np.r_[False, task.nominal.rapid[1:]], np.r_[0.0, np.diff(time)]
     for start, end in task.runs:
@@ -164,7 +164,7 @@ def state_timing(task: PlanTask, q: Array, time: Array) -> Timing:
 
 
 def _time_run(task: PlanTask, along: Array, q: Array, rows: Torques | None, slow: Array) -> Array:
-    """Time one run from rest to rest, smoothly, and slow it down where differences of q are beyond a limit."""
+    """Compute the smoothed timing of one run from rest to rest; slow it down where differences of q exceed a limit."""
     if len(along) < 3:
         fine = np.linspace(along[0], along[-1], 21)
         return _time_run(task, fine, interpolate(fine, along, q), None, np.interp(fine, along, slow))[[0, -1]]
@@ -182,13 +182,13 @@ def _time_run(task: PlanTask, along: Array, q: Array, rows: Torques | None, slow
 
 
 def _use_of(task: PlanTask, q: Array, time: Array, rows: Torques | None) -> Array:
-    """Tell by what factor a run is too fast for velocity, acceleration and, with `rows`, torque of its joints."""
+    """Compute the factor by which a run is too fast for joint velocity, acceleration and, with `rows`, torque."""
     use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
     return use if rows is None else np.maximum(use, measure_torque_use(q, time, rows))
 
 
 def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array, rows: Torques | None) -> Array:
-    """Stretch the time of a run near the places that are still too fast; all of it, of the shortest, where none do."""
+    """Stretch the time of a run near places that are too fast, the remainder uniformly; return the shortest result."""
     reach, best = max(task.smoothing, 1e-3), time * float(use.max()) * 1.001
     for _ in range(SLOW_ROUNDS):
         factor = spread_factors(use, time, 1.5 * reach) * 1.002
@@ -204,9 +204,9 @@ def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array, rows: Torqu
 
 
 def find_slowdown(task: PlanTask, q: Array, time: Array, rules: TorqueRules | None = None) -> Array:
-    """Tell by what factor times (n,) are too short for joint positions (n, nq), nearby waypoints included. Shape (n,).
+    """Compute the factor by which times (n,) are too short for joint positions (n, nq), spread nearby. Shape (n,).
 
-    It is 1 where they are not; `rules` are joint torques to keep within limits.
+    The factor is 1 elsewhere; `rules`: joint torques within limits.
     """
     slower = np.ones(len(q))
     for start, end in task.moving_runs:
@@ -218,7 +218,7 @@ def find_slowdown(task: PlanTask, q: Array, time: Array, rules: TorqueRules | No
 
 
 def _turn_in_place(task: PlanTask, q: Array, start: int) -> Array:
-    """Time joint moves during which the wanted tip stays: gently, and the commanded tip no faster than the feed."""
+    """Compute times of joint moves with a fixed required tip: smooth, with the commanded tip within the feed."""
     distance = np.abs(np.diff(q, axis=0)).sum(axis=0)
     duration = ease_duration(distance, FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits)
     way = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))]
@@ -230,7 +230,7 @@ def _turn_in_place(task: PlanTask, q: Array, start: int) -> Array:
 
 
 def time_rapids(distance: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
-    """Time joint moves from rest to rest (k, nq) with trapezoidal speed; the slowest joint counts. Shape (k,). [s]"""
+    """Compute times of joint moves (k, nq) from rest to rest: trapezoidal speed, slowest joint. Shape (k,). [s]"""
     assumed = np.where(np.isfinite(velocity_limits), velocity_limits / FULL_SPEED_AFTER, NO_LIMIT)
     push = np.where(np.isfinite(acceleration_limits), acceleration_limits, assumed)
     triangle = 2 * np.sqrt(distance / push)
@@ -241,7 +241,7 @@ def time_rapids(distance: Array, velocity_limits: Array, acceleration_limits: Ar
 
 
 def parameter_steps(task: PlanTask, q: Array, start: int, end: int) -> Array:
-    """Return programmed times of the moves of a cut; a move without length (a turn) takes what its joints need."""
+    """Return programmed times of the moves of a cut; a move without length (a turn) has the time of its joints."""
     steps = task.step_time[start:end]
     need = (np.abs(np.diff(q[start : end + 1], axis=0)) / task.velocity_limits).max(axis=1)
     still = task.nominal.steps[start:end] <= 0
@@ -249,9 +249,9 @@ def parameter_steps(task: PlanTask, q: Array, start: int, end: int) -> Array:
 
 
 def find_narrow(task: PlanTask, along: Array, start: int, end: int) -> list[tuple[int, int, int]]:
-    """List first, middle and last waypoint of the roundings of a run that are shorter than its way from feed to rest.
+    """List first, middle and last waypoint of roundings of a run that are shorter than the motion from feed to rest.
 
-    Waypoints count from the run's first; `along` is the programmed time at each of them. [s]
+    Waypoint numbers start at the first of the run; `along` is the programmed time at each of them. [s]
     """
     window = task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
     found = []
@@ -264,13 +264,12 @@ def find_narrow(task: PlanTask, along: Array, start: int, end: int) -> list[tupl
 
 
 def overlap_legs(time: Array, position: Array, feed: Array, spans: list[tuple[int, int, int]]) -> Array:
-    """Let runs that end and begin in the middles of roundings (`spans`: first, middle, last) overlap.
+    """Overlap runs that end and begin in the middles of roundings (`spans`: first, middle, last).
 
-    A run that is smoothed comes to rest as the fourth power of time: one that is r before it rests d later, and goes
-    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding, u even in time: g = a d / r. Where the run is
-    slower or slows down later than that, g = 4 a / v keeps the speed v of the move that leads to the rounding, or away
-    from it. The rounding takes longer by what keeps the programmed feed (k,) [m/s]; positions (k, 3) [m], times (k,)
-    [s].
+    A smoothed run comes to rest as the fourth power of time: at a distance r and a time d before rest its speed is
+    4 r / d. With g = dt/du the rate of the rounding (u even in time) that speed is 4 a / g, thus g = a d / r. If the
+    run is slower or slows down later, g = 4 a / v keeps the speed v of the move before or after the rounding. The time
+    of the rounding is increased to keep the programmed feed (k,) [m/s]; positions (k, 3) [m], times (k,) [s].
     """
     step = np.diff(time)
     for first, middle, last in spans:
@@ -293,19 +292,19 @@ def time_cut(
     along: Array, q: Array, velocity_limits: Array, acceleration_limits: Array, torques: Torques | None = None, *,
     slow: Array | None = None, gentle: float = NO_LIMIT,
 ) -> Array:  # fmt: skip
-    """Find the fastest run along one cut, as the share of the programmed feed at its waypoints. Shape (k,).
+    """Solve for the fastest run along one cut: share of the programmed feed at its waypoints. Shape (k,).
 
     Args:
-        along: Time of each waypoint at the programmed feed, from 0; three at least. Shape (k,). [s]
+        along: Time of each waypoint at the programmed feed, from 0; at least three. Shape (k,). [s]
         q: Joint positions. Shape (k, nq). [rad or m]
         velocity_limits: Shape (nq,). [rad/s or m/s]
-        acceleration_limits: Shape (nq,), infinite where there is none. [rad/s^2 or m/s^2]
-        torques: From joint motion per programmed time and its derivative to torques and their limits, or None.
-        slow: Factor by which the run is to be slower than the limits ask for. Shape (k,).
+        acceleration_limits: Shape (nq,), infinite without a limit. [rad/s^2 or m/s^2]
+        torques: Function of joint rate q' and q'' to a, b, c and limits of the joint torques, or None.
+        slow: Slowdown factor relative to the limits. Shape (k,).
         gentle: Greatest change of the share of the programmed feed. [1/s]
 
     Raises:
-        ConvergenceError: If a limit leaves no room even at rest.
+        ConvergenceError: If a limit is exceeded even at rest.
     """
     spline = CubicSpline(along, q, bc_type="natural")
     rate, change = spline(along, 1), spline(along, 2)
@@ -323,7 +322,7 @@ def time_cut(
 
 
 def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, most: Array) -> Array:
-    """Return the greatest squares of the speed from rest to rest by TOPP-RA: |a u + b x + c| <= most, x <= fastest.
+    """Solve for the greatest squared speeds from rest to rest by TOPP-RA: |a u + b x + c| <= most, x <= fastest.
 
     On a grid `along` (k,) [s]; a, b and c: (k, r), most: (r,).
 
@@ -344,10 +343,10 @@ def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, 
 
 @cache
 def _toppra() -> tuple[Any, Any, Any]:
-    """Load toppra where it is used: its spline, a limit of given rows, its algorithm."""
+    """Import toppra on first use: its spline, a constraint of given rows, its algorithm."""
     import logging
 
-    put_off(("matplotlib", "matplotlib.pyplot"))  # toppra imports them for its plots alone
+    put_off(("matplotlib", "matplotlib.pyplot"))  # toppra imports them only for plots
     import toppra
     from toppra.algorithm import TOPPRA
     from toppra.constraint import DiscretizationType
@@ -356,7 +355,7 @@ def _toppra() -> tuple[Any, Any, Any]:
     logging.getLogger("toppra").setLevel(logging.ERROR)
 
     class RowLimit(LinearConstraint):  # type: ignore[misc]
-        """|a u + b x + c| <= 1 at both ends of every move, and bounds of x."""
+        """Constraint |a u + b x + c| <= 1 at both ends of every move, and bounds of x."""
 
         def __init__(self, rows: tuple[Array, Array, Array], bounds: Array) -> None:
             super().__init__()
@@ -386,10 +385,10 @@ def smooth_profile(along: Array, speed: Array, window: float) -> tuple[Array, Ar
     rate = np.diff(speed) / step
     if window <= 0:
         return time, speed
-    rest = np.zeros((2, 1))  # before and behind the run
+    rest = np.zeros((2, 1))  # before and after the run
     law = PPoly(np.hstack([rest, [rate, speed[:-1]], rest]), np.r_[-window, time, time[-1] + window])
     place, area = law.antiderivative(), law.antiderivative(2)
-    low, high = time, time + window  # the average runs behind by up to the window
+    low, high = time, time + window  # the average is late by at most the window
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         short = (area(middle) - area(middle - window)) / window < along
@@ -406,18 +405,18 @@ def smooth_profile(along: Array, speed: Array, window: float) -> tuple[Array, Ar
 
 
 def ease(u: Array) -> Array:
-    """Return how far a move has come that starts and ends gently, at shares of its time: 10 u^3 - 15 u^4 + 6 u^5."""
+    """Compute the place of a smooth move at shares u of its time: 10 u^3 - 15 u^4 + 6 u^5."""
     return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))
 
 
 def ease_times(places: Array, duration: float) -> Array:
-    """Return when a move that starts and ends gently passes shares of its way (k,); it takes `duration` in all. [s]"""
+    """Compute the times at which a smooth move of a `duration` passes shares of its length (k,). [s]"""
     u = np.linspace(0.0, 1.0, 4001)
     return np.asarray(duration * np.interp(places, ease(u), u))
 
 
 def ease_duration(distance: Array, velocity_limits: Array, acceleration_limits: Array) -> float:
-    """Return the time that a gentle move needs: greatest speed 1.875 d / T, greatest acceleration 5.774 d / T^2 [s]."""
+    """Compute the time T of a smooth move: greatest speed 1.875 d / T, greatest acceleration 5.774 d / T^2. [s]"""
     with np.errstate(divide="ignore", invalid="ignore"):
         by_speed = np.nan_to_num(1.875 * distance / velocity_limits).max(initial=0.0)
         by_push = np.sqrt(np.nan_to_num(5.774 * distance / acceleration_limits).max(initial=0.0))

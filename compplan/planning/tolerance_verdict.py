@@ -1,7 +1,7 @@
-"""The verdict: whether the 95 % band of the true tip stays within the tolerance, its largest cause, and what helps.
+"""Verdict: whether the 95 % band of the true tip lies within the tolerance, its largest cause, and the remedy.
 
-`keeps` where the whole cut stays within the tolerance, `may_not_keep` where it does not, `not_known` where something
-that moves the tip is not known and the rest of the band lies within the tolerance.
+`keeps` if the band of the complete cut lies within the tolerance, `may_not_keep` if not, `not_known` if a cause of
+deviations is unknown and the rest of the band lies within the tolerance.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from compplan.uncertainty.band import CAUSES, ErrorBand
 from compplan.uncertainty.ladder import DO
 
 FORCE, INERTIA = "process force", "inertia and vibration"
-#: Words of the verdict.
+#: Values of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
-#: The next step where a check disagrees with the plan or its files.
+#: Next step if a check disagrees with the plan or its files.
 SETTLE = (
     "Do not run the programs. Change what is named here in the job or the robot folder; if neither explains it, "
     "report both as a defect."
 )
-#: What is said of the band of a compromise.
+#: Message in place of the band of a compromise.
 NO_BAND = "No 95 % band is stated, waypoints are out of reach"
-#: What would change the verdict, by the largest cause.
+#: Remedy by the largest cause.
 CHANGES = {
     FORCE: "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
     INERTIA: "Lower the feed.",
@@ -42,21 +42,21 @@ CHANGES = {
 
 @dataclass(frozen=True)
 class ToleranceVerdict:
-    """Whether the part may be expected within its tolerance."""
+    """Verdict on the tolerance of a plan."""
 
     word: str  #: "keeps", "may_not_keep" or "not_known".
-    sentence: str  #: The same for people, with what to do about it.
-    tolerance: float  #: Greatest deviation that counts as within tolerance. [m]
-    band: float | None  #: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
-    #: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
+    sentence: str  #: The same as a sentence, with the remedy.
+    tolerance: float  #: Greatest allowed deviation. [m]
+    band: float | None  #: 95 % band of the complete cut; None if unknown. [m]
+    #: Share of the cut, by length, with a band beyond the tolerance; None if unknown.
     beyond_share: float | None
-    largest_cause: str  #: What makes the band widest where it is widest, or what is not known.
-    change: str  #: What would change the verdict, one sentence, "" where nothing has to.
-    basis: str  #: What the band rests on.
-    left_out: tuple[str, ...]  #: What moves the tip and is not in the band.
+    largest_cause: str  #: Largest cause of the band at its widest place, or the unknown cause.
+    change: str  #: Remedy in one sentence, "" if none is necessary.
+    basis: str  #: Basis of the band: measured or assumed.
+    left_out: tuple[str, ...]  #: Causes of deviations that the band does not include.
 
     def describe(self) -> dict[str, Any]:
-        """Describe it for plan.json."""
+        """Describe the verdict for plan.json."""
         lengths = {"tolerance_mm": self.tolerance, "band_mm": self.band}
         plain = {name: value for name, value in vars(self).items() if name not in ("tolerance", "band")}
         return {**plain, **{name: None if value is None else 1e3 * value for name, value in lengths.items()}}
@@ -66,17 +66,17 @@ def check_tolerance(
     task: PlanTask, status: str, error_band: ErrorBand | None, *, left: Array, known: bool,
     failures: Mapping[int, str], failure: str = "", compensates: bool = True, traced: bool = False,
 ) -> ToleranceVerdict:  # fmt: skip
-    """State whether the part of a plan may be expected within its tolerance.
+    """Check the 95 % band of a plan against the tolerance.
 
     Args:
         task: The task of the plan.
         status: "solved", "not_confirmed" or "infeasible".
-        error_band: The 95 % band of the true tip, None where none can be stated.
-        left: Distance of the tip from the path that the plan leaves if the robot is as modelled. Shape (n,). [m]
-        known: Whether masses and springs are known, so that the band counts inertia.
-        failures: Waypoints that fail, and the limits that stop them.
-        failure: What fails, in a sentence.
-        compensates: Whether the job lets the plan compensate the inertia of the motion.
+        error_band: The 95 % band of the true tip, None if unknown.
+        left: Remaining distance of the tip from the path for a robot as modelled. Shape (n,). [m]
+        known: Whether masses and springs are known, so that the band includes inertia.
+        failures: Failed waypoints and their limits.
+        failure: Description of the failure.
+        compensates: Whether the job allows the plan to compensate the inertia of the motion.
         traced: Whether the drives were identified.
     """
     wanted, error_band = state_mm(task.tolerance), None if status == "infeasible" else error_band
@@ -129,7 +129,7 @@ def check_tolerance(
 
 
 def find_cause(error_band: ErrorBand, left: Array) -> str:
-    """Name the cause whose measurement narrows the band most, otherwise what makes it widest where it is widest."""
+    """Find the cause whose measurement narrows the band most, otherwise the largest cause at the widest place."""
     causes = {**error_band.causes, "what the plan itself leaves": float(left[error_band.widest])}
     alone = {rung.step: rung.alone for rung in error_band.ladder}
     largest = max(causes, key=causes.__getitem__)
@@ -141,7 +141,7 @@ def find_cause(error_band: ErrorBand, left: Array) -> str:
 
 
 def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) -> str:
-    """Say what would change the verdict: the cheapest measurements that suffice, or that which narrows most."""
+    """Find the remedy: the cheapest sufficient measurements, otherwise another tolerance, force or measurement."""
     if error_band.ladder and cause not in (INERTIA, "place of the part", "repeatability"):
         if error_band.cheapest:
             chosen = " and ".join(DO[step] for step in error_band.cheapest)
@@ -152,7 +152,7 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
 
 
 def describe_basis(error_band: ErrorBand) -> str:
-    """Say what the band rests on, in a few words."""
+    """Describe the basis of the band in a few words."""
     robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
     if not np.any(error_band.parts["force"]):
         return f"the robot is {robot}"
@@ -161,7 +161,7 @@ def describe_basis(error_band: ErrorBand) -> str:
 
 
 def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:
-    """List what moves the tip and is not in the band."""
+    """List the causes of deviations that the band does not include."""
     told = []
     if not traced and not any(effect["effect"] == "tracking_lag" for effect in robot.effects):
         told.append("path errors of the controller (no trace of it)")
@@ -173,9 +173,9 @@ def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: 
 
 
 def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_]) -> float:
-    """Return the share of a cut, by its length, that chosen waypoints stand for: half of each move beside them.
+    """Compute the share of a cut, by length, of chosen waypoints: half of each adjacent move.
 
-    length: of the path at each waypoint [m]; cut, chosen: marks of waypoints. Shapes (n,).
+    length: arc length of the path at each waypoint [m]; cut, chosen: masks of waypoints. Shapes (n,).
     """
     half = 0.5 * np.diff(length) * (cut[1:] & cut[:-1])
     weight = np.r_[half, 0.0] + np.r_[0.0, half]
@@ -184,6 +184,6 @@ def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_
 
 
 def state_percent(share: float) -> str:
-    """Write a share of the cut in percent, in ASCII, for messages and programs."""
+    """Format a share of the cut in percent, in ASCII, for messages and programs."""
     percent = 100.0 * share
     return "below 0.1 %" if percent < 0.1 else "all" if percent > 99.95 else f"{percent:.3g} %"

@@ -1,1 +1,1 @@
-"""The virtual cell: what a robot really does with a command, computed without the planner's code."""
+"""Simulated robots: actual motion for a command, computed without the planner's code."""

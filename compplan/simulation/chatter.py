@@ -1,4 +1,4 @@
-"""Chatter of an end mill on a flexible arm: the zero-order limit of depth by Nyquist's criterion [Altintas2012]."""
+"""Chatter of an end mill on a flexible arm: zero-order depth limit by Nyquist's criterion [Altintas2012]."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from compplan.process.engagement import Engagement
 from compplan.process.materials import Coefficients
 from compplan.robot import Array
 
-#: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
+#: Least chip thickness in the Kienzle law. [mm]
 THINNEST = 1e-4
-#: Frequencies that a determinant is followed over: evenly, and beside each mode in widths of its peak.
+#: Frequencies of the determinant: least number of even ones, and distances from each mode in widths of its peak.
 EVEN, NEAR = 600, np.sinh(np.linspace(-6.0, 6.0, 81))
-#: Depths that a limit is sought among, shares of the depth that is cut.
+#: Depths of the search, as shares of the depth of cut.
 SCALES = np.geomspace(0.02, 20.0, 120)
 
 
 def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
-    """Return dF/dx of one tooth, the mean over a turn, at every waypoint, path axes. Shape (n, 3, 3). [N/m]
+    """Compute dF/dx of one tooth, mean over a turn, at every waypoint, path axes. Shape (n, 3, 3). [N/m]
 
-    x is the displacement since the tooth before. With a Kienzle exponent it is the slope at the actual chip thickness,
-    `feed_per_tooth` (n,) [m].
+    x is the displacement since the previous tooth. With a Kienzle exponent, dF/dx is evaluated at the actual chip
+    thickness, from `feed_per_tooth` (n,) [m].
     """
     edge, angle = found.cutter.slices, found.angles
     force = edge_wrenches(edge, angle)[0][..., :3]
@@ -42,15 +42,15 @@ def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth:
 def compute_depth_limit(
     mean: Array, period: float, omega: Array, shape: Array, damping: Array, scales: Array = SCALES
 ) -> float:
-    """Return the least unstable depth as a share of the one that is cut; inf for none among the rising scales.
+    """Compute the least unstable depth as a share of the depth of cut; inf if all scales are stable.
 
     Args:
-        mean: B0 at the depth that is cut. Shape (3, 3). [N/m]
+        mean: B0 at the depth of cut. Shape (3, 3). [N/m]
         period: Time from tooth to tooth. [s]
         omega: Angular frequencies of the modes of tool and arm. Shape (m,). [rad/s]
-        shape: Motion of the tip in each, of a modal mass of 1 kg, axes of `mean`. Shape (3, m).
-        damping: Share of critical damping of each. Shape (m,).
-        scales: Depths that are tried, as shares.
+        shape: Tip motion of each mode, modal mass 1 kg, axes of `mean`. Shape (3, m).
+        damping: Damping ratio of each mode. Shape (m,).
+        scales: Depths of the search as shares, ascending.
     """
     last = 20.0 * omega.max()
     near = omega[:, None] * (1.0 + damping[:, None] * NEAR / 2.0)

@@ -1,4 +1,4 @@
-"""The exact model: exact loaded equilibrium computed by Pinocchio, which shares no kinematics with the planner.
+"""Exact model: exact loaded equilibrium by Pinocchio, independent of the planner's kinematics.
 
 Springs become joints of a Pinocchio model; the equilibrium is solved pose by pose with Pinocchio's Jacobians and its
 generalised gravity.
@@ -17,34 +17,33 @@ from compplan.errors import ConvergenceError
 from compplan.robot import Array, Robot
 
 MAX_ITERATIONS = 60
-#: Rotational inertia of a mass about its own centre; small, none is known. [kg m^2]
+#: Small rotational inertia of a mass about its centre, for numerics. [kg m^2]
 INERTIA = 1e-6
-#: Masses whose sum is less than this share of their sizes count as none.
+#: Sum of masses at a joint, as a share of the sum of their absolute values, below which it is zero.
 LEAST_SHARE = 1e-3
-#: Least ratio of two steps that the iteration is trusted to go on with.
+#: Lower bound of the ratio of successive steps in the convergence test.
 LEAST_RATIO = 0.01
-#: Poses nearer than this start from where the last three lead. [rad or m]
+#: Joint distance of poses below which the initial guess is extrapolated from the last ones. [rad or m]
 NEIGHBOUR = 0.02
 
 
 @dataclass(frozen=True)
 class ExactRobot:
-    """A robot as a Pinocchio model with its springs as joints."""
+    """Robot as a Pinocchio model with its springs as joints."""
 
-    model: pin.Model  #: Pinocchio model; its configuration holds commanded and elastic coordinates in chain order.
+    model: pin.Model  #: Pinocchio model; its configuration has commanded and elastic coordinates in chain order.
     tcp: int  #: Frame id of the TCP.
-    commanded: Array  #: Row of Q per model coordinate: coordinate = select @ q + shift. Shape (n_coordinates, nq).
-    shift: Array  #: Shape (n_coordinates,).
-    elastic: np.ndarray  #: Model coordinates that are elastic, in chain order. Shape (s,).
+    commanded: Array  #: Model coordinates from joint positions: commanded @ q + shift. Shape (n_coordinates, nq).
+    shift: Array  #: Constant part of the model coordinates. Shape (n_coordinates,).
+    elastic: np.ndarray  #: Indices of the elastic model coordinates, in chain order. Shape (s,).
     compliance: Array  #: Compliance of the elastic coordinates. Shape (s, s).
     weighs: bool  #: Whether gravity loads the springs.
-    #: Joints whose masses are together none or less, as where a tool is lighter than the one that the springs were
-    #: identified with: joint, mass [kg] and first moment in its frame, shape (3,) [kg m]. Pinocchio's bodies have
-    #: masses above 0.
+    #: Joints with a total mass of zero or less, such as with a tool lighter than the one of the spring identification:
+    #: joint, mass [kg] and first moment in the joint frame, shape (3,) [kg m]. Pinocchio requires masses above 0.
     lifts: tuple[tuple[int, float, Array], ...] = ()
-    #: Frame in whose axes gravity counts, where a positioner carries the part; 0 where that is the base.
+    #: Frame with constant gravity if a positioner carries the part; 0 for the base.
     ground: int = 0
-    gravity: Array = field(default_factory=lambda: np.zeros(3))  #: Gravity in its axes. Shape (3,). [m/s^2]
+    gravity: Array = field(default_factory=lambda: np.zeros(3))  #: Gravity in that frame. Shape (3,). [m/s^2]
 
     def turn_gravity(self, data: pin.Data, coordinates: Array) -> None:
         """Set gravity in the frame of the link that carries the part, at a posture."""
@@ -54,7 +53,7 @@ class ExactRobot:
             self.model.gravity = pin.Motion(np.r_[turn @ self.gravity, np.zeros(3)])
 
     def weigh(self, data: pin.Data, coordinates: Array) -> Array:
-        """Return the torque that holds the weights at every model coordinate. Shape (n_coordinates,). [N m or N]."""
+        """Compute the torque that supports the weights at every model coordinate. Shape (n_coordinates,). [N m or N]"""
         torque = np.array(pin.computeGeneralizedGravity(self.model, data, coordinates))
         if self.lifts:
             pin.computeJointJacobians(self.model, data, coordinates)
@@ -67,7 +66,7 @@ class ExactRobot:
 
 
 class ExactRobotBuilder:
-    """Put a Pinocchio model together, from the base outwards."""
+    """Builder of a Pinocchio model, from the base outwards."""
 
     def __init__(self, commanded: Sequence[str], gravity: Array) -> None:
         self.names, self.model, self.ground, self.gravity = list(commanded), pin.Model(), 0, gravity
@@ -80,22 +79,22 @@ class ExactRobotBuilder:
         self.hung: dict[int, list[tuple[float, Array, Array]]] = {}
 
     def set_ground(self) -> None:
-        """Let gravity count in the axes of the frame that has been reached."""
+        """Fix gravity in the axes of the current frame."""
         frame = pin.Frame("ground", self.parent, 0, self.pending, pin.FrameType.OP_FRAME)
         self.ground = self.model.addFrame(frame)
 
     def move(self, placement: pin.SE3) -> None:
-        """Go on to another frame of the same body."""
+        """Move the current frame on the same body."""
         self.pending = self.pending * placement
 
     def drive(self, name: str, axis: Array, slides: bool, driver: str, factor: float, offset: float) -> None:
-        """Add a joint that a commanded one drives."""
+        """Add a joint driven by a commanded one."""
         row = np.zeros(len(self.names))
         row[self.names.index(driver)] = factor
         self._append(name, axis, slides, row, offset)
 
     def spring(self, axis: Array, slides: bool, compliance: float, offset: Array) -> None:
-        """Add an elastic coordinate whose origin lies at an offset."""
+        """Add an elastic coordinate with its origin at an offset."""
         shift = pin.SE3(np.eye(3), np.asarray(offset, float))
         self.move(shift)
         self._append(f"spring {len(self.blocks)}", axis, slides, None, 0.0)
@@ -111,7 +110,7 @@ class ExactRobotBuilder:
         self.move(far.inverse())
 
     def hang(self, masses: Iterable[tuple[str, float, Array, Array]], link: str) -> None:
-        """Hang the masses of a link (its name, mass, centre and inertia about it in its frame) here."""
+        """Attach the masses of a link (name, mass, centre, inertia about it, link frame) to the current frame."""
         for name, mass, centre, inertia in masses:
             if name == link:
                 where = np.asarray(self.pending.act(np.asarray(centre, float)))
@@ -119,7 +118,7 @@ class ExactRobotBuilder:
                 self.hung.setdefault(self.parent, []).append((mass, where, turned))
 
     def finish(self, tip: pin.SE3) -> ExactRobot:
-        """Put the TCP here and return the exact model."""
+        """Add the TCP relative to the current frame and return the exact model."""
         tcp = self.model.addFrame(pin.Frame("tcp", self.parent, 0, self.pending * tip, pin.FrameType.OP_FRAME))
         size = sum(len(block) for block in self.blocks)
         compliance, start = np.zeros((size, size)), 0
@@ -134,7 +133,7 @@ class ExactRobotBuilder:
         )
 
     def _settle_masses(self) -> tuple[tuple[int, float, Array], ...]:
-        """Give every joint its masses, and return those that are together none or less."""
+        """Add the masses to their joints, and return joints with a total mass of zero or less."""
         lifts = []
         for joint, masses in self.hung.items():
             total, moment = sum(mass for mass, _, _ in masses), sum((mass * at for mass, at, _ in masses), np.zeros(3))
@@ -143,7 +142,7 @@ class ExactRobotBuilder:
                 for mass, at, inertia in masses:
                     arm = at - moment / total
                     spread += inertia + max(mass, 0.0) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-                if np.linalg.eigvalsh(spread).min() <= 0:  # no physical inertia in the file
+                if np.linalg.eigvalsh(spread).min() <= 0:  # the inertia of the file is not physical
                     spread = INERTIA * np.eye(3)
                 self.model.appendBodyToJoint(joint, pin.Inertia(total, moment / total, spread), pin.SE3.Identity())
             elif joint:
@@ -160,11 +159,11 @@ class ExactRobotBuilder:
 
 
 def build_exact_robot(robot: Robot, *, standing: bool = False) -> ExactRobot:
-    """Build the Pinocchio model of a robot in memory with every spring as a joint; `read_exact_robot` reads a folder.
+    """Build the Pinocchio model of a robot in memory, springs as joints; `read_exact_robot` reads a folder.
 
     Args:
         robot: The robot.
-        standing: Whether it is seen from the ground, where accelerations count, whatever carries the part.
+        standing: Whether the model is in the frame of the ground (inertial), even if a positioner carries the part.
     """
     names, robot = robot.joint_names, robot.alone if standing else robot
     down = robot.loading_gravity
@@ -203,14 +202,14 @@ def solve_exact_pose(
         exact_robot: The exact model.
         q: Joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
-        tolerance: Largest change of the elastic coordinates that a further iteration may make. [rad or m]
-        bias: Further load on each elastic coordinate, such as that of inertia. Shape (n, s). [N m or N]
+        tolerance: Change of the elastic coordinates per iteration at convergence. [rad or m]
+        bias: Further load on each elastic coordinate, such as inertia. Shape (n, s). [N m or N]
 
     Returns:
         TCP position (n, 3) [m], orientation (n, 3, 3), both in the base frame, elastic coordinates (n, s) [rad or m].
 
     Raises:
-        ConvergenceError: If a pose does not settle.
+        ConvergenceError: If the equilibrium of a pose does not converge.
     """
     q = np.atleast_2d(q)
     load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(wrench, (len(q), 6))
@@ -245,7 +244,7 @@ def solve_exact_pose(
 def _settle(
     exact_robot: ExactRobot, data: pin.Data, rigid: Array, wrench: Array, bias: Array, theta: Array, tolerance: float
 ) -> Array:
-    """Iterate theta <- C tau(theta) until the step vanishes, or the next one would by the ratio of the last two."""
+    """Iterate theta <- C tau(theta) until the step, or the next one extrapolated from the last two, is negligible."""
     model, configuration, elastic = exact_robot.model, rigid.copy(), exact_robot.elastic
     step, world, straight = math.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, rigid[elastic]
     if exact_robot.weighs:
@@ -270,7 +269,7 @@ def _settle(
 
 
 def hold_load(exact_robot: ExactRobot, q: Array, wrench: Array) -> Array:
-    """Return the torque that each commanded joint needs to hold wrench and weight, springs stiff. Shape (n, nq)."""
+    """Compute the joint torques that support wrench and weight, springs rigid. Shape (n, nq)."""
     data, model = exact_robot.model.createData(), exact_robot.model
     rigid = q @ exact_robot.commanded.T + exact_robot.shift
     torque = np.empty((len(q), model.nv))
@@ -286,7 +285,7 @@ def hold_load(exact_robot: ExactRobot, q: Array, wrench: Array) -> Array:
 
 
 def load_by_motion(exact_robot: ExactRobot, q: Array, velocity: Array, acceleration: Array) -> Array:
-    """Return what a motion puts on each elastic coordinate of a stiff arm, weight left out. Shape (k, s). [N m or N]
+    """Compute the inertial load on each elastic coordinate of a rigid arm, without weight. Shape (k, s). [N m or N]
 
     `exact_robot` is without gravity; q, velocity and acceleration: shape (k, nq). [rad or m, per s, per s^2]
     """

@@ -1,6 +1,6 @@
-"""The exact model's own reading of a robot folder: URDF by Pinocchio's parser, and elasticity.toml.
+"""Independent parser of a robot folder for the exact model: URDF by Pinocchio's parser, and elasticity.toml.
 
-Nothing here goes through `compplan.robot.folder` or the chain of the planner, so that a fault in either is seen.
+It does not use `compplan.robot.folder` or the chain of the planner, so that an error in either is detected.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from compplan.job.frames import ToolTable
 from compplan.robot import Array, load_robot
 from compplan.simulation.exact import ExactRobot, ExactRobotBuilder
 
-#: Link that carries it, mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m^2] in that link's frame.
+#: Carrying link, mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m^2] in the link frame.
 Mass = tuple[str, float, Array, Array]
-#: Gravity under which a mounted tool bends the arm where the folder gives none. [m/s^2]
+#: Gravity on a mounted tool if the folder has none. [m/s^2]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
 
@@ -31,13 +31,13 @@ AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0
 def read_exact_robot(
     folder: Path, tool: Mapping[str, Any] | None = None, *, moving: bool = False, geometry: str = "robot.urdf"
 ) -> ExactRobot:
-    """Read a robot folder and build the exact model of the robot in it.
+    """Read a robot folder and build the exact model of its robot.
 
     Args:
         folder: The robot folder.
-        tool: The table [tool] of a job as it stands in the file, or None for the folder's own tool.
-        moving: Whether the exact model is for the inertia of motion: all masses, no weight, and seen from the ground.
-        geometry: URDF of the folder; robot.urdf where it has none of this name.
+        tool: The table [tool] of a job as in the file, or None for the tool of the folder.
+        moving: Whether the model is for the inertia of motion: all masses, no weight, frame of the ground.
+        geometry: URDF file of the folder; robot.urdf if it does not exist.
     """
     urdf = folder / geometry if (folder / geometry).is_file() else folder / "robot.urdf"
     table = read_toml(folder / "elasticity.toml")
@@ -62,7 +62,7 @@ def read_exact_robot(
             masses, gravity = new + tree.seen_from(flange, [m for m in masses if m[0] in own]), GRAVITY
         names = [name for name in names if name not in beyond]
     builder = ExactRobotBuilder([*carrying, *tree.commanded(names)], np.zeros(3) if gravity is None else gravity)
-    for name in back:  # from the link that carries the part down to what stands still: every motion the other way
+    for name in back:  # from the link that carries the part to the ground: every motion reversed
         if tree.kind[name] != "fixed":
             builder.drive(name, tree.axis[name], tree.kind[name] == "prismatic", name, -1.0, 0.0)
         builder.move(tree.placement[name].inverse())
@@ -89,9 +89,9 @@ def read_exact_robot(
 
 
 def _write_skeleton(urdf: ElementTree.Element) -> str:
-    """Return the links and joints of a URDF alone, for Pinocchio's reader, which refuses much that moves nothing.
+    """Return only links and joints of a URDF, since Pinocchio's parser rejects some elements without kinematics.
 
-    Colours, masses (read here), dynamics, safety controllers and whatever tools add stay away; limits are complete.
+    Colours, masses (parsed here), dynamics, safety controllers and extensions are removed; limits are completed.
     """
     root = ElementTree.Element("robot", name=urdf.get("name") or "robot")
     for link in urdf.findall("link"):
@@ -108,7 +108,7 @@ def _write_skeleton(urdf: ElementTree.Element) -> str:
 
 
 class _Tree:
-    """A URDF as Pinocchio reads it; names of parents and mimic joints come from its text."""
+    """URDF parsed by Pinocchio; names of parents and mimic joints are read from its text."""
 
     def __init__(self, urdf: Path) -> None:
         with guard_parser(urdf, "cannot be read as URDF by Pinocchio"):
@@ -167,15 +167,15 @@ class _Tree:
         return self.parent[names[0]]
 
     def commanded(self, names: list[str]) -> list[str]:
-        """Return the joints that a controller commands, in order."""
+        """Return the commanded joints, in order."""
         return [name for name in names if self.kind[name] != "fixed" and name not in self.mimic]
 
     def driver(self, name: str) -> tuple[str, float, float]:
-        """Return the commanded joint behind a joint, its factor and its offset."""
+        """Return the commanded joint that drives a joint, with factor and offset."""
         return self.mimic.get(name, (name, 1.0, 0.0))
 
     def masses(self, names: list[str]) -> list[Mass]:
-        """Return the masses on the links of a chain, those of other links at the link that carries them."""
+        """Return the masses on the links of a chain; those of other links at the link that carries them."""
         chain, found = {self.root(names), *(self.child[name] for name in names)}, []
         for link, mass, origin, inertia in self.inertials:
             words = {} if origin is None else origin.attrib
@@ -188,7 +188,7 @@ class _Tree:
         return found
 
     def seen_from(self, flange: str, masses: list[Mass]) -> list[Mass]:
-        """Move masses to the flange, taken away there; only their weight counts."""
+        """Return masses as negative masses in the flange frame, for their weight only."""
         back, none = self.where[flange].inverse(), np.zeros((3, 3))
         seen = [(mass, np.asarray((back * self.where[link]).act(centre))) for link, mass, centre, _ in masses]
         return [(flange, -mass, centre, none) for mass, centre in seen]
@@ -200,7 +200,7 @@ def _entry(element: ElementTree.Element, tag: str, key: str) -> str:
 
 
 def _tensor(inertia: ElementTree.Element | None) -> Array:
-    """Return the matrix of a URDF's inertia. Shape (3, 3). [kg m^2]."""
+    """Return the inertia matrix of a URDF element. Shape (3, 3). [kg m^2]"""
     if inertia is None:
         return np.zeros((3, 3))
     xx, xy, xz, yy, yz, zz = (float(inertia.get(f"i{key}", "0")) for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
@@ -208,7 +208,7 @@ def _tensor(inertia: ElementTree.Element | None) -> Array:
 
 
 def _direction(axis: str, tree: _Tree, joint: str) -> tuple[Array, bool]:
-    """Return the axis of a spring in the joint's child frame, and whether it gives way along it."""
+    """Return the axis of a spring in the joint's child frame, and whether it is translational."""
     if axis == "own":
         return tree.axis[joint], tree.kind[joint] == "prismatic"
     return AXES[axis[1]], axis[0] == "t"
@@ -217,9 +217,9 @@ def _direction(axis: str, tree: _Tree, joint: str) -> tuple[Array, bool]:
 def _beam(
     length: float, outer_diameter: float, inner_diameter: float, young: float, shear: float, axis: str = "z"
 ) -> Array:
-    """Return the compliance of a clamped tube at its free end, by energy: integral of B(s)^T D^-1 B(s) over its length.
+    """Compute the compliance of a clamped tube at its free end by energy: integral of B(s)^T D^-1 B(s) over its length.
 
-    B carries a load at the end to the section at a distance s from it. Shape (6, 6).
+    B transforms a load at the end to the section at a distance s from it. Shape (6, 6).
     """
     along = AXES[axis[-1]] * (-1.0 if axis[0] == "-" else 1.0)
     area = np.pi * (outer_diameter**2 - inner_diameter**2) / 4.0

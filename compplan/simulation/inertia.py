@@ -1,7 +1,7 @@
-"""What a timed motion puts on the springs, by a second engine: Pinocchio's recursive Newton-Euler, read a second time.
+"""Load of a timed motion on the springs, independent of the planner: Pinocchio's recursive Newton-Euler algorithm.
 
-It shares neither differences in time nor masses with the planner's (`compplan.simulation.vibration`): positions are
-followed by parabolas through three rows, and the forces at the joints carry the stiff arm along [Featherstone2008].
+It shares neither time differences nor masses with the planner (`compplan.simulation.vibration`): positions are
+interpolated by parabolas through three rows, and the joint forces accelerate the rigid arm [Featherstone2008].
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from compplan.simulation.exact import ExactRobot, load_by_motion
 
 
 def find_inside(time: Array, moving: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Return the rows inside a cut to which and from which the tool takes its time. Shape (k,).
+    """Return the rows inside a cut with moves of nonzero time on both sides. Shape (k,).
 
-    time: rising, (n,) [s]; moving: whether the move that ends at each row cuts, (n,).
+    time: ascending, (n,) [s]; moving: whether the move that ends at each row cuts, (n,).
     """
     step = np.diff(time)
     return 1 + np.flatnonzero(moving[1:-1] & moving[2:] & (np.minimum(step[:-1], step[1:]) > 1e-6))
 
 
 def fit_parabolas(q: Array, time: Array, rows: NDArray[np.int_]) -> tuple[Array, Array]:
-    """Return velocities and accelerations at rows, of the parabola through each row and its neighbours. Shapes (k, nq).
+    """Compute velocities and accelerations at rows by the parabola through each row and its neighbours. Shapes (k, nq).
 
-    q: (n, nq) [rad or m]; time: rising, (n,) [s]; rows: with a neighbour on either side, (k,).
+    q: (n, nq) [rad or m]; time: ascending, (n,) [s]; rows: with a neighbour on either side, (k,).
     """
     a, b = (time[rows] - time[rows - 1])[:, None], (time[rows + 1] - time[rows])[:, None]
     a, b = np.maximum(a, 1e-12), np.maximum(b, 1e-12)
@@ -41,15 +41,15 @@ def load_springs(
     exact_robot: ExactRobot, q: Array, time: Array, moving: NDArray[np.bool_], rests: NDArray[np.bool_],
     among: NDArray[np.int_] | None = None,
 ) -> Array:  # fmt: skip
-    """Return what the inertia of a timed motion puts on each elastic coordinate; nothing at rest. Shape (n, s).
+    """Compute the load of inertia of a timed motion on each elastic coordinate; zero at rest. Shape (n, s).
 
     Args:
         exact_robot: The robot with all its masses and no weight.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         time: Shape (n,). [s]
         moving: Whether the move that ends at each row cuts. Shape (n,).
-        rests: Whether the tool stands still at each row. Shape (n,).
-        among: Rows that are looked at; all if left out.
+        rests: Whether the tool is at rest at each row. Shape (n,).
+        among: Rows to evaluate (default: all).
     """
     found = np.zeros((len(q), len(exact_robot.elastic)))
     if not sum(inertia.mass for inertia in exact_robot.model.inertias) > 0 or not len(exact_robot.elastic):
@@ -64,7 +64,7 @@ def load_springs(
 
 
 def shift_tip(exact_robot: ExactRobot, q: Array, loads: Array) -> Array:
-    """Return how far loads on the elastic coordinates move the tip, to first order. Shape (k, 3). [m]."""
+    """Compute the tip displacement due to loads on the elastic coordinates, to first order. Shape (k, 3). [m]"""
     data, found = exact_robot.model.createData(), np.empty((len(q), 3))
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for k, (pose, load) in enumerate(zip(q, loads, strict=True)):
@@ -76,7 +76,7 @@ def shift_tip(exact_robot: ExactRobot, q: Array, loads: Array) -> Array:
 
 
 def solve_rigid(exact_robot: ExactRobot, q: Array) -> tuple[Array, Array]:
-    """Return where the unloaded, stiff arm holds the tool: position (n, 3) [m] and rotation (n, 3, 3)."""
+    """Compute the pose of the tool on the unloaded, rigid arm: position (n, 3) [m] and rotation (n, 3, 3)."""
     model, data = exact_robot.model, exact_robot.model.createData()
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
     for k, coordinates in enumerate(q @ exact_robot.commanded.T + exact_robot.shift):

@@ -1,4 +1,4 @@
-"""Prediction: what the instrument should see if the robot folder, effects included, were the whole truth."""
+"""Prediction of the instrument readings by the model of the robot folder, effects included."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from compplan.robot import Array, Robot
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What the instrument should see; n rows, those without joints NaN."""
+    """Predicted instrument readings; n rows, NaN in rows without joint positions."""
 
-    #: Target as the instrument sees it; in the base frame where that sees no position. Shape (n, 3). [m]
+    #: Target in the instrument frame; in the base frame for rows without a measured position. Shape (n, 3). [m]
     position: Array
-    rotation: Array  #: Orientation. Shape (n, 3, 3).
-    attained: Attained  #: Everything that the scene came to.
+    rotation: Array  #: Orientation of the target. Shape (n, 3, 3).
+    attained: Attained  #: Attained poses of the forward model.
     registration: Registration | None  #: Frames used, or None.
-    gap: Array  #: Measured minus expected, base axes; places of contacts fitted. Shape (n, 3). [m]
+    gap: Array  #: Measured minus predicted, base axes; places of contacts fitted. Shape (n, 3). [m]
 
 
 def predict_campaign(
@@ -46,9 +46,9 @@ def predict_campaign(
     Args:
         robot: The robot.
         campaign: The rows. Measured positions are used for the registration only.
-        register: Which of "base" and "tool" to fit to the campaign, everything else fixed.
-        registration: Frames to use where none are fitted.
-        later: Whether the effects' shifts happened before this campaign; otherwise at their rows.
+        register: Which of "base" and "tool" to fit to the campaign, other parameters fixed.
+        registration: Frames to use if none are fitted.
+        later: Whether the shifts of effects happened before this campaign; otherwise at their rows.
     """
     effects = robot_effects(robot)
     scene = apply_effects(build_model(robot, campaign, later=later), effects)

@@ -1,6 +1,6 @@
-"""The virtual cell: what a robot really does with a command, computed without the planner's code.
+"""Simulated robot: actual motion for a command, computed without the planner's code.
 
-The cell's robot may differ from the one that was planned with. Its loaded equilibrium is exact and solved by Pinocchio
+The simulated robot may differ from the planner's model. Its exact loaded equilibrium is solved by Pinocchio
 (`compplan.simulation.exact`), pose by pose; effects of a robot folder (effects.toml) are added by their forward models.
 """
 
@@ -19,41 +19,41 @@ from compplan.robot import Array, Robot
 from compplan.robot.pose import fit_displacement, see_position, see_rotation
 from compplan.simulation.exact import ExactRobot, build_exact_robot, solve_exact_pose
 
-#: The cell in which the planner's model is the truth.
+#: Name of the simulated robot equal to the planner's model.
 AS_MODELLED = "as modelled"
-#: Cells that a comparison shows beside it: factors on all compliances.
+#: Factors on all compliances of further simulated robots in a comparison.
 MISMATCHES = (1.2, 0.8)
-#: Elastic coordinates are settled to this; half a nanometre at the tip of a large arm. [rad or m]
+#: Tolerance of the elastic coordinates; half a nanometre at the tip of a large arm. [rad or m]
 TOLERANCE = 1e-10
 EXACT_EVALUATION = "Pinocchio, exact loaded equilibrium at every waypoint"
 
 
 @dataclass(frozen=True)
 class SimulatedRobot:
-    """A cell."""
+    """Simulated robot with its part frame."""
 
-    name: str  #: What it is called in tables; says in what it differs from the planner's model.
-    robot: Robot  #: The robot that stands in it, with its tool.
-    exact_robot: ExactRobot  #: The robot as a Pinocchio model.
-    #: From the part frame that a touch with this robot found to where the part stands; None where the frame is
-    #: absolute. Shape (4, 4). [m]
+    name: str  #: Name in tables; describes the difference from the planner's model.
+    robot: Robot  #: Robot with its tool.
+    exact_robot: ExactRobot  #: Robot as a Pinocchio model.
+    #: Transformation from the part frame measured by touching with this robot to the true one; None for an absolute
+    #: frame. Shape (4, 4). [m]
     displacement: Array | None = None
 
 
 class SimulatedRun(NamedTuple):
-    """Where the loaded tool went, relative to the part frame as it was found; n waypoints, base axes."""
+    """Attained poses of the loaded tool, relative to the measured part frame; n waypoints, base axes."""
 
     position: Array  #: Attained tip. Shape (n, 3). [m]
     rotation: Array  #: Attained orientation of the TCP frame. Shape (n, 3, 3).
 
 
 def build_simulated_robot(robot: Robot, name: str = AS_MODELLED) -> SimulatedRobot:
-    """Build the cell of a robot."""
+    """Build the simulated robot of a robot model."""
     return SimulatedRobot(name, robot, build_exact_robot(robot))
 
 
 def standard_variants(robot: Robot) -> tuple[SimulatedRobot, ...]:
-    """Build the cells of a comparison: the robot as modelled, then with all compliances times each mismatch."""
+    """Build the simulated robots of a comparison: as modelled, then with all compliances times each mismatch."""
     others = [
         build_simulated_robot(robot.scale_compliance(factor), f"compliance x {factor:g}") for factor in MISMATCHES
     ]
@@ -63,14 +63,14 @@ def standard_variants(robot: Robot) -> tuple[SimulatedRobot, ...]:
 def run_simulated_robot(
     cell: SimulatedRobot, q: Array, wrench: Array, step_time: Array | None = None, bias: Array | None = None
 ) -> SimulatedRun:
-    """Run a command in a cell.
+    """Run a command on a simulated robot.
 
     Args:
-        cell: The cell.
+        cell: The simulated robot.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
-        step_time: Time from each waypoint to the next, for effects of motion; 1 s if left out. Shape (n - 1,). [s]
-        bias: Load of inertia on each elastic coordinate, none if left out. Shape (n, s). [N m or N]
+        step_time: Time from each waypoint to the next, for effects of motion (default: 1 s). Shape (n - 1,). [s]
+        bias: Load of inertia on each elastic coordinate (default: zero). Shape (n, s). [N m or N]
     """
     position, rotation = _attain(cell, q, wrench, step_time, bias)
     if cell.displacement is None:
@@ -79,9 +79,9 @@ def run_simulated_robot(
 
 
 def touch_cell(cell: SimulatedRobot, q: Array, shown: Array) -> SimulatedRobot:
-    """Return the cell in which the part was found by touching it with the cell's robot.
+    """Return the simulated robot with the part frame measured by touching with that robot.
 
-    q: joint positions at the touched points, (k, nq) [rad or m]; shown: where the controller shows the tip, (k, 3) [m].
+    q: joint positions at the touched points, (k, nq) [rad or m]; shown: tip in the controller's display, (k, 3) [m].
     """
     resting = replace(cell, robot=rest_robot(cell.robot), displacement=None)
     loaded = _attain(resting, q, np.zeros((len(q), 6)), None, None)[0]
@@ -103,7 +103,7 @@ def _attain(
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A run in a cell against its path; n waypoints, base frame. Figures are of the waypoints of the cut."""
+    """Deviation of a simulated run from its path; n waypoints, base frame. Figures are of the waypoints of the cut."""
 
     position: Array  #: Attained tip. Shape (n, 3). [m]
     rotation: Array  #: Attained orientation of the TCP frame. Shape (n, 3, 3).
@@ -133,7 +133,7 @@ class Evaluation:
 
     @property
     def figures(self) -> dict[str, float]:
-        """Deviation over the cut as files hold it: rms, mean and max. [mm]"""
+        """Deviation over the cut as in files: rms, mean and max. [mm]"""
         sizes = {"rms": self.rms_deviation, "mean": float(self.distance[self.cut].mean()), "max": self.max_deviation}
         return {name: value * 1e3 for name, value in sizes.items()}
 

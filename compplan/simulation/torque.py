@@ -11,15 +11,15 @@ from compplan.robot import Array, Robot
 from compplan.simulation.exact import build_exact_robot, hold_load
 from compplan.statics.chain import build_chain, locate_frames
 
-#: Torque left to move with where the static load alone is beyond a limit, as a share of the load.
+#: Torque limit as a multiple of the static load, if the latter alone is beyond the effort limit.
 STATIC_ROOM = 1.05
 
 
 class TorqueRules:
-    """Joint torques of a cut: tau = a u + b x + c, x the square of the speed along it, u half its rate.
+    """Joint torques of a cut: tau = a u + b x + c, x the square of the speed along it, u half its derivative.
 
-    Masses, weights and the wrench on the tool count; friction does not. Where the static load alone is beyond an effort
-    limit, that limit is raised to it and a note says so.
+    They include masses, weights and the wrench on the tool, but not friction. If the static load alone is beyond an
+    effort limit, the limit is raised to `STATIC_ROOM` times the load, with a note.
     """
 
     def __init__(self, robot: Robot, q: Array, wrench: Array) -> None:

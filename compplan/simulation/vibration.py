@@ -1,15 +1,15 @@
-"""The lowest natural frequencies of a robot on its springs, and how the arm answers to the load of its own motion.
+"""Lowest natural frequencies of a robot on its springs, and modal response of the arm to the load of its motion.
 
-Masses count whether or not the folder's gravity does. With M the mass matrix and C the compliance of
-the elastic coordinates at a posture, frequencies f solve det(1 / (2 pi f)^2 - C M) = 0; the drives hold still. A motion
-loads the springs by the inverse dynamics of the stiff arm, weight left out [Featherstone2008].
+Masses are included with or without gravity in the folder. With M the mass matrix and C the compliance of the elastic
+coordinates at a posture, frequencies f solve det(1 / (2 pi f)^2 - C M) = 0 with locked drives. A motion loads the
+springs by the inverse dynamics of the rigid arm, without weight [Featherstone2008].
 
 The coordinates move in modes v_k, w^2 M v = K v with v^T M v = 1. Under the load b(t) of a motion [Craig2006]
 
     eta_k'' + 2 z w_k eta_k' + w_k^2 eta_k = v_k^T b(t),    tip = J C b + sum_k J v_k (eta_k - v_k^T b / w_k^2),
 
-what is stiffer than the modes counted follows at once. The load goes over linearly between rows, for which the answer
-is exact; modes are those of a few postures, each begun early enough that its start has rung out.
+the higher modes respond quasi-statically. The load is linear between rows, for which the response is exact; modes are
+those of a few postures, each started early enough that its transient has decayed.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from scipy.linalg.lapack import ztbtrs
 from compplan.robot import Array, Robot
 from compplan.simulation.exact import ExactRobot, build_exact_robot
 
-#: Modes that are counted, and postures along a path whose modes are taken.
+#: Number of modes, and postures along a path at which modes are computed.
 MODES, POSTURES = 6, 16
-#: Time that a posture's modes are begun early, as multiples of the slowest decay 1 / (z w).
+#: Lead time of the modes of a posture, as a multiple of the slowest decay time 1 / (z w).
 EARLY = 4.0
-#: Rows times modes that are answered at once: enough that numpy's calls cost little, few enough for the cache.
+#: Rows times modes per block: many for a low overhead of numpy calls, few for the cache.
 AT_ONCE = 20_000
 
 
 @dataclass(frozen=True)
 class Dynamics:
-    """A robot with all its masses as a Pinocchio model, springs as joints."""
+    """Robot with all masses as a Pinocchio model, springs as joints."""
 
-    exact_robot: ExactRobot  #: The model; its gravity is zero.
-    #: The same seen from the ground, where accelerations count; another one only where a positioner carries the part.
+    exact_robot: ExactRobot  #: Model without gravity.
+    #: The same in the frame of the ground (inertial); different only if a positioner carries the part.
     standing: ExactRobot
     compliance: Array  #: Compliance of the elastic coordinates. Shape (s, s).
 
     @property
     def known(self) -> bool:
-        """Tell whether there are masses on springs."""
+        """Return whether there are masses on springs."""
         return (
             bool(len(self.exact_robot.elastic)) and sum(inertia.mass for inertia in self.exact_robot.model.inertias) > 0
         )
@@ -52,15 +52,15 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class ModeShapes:
-    """The lowest modes at one posture, v^T M v = 1; m modes, s elastic coordinates."""
+    """Lowest modes at one posture, v^T M v = 1; m modes, s elastic coordinates."""
 
-    omega: Array  #: Angular frequencies, rising. Shape (m,). [rad/s]
-    shape: Array  #: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) and kin]
-    tip: Array  #: Motion of the tip in each, base axes. Shape (3, m). [1/sqrt(kg)]
+    omega: Array  #: Angular frequencies, ascending. Shape (m,). [rad/s]
+    shape: Array  #: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) or 1/(m sqrt(kg))]
+    tip: Array  #: Tip motion of each mode, base axes. Shape (3, m). [1/sqrt(kg)]
 
 
 def build_dynamics(robot: Robot) -> Dynamics:
-    """Build the dynamics of a robot, all bodies of its URDF and the tool included."""
+    """Build the dynamics of a robot with all bodies of its URDF and the tool."""
     weightless = replace(robot, gravity=np.zeros(3), weights=())
     exact_robot = build_exact_robot(weightless)
     return Dynamics(
@@ -71,7 +71,7 @@ def build_dynamics(robot: Robot) -> Dynamics:
 
 
 def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
-    """Return the `count` lowest natural frequencies at postures, (k, nq), NaN where there are fewer. (k, count) [Hz]"""
+    """Compute the `count` lowest natural frequencies at postures (k, nq), NaN if fewer. Shape (k, count). [Hz]"""
     found = np.full((len(q), count), np.nan)
     if dynamics.known:
         for row, modes in zip(found, find_modes(dynamics, q, count), strict=True):
@@ -80,7 +80,7 @@ def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
 
 
 def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[ModeShapes]:
-    """Return at most `count` lowest modes at postures, (k, nq), from M v = C^-1 v / w^2."""
+    """Compute at most `count` lowest modes at postures (k, nq), from M v = C^-1 v / w^2."""
     exact_robot, found = dynamics.exact_robot, []
     data, world = exact_robot.model.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for configuration in q @ exact_robot.commanded.T + exact_robot.shift:
@@ -102,16 +102,16 @@ def ring(
     modes: list[ModeShapes], places: NDArray[np.int_], time: Array, loads: Sequence[Array], mix: Array, scale: Array,
     damping: Array,
 ) -> Array:  # fmt: skip
-    """Return by how much more the tip of each arm moves than if the springs gave at once. Shape (d, n, 3). [m]
+    """Compute the dynamic minus quasi-static tip displacement of each arm. Shape (d, n, 3). [m]
 
     Args:
         modes: Modes at some rows.
-        places: Those rows, ascending. Shape (k,).
+        places: Rows of these modes, ascending. Shape (k,).
         time: Time at each row. Shape (n,). [s]
         loads: b loads of the motion on each elastic coordinate. Shapes (n, s). [N m or N]
-        mix: Share of each load that acts on each of d arms. Shape (d, b).
+        mix: Share of each load on each of d arms. Shape (d, b).
         scale: Factor on all frequencies of each arm. Shape (d,).
-        damping: Share of critical damping of each. Shape (d,).
+        damping: Damping ratio of each arm. Shape (d,).
     """
     found, n = np.zeros((len(mix), len(time), 3)), len(time)
     edges = np.r_[0, (places[1:] + places[:-1]) // 2 + 1, n]
@@ -120,7 +120,7 @@ def ring(
             continue
         begin = np.searchsorted(time, time[first] - EARLY / (damping * scale * own.omega.min()))
         size = max(AT_ONCE // ((last - int(begin.min())) * len(own.omega)), 1)
-        order = np.argsort(begin)  # arms that begin together go together
+        order = np.argsort(begin)  # arms with a common start form a block
         for some in (order[k : k + size] for k in range(0, len(mix), size)):
             start = int(begin[some].min())
             parts = np.stack([load[start:last] @ own.shape for load in loads])
@@ -129,17 +129,17 @@ def ring(
                 continue
             omega = scale[some, None] * own.omega
             answer = _answer(time[start:last], push, omega, damping[some, None], begin[some] - start) - push / omega**2
-            # frequencies that differ by a factor come from compliances that do: modes keep their static share
+            # a factor on frequencies is one on compliances: modes keep their static share
             moved = (answer[first - start :] * scale[some, None] ** 2) @ own.tip.T
             found[some, first:last] = np.swapaxes(moved, 0, 1)
     return found
 
 
 def _answer(time: Array, push: Array, omega: Array, damping: Array, begin: NDArray[np.int_]) -> Array:
-    """Solve eta'' + 2 z w eta' + w^2 eta = push from rest at the static place, push linear between rows.
+    """Solve eta'' + 2 z w eta' + w^2 eta = push from static equilibrium, push linear between rows.
 
-    Shape (n, d, m), one column a mode of an arm; the modes stand one after another in one band of equations. Arm d is
-    at rest under the load until row begin[d].
+    Shape (n, d, m), one column per mode of an arm; all modes form one banded system of equations. Arm d is at rest
+    under the load until row begin[d].
     """
     rate = omega * (-damping + 1j * np.sqrt(1.0 - damping**2))
     x = np.maximum(np.diff(time), 1e-12)[:, None, None] * rate

@@ -1,4 +1,4 @@
-"""Costs of the program, one file each: a term of the objective and one sentence.
+"""Costs of the nonlinear program, one file each: a term of the objective and one sentence.
 
 A new cost is one file with a class derived from `Cost`, one import here, and its place in the lists of
 `compplan.planning.dense.state_problem` (correction) or `compplan.planning.redundancy.state_problem` (posture).

@@ -1,4 +1,4 @@
-"""The part of the 95 % band that motion adds is small along the path."""
+"""Cost of the part of the 95 % band that motion adds."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from compplan.statics.chain import jacobian, locate_frames
 
 @dataclass(frozen=True)
 class Band(Cost):
-    """w / S sum (|d| / d_0)^2 ds, d = A q'' + h(q', q') how far inertia bends the arm if its springs give at once.
+    """w / S sum (|d| / d_0)^2 ds, d = A q'' + h(q', q') the quasi-static deflection of the tip by inertia.
 
-    A and h are of the posture at which the program begins. The rest of the band hardly changes along with the motion.
+    A and h are evaluated at the initial guess of the program. The rest of the band hardly depends on the motion.
     """
 
-    weight: float  #: w / S against the other costs, S the whole programmed time. [1/s]
-    bend: Array  #: A / d_0, then h / d_0 by pairs of joints. Shape (k, 3, nq + nq (nq + 1) / 2).
+    weight: float  #: w / S relative to the other costs, S the total programmed time. [1/s]
+    bend: Array  #: A / d_0, then h / d_0 per pair of joints. Shape (k, 3, nq + nq (nq + 1) / 2).
     name = "band"
     timed = True
 
@@ -33,11 +33,11 @@ class Band(Cost):
 
     @property
     def numbers(self) -> Array:
-        """Return the bend of every station, column by column. Shape (k, c)."""
+        """Return the deflection factors of every station, column by column. Shape (k, c)."""
         return np.swapaxes(self.bend, 1, 2).reshape(len(self.bend), -1)
 
     def term(self, station: Station) -> ca.SX:
-        """Return the weighted square of the bend."""
+        """Return the weighted square of the deflection."""
         nq, rate = station.q.numel(), station.rate
         pairs = ca.vertcat(*(rate[i] * rate[j] for i, j in combinations_with_replacement(range(nq), 2)))
         push = 0.5 * (station.push + station.push_before)
@@ -46,7 +46,7 @@ class Band(Cost):
 
 
 def measure_bend(task: PlanTask, q: Array) -> Array:
-    """Measure how far the springs give at once to joint accelerations, then to products of the rates of two joints.
+    """Compute the quasi-static deflection of the tip per joint acceleration, then per product of two joint rates.
 
     Shape (k, 3, nq + nq (nq + 1) / 2). [m per rad/s^2 and per rad^2/s^2, or with m]
     """
@@ -61,7 +61,7 @@ def measure_bend(task: PlanTask, q: Array) -> Array:
         for load, (rate, change) in zip(row, moves, strict=True):
             load[:] = pin.rnea(robot.model, data, place, rate, change)[robot.elastic]
     own = {i: nq + k for k, (i, j) in enumerate(both) if i == j}
-    for k, (i, j) in enumerate(both):  # of the square of a sum of rates the mixed part is left
+    for k, (i, j) in enumerate(both):  # keep the mixed part of the squared sum of two rates
         if i != j:
             loads[:, nq + k] -= loads[:, own[i]] + loads[:, own[j]]
     return np.asarray(columns @ np.swapaxes(loads, 1, 2))

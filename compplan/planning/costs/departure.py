@@ -1,4 +1,4 @@
-"""Joints stay near the posture that was chosen, and depart from it smoothly."""
+"""Cost of the departure of the joints from the chosen posture."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from compplan.robot import Array
 class Departure(Cost):
     """sum w (q - q_start)^2."""
 
-    weight: Array  #: What each joint is worth. Shape (nq,).
+    weight: Array  #: Weight of each joint relative to the other costs. Shape (nq,).
     name = "departure"
     formula = "sum w (q - q_start)^2"
 

@@ -1,4 +1,4 @@
-"""Joints move smoothly along the path."""
+"""Cost of the joint accelerations along the path."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class Smoothness(Cost):
-    """w sum (q'' / a_max)^2 ds, q'' along the programmed time."""
+    """w sum (q'' / a_max)^2 ds, q'' the second derivative with respect to the programmed time."""
 
-    weight: float  #: w against the other costs, by the whole programmed time. [1/s]
-    unit: Array  #: Acceleration that each joint is counted in. Shape (nq,). [rad/s^2 or m/s^2]
+    weight: float  #: w relative to the other costs, per total programmed time. [1/s]
+    unit: Array  #: Reference acceleration of each joint. Shape (nq,). [rad/s^2 or m/s^2]
     name = "smoothness"
     timed = True
 

@@ -1,4 +1,4 @@
-"""The run takes little time."""
+"""Cost of the time of the run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import casadi as ca
 
 from compplan.planning.problem import Cost, Station
 
-#: Keeps the root of the speed differentiable at rest.
+#: Added to squared speeds, so that the square root is differentiable at rest.
 AT_REST = 1e-9
 
 
@@ -16,7 +16,7 @@ AT_REST = 1e-9
 class Time(Cost):
     """w T / T_0, T = sum 2 ds / (sqrt(x_i) + sqrt(x_i+1))."""
 
-    weight: float  #: w against the other costs.
+    weight: float  #: w relative to the other costs.
     reference: float  #: T_0. [s]
     name = "time"
     timed = True

@@ -1,4 +1,4 @@
-"""Cost of joint travel: it keeps joints from turning back without gain."""
+"""Cost of joint motion: avoids reversals without benefit."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import casadi as ca
 from compplan.planning.problem import Cost, Station
 from compplan.robot import Array
 
-#: Steps below this are none. Smaller ones bend the root so much that Newton steps go to and fro. [unit]
+#: Step below which |dq| is smoothed. With smaller values the curvature makes Newton steps oscillate. [unit]
 SMALL = 1e-2
 
 
 @dataclass(frozen=True)
 class JointTravel(Cost):
-    """w sum |q_i+1 - q_i| / unit, rounded at nothing; a way back pays twice."""
+    """w sum |q_i+1 - q_i| / unit, smoothed at zero; a motion back and forth counts twice."""
 
-    weight: float  #: w against the other costs.
-    unit: Array  #: Motion that each joint is counted in. Shape (nq,). [rad or m]
+    weight: float  #: w relative to the other costs.
+    unit: Array  #: Reference motion of each joint. Shape (nq,). [rad or m]
     name = "travel"
 
     def __str__(self) -> str:
         return f"{self.weight:g} sum |dq|"
 
     def term(self, station: Station) -> ca.SX:
-        """Return the weighted way to the next station."""
+        """Return the weighted joint motion to the next station."""
         step = (station.q_next - station.q) / ca.DM(self.unit)
         return self.weight * ca.sum1(ca.sqrt(step**2 + SMALL**2) - SMALL)

@@ -1,4 +1,4 @@
-"""Limits of the program, one file each: rows of the program, their bounds, and one sentence.
+"""Constraints of the nonlinear program, one file each: rows, their bounds, and one sentence.
 
 A new limit is one file with a class derived from `Limit`, one import here, and its place in the lists of
 `compplan.planning.dense.state_problem` (correction) or `compplan.planning.redundancy.state_problem` (posture).

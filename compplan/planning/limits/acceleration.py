@@ -1,4 +1,4 @@
-"""Joint accelerations stay within their limits."""
+"""Limit of the joint accelerations."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from compplan.robot import Array
 class AccelerationLimit(Limit):
     """|q'' x + q' x' / 2| <= a_max on both sides of a station, x the square of the speed."""
 
-    most: Array  #: Limits. Shape (nq,). [rad/s^2 or m/s^2]
+    most: Array  #: Greatest joint accelerations. Shape (nq,). [rad/s^2 or m/s^2]
     name = "acceleration"
     formula = "|q'' x + q' x' / 2| <= a_max"
     timed = True
     of_joints = True
 
     def rows(self, station: Station) -> ca.SX:
-        """Return accelerations behind and before the station as shares of their limits."""
+        """Return the accelerations after and before the station as shares of their limits."""
         sides = [station.change * station.square + station.rate * push for push in (station.push, station.push_before)]
         return ca.vertcat(*(side / ca.DM(self.most) for side in sides))

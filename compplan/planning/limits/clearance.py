@@ -1,4 +1,4 @@
-"""Arm and tool keep clear of part, fixture and the arm itself."""
+"""Clearance of arm and tool from part, fixture and the arm itself."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class ClearanceLimit(Limit):
-    """d_p + g_p (q - q_ref) >= 0 for every pair p that is near at a station, d_p its distance less what is wanted.
+    """d_p + g_p (q - q_ref) >= 0 for every near pair p at a station; d_p is its distance less the required clearance.
 
-    Distances of meshes are no expressions: they are linearised where the last solution is, and the program is solved
-    again where the arm still comes too near.
+    Distances of meshes are not symbolic expressions: they are linearised at the last solution, and the program is
+    solved again while the clearance is violated.
     """
 
-    pairs: Array  #: For every pair d_p - g_p q_ref and g_p, those of no pair 1 and 0. Shape (k, pairs (1 + nq)).
+    pairs: Array  #: For every pair d_p - g_p q_ref and g_p; 1 and 0 in unused entries. Shape (k, pairs (1 + nq)).
     joints: int  #: Number of joints.
     name = "clearance"
     formula = "clearance(q) >= wanted"
 
     @property
     def numbers(self) -> Array:
-        """The numbers of the pairs."""
+        """Return the linearised margins of the pairs. Shape (k, pairs (1 + nq))."""
         return self.pairs
 
     def rows(self, station: Station) -> ca.SX:
@@ -44,7 +44,7 @@ class ClearanceLimit(Limit):
 def linearise_clearance(scene: CollisionScene, q: Array, wanted: float, reserve: float) -> ClearanceLimit:
     """Linearise the distances of near pairs at joint positions of the stations (k, nq).
 
-    `wanted` is the clearance asked for of part and fixture, `reserve` is added to it for the way between stations. [m]
+    `wanted` is the required clearance from part and fixture; `reserve` is added for the motion between stations. [m]
     """
     near, (k, nq) = linearise_margin(scene, q, wanted), q.shape
     most = int(np.bincount(near.posture, minlength=k).max(initial=1))

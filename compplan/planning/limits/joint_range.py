@@ -1,4 +1,4 @@
-"""Joints stay within their range."""
+"""Range of the joint positions."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ class JointRange(Limit):
     of_joints = True
 
     def rows(self, station: Station) -> ca.SX:
-        """Return no rows: the range bounds the variables themselves."""
+        """Return no rows: the range bounds the variables directly."""
         return ca.SX(0, 1)

@@ -1,4 +1,4 @@
-"""The loaded tool is on the path: an equality, or a tube and a cone where the job allows them."""
+"""Pose of the loaded tool on the path: an equality, or a tube and a cone where the job allows them."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class PoseEquation(Limit):
-    """p(q, theta) = p_wanted, z(q, theta) along the tool; theta = C (J^T w + tau) in the loaded state."""
+    """p(q, theta) = p_wanted, z(q, theta) = z_wanted; theta = C (J^T w + tau) in the loaded equilibrium."""
 
-    room: Array | None = None  #: How far each row of the pose may be off, None for nowhere. Shape (k, rows). [m, rad]
+    room: Array | None = None  #: Allowed error of each row of the pose, None for equality. Shape (k, rows). [m, rad]
     name = "pose"
     formula = "p(q, theta) = p_wanted, z(q, theta) = z_wanted, theta = C (J^T w + tau)"
 
     def rows(self, station: Station) -> ca.SX:
-        """Return the missed pose, less the slack of a released station."""
+        """Return the pose error, less the slack of a released station."""
         return station.missed - station.slack
 
     def bounds(self, problem: PlanningProblem) -> Bounds:
-        """Return how far the pose may be off."""
+        """Return the bounds of the pose error."""
         return (0.0, 0.0) if self.room is None else (-self.room, self.room)

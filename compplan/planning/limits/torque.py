@@ -1,4 +1,4 @@
-"""Joint torques stay within the robot's efforts."""
+"""Limit of the joint torques: efforts of the robot."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True)
 class TorqueLimit(Limit):
-    """|sum_b J_b^T m_b (p_b'' - g) - J^T w| <= tau_max, p_b the point masses that stand for the bodies.
+    """|sum_b J_b^T m_b (p_b'' - g) - J^T w| <= tau_max, p_b the point masses equivalent to the bodies.
 
-    With x the square of the speed, p_b'' = J_b (q'' x + q' x' / 2) + (J_b q')' q' x. Friction does not count.
+    With x the square of the speed, p_b'' = J_b (q'' x + q' x' / 2) + (J_b q')' q' x. Without friction.
     """
 
-    chain: Chain  #: Joints and point masses of the stiff arm.
-    most: Array  #: Limits. Shape (nq,). [N m or N]
+    chain: Chain  #: Joints and point masses of the rigid arm.
+    most: Array  #: Greatest joint torques. Shape (nq,). [N m or N]
     name = "torque"
     formula = "|M q'' + c + g - J^T w| <= tau_max"
     timed = True
     of_joints = True
 
     def rows(self, station: Station) -> ca.SX:
-        """Return torques as shares of their limits."""
+        """Return the torques as shares of their limits."""
         frames = locate_symbolic(self.chain, station.q)
         place = ca.vertcat(*frames.centre)
         mass = ca.DM(np.repeat(self.chain.mass, 3))
@@ -52,7 +52,7 @@ class TorqueLimit(Limit):
 
 
 def read_torques(task: PlanTask) -> TorqueLimit | None:
-    """Read the torque limits of a task; None on a positioner or without masses, where the timing alone holds them."""
+    """Read the torque limits of a task; None on a positioner or without masses: only the timing enforces them there."""
     robot = task.robot
     if robot.ground or not robot.bodies:
         return None

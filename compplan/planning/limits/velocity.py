@@ -1,4 +1,4 @@
-"""Joint velocities stay within their limits."""
+"""Limit of the joint velocities."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class VelocityLimit(Limit):
-    """q'^2 x <= v_max^2 on the way to the next station, x the square of the speed."""
+    """q'^2 x <= v_max^2 between a station and the next, x the square of the speed."""
 
-    most: Array  #: Limits. Shape (nq,). [rad/s or m/s]
+    most: Array  #: Greatest joint velocities. Shape (nq,). [rad/s or m/s]
     name = "velocity"
     formula = "q'^2 x <= v_max^2"
     timed = True
     of_joints = True
 
     def rows(self, station: Station) -> ca.SX:
-        """Return squares of the velocities as shares of their limits."""
+        """Return the squared velocities as shares of their squared limits."""
         rate = (station.q_next - station.q) * station.pace / ca.DM(self.most)
         return rate**2 * 0.5 * (station.square + station.square_next)
 
     def bounds(self, problem: PlanningProblem) -> Bounds:
-        """Return the bounds of the shares."""
+        """Return the bounds of the rows."""
         return -np.inf, 1.0

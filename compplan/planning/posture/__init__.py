@@ -1,1 +1,1 @@
-"""How the arm stands along a path: configuration, spin, extra axes, placement of the part, clearance."""
+"""Posture along a path: configuration, spin, extra axes, placement of the part, clearance."""

@@ -1,7 +1,7 @@
-"""Choose how the robot stands along a path: coarse graph, fine graph around its line, then every waypoint.
+"""Choose the posture along a path: coarse graph, fine graph around the coarse solution, then every waypoint.
 
-Collisions are looked for along the line that the graph proposes; where it collides, the neighbourhood is checked and
-the search repeated, so that only a small part of the nodes is ever tested.
+Collisions are checked along the solution of the graph. Where it collides, the neighbouring nodes are checked and the
+search is repeated, so that only few nodes are tested.
 """
 
 from __future__ import annotations
@@ -34,39 +34,39 @@ from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, reach_tip_and_axis, refine_ik, solve_nearest
 from compplan.toolpath.toolpath import pick_even
 
-#: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
-#: known better (assumed), the others are compared as they are; and the figure itself.
+#: Share of the plain posture's figure below which a choice replaces it: margin of the accuracy of band figures
+#: (assumed), none for the others; and the figure of each preset.
 GAINS = {"accurate": 0.999, "error_band": 0.99, "smooth": 1.0, "fast": 1.0}
 FIGURES = {"smooth": "joint_travel_deg", "fast": "time_s"}
-#: Searches that collisions may ask for, and rounds of further stations.
+#: Most searches because of collisions, and most rounds with additional stations.
 COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
-#: Rotation and leans below which a tool stands as the job has it. [rad]
+#: Spin and tilts below which the tool orientation is that of the job. [rad]
 STILL = 1e-9
-#: Stations times options that the graph has at most, as long as 50 stations are left.
+#: Most stations times options of the graph, with at least 50 stations.
 NODE_BUDGET = 17_500
-#: A waypoint of the same configuration lies this near to the straight line between its stations. [rad]
+#: Greatest joint distance between a waypoint of the same configuration and the interpolation of its stations. [rad]
 NEAR = 0.3
-#: Standard deviation and half width of the filter that takes out the steps of the grid. [stations]
+#: Standard deviation and half width of the filter that smooths the steps of the grid. [stations]
 SMOOTH, REACH = 1.5, 6
 #: Steps of the fine grid on either side of the coarse line.
 FINE_SPINS, FINE_HELD, FINE_TILTS = 5, 2, 1
-#: Waypoints of a finished line whose margin is looked at.
+#: Waypoints of a finished path whose clearance margin is computed.
 MARGIN_SAMPLES = 600
 
 
 def choose_posture_path(problem: PostureProblem) -> PostureSummary:
-    """Choose configuration, rotation about the tool axis, extra axes and lean along a path.
+    """Choose configuration, spin, extra axes and tilt of the tool axis along a path.
 
     Raises:
-        InfeasibleError: If nothing leads along the path; with the waypoint and what stands there.
+        InfeasibleError: If no posture path exists; with the waypoints and the violated limit.
     """
     return _prefer_still(problem, _choose_line(problem))
 
 
 def choose_partial(problem: PostureProblem) -> PostureSummary | None:
-    """Choose for every stretch of a path that the arm can follow, whatever is in the way; None where there is none.
+    """Choose postures for every stretch that the arm can follow, without collision checks; None if it can follow none.
 
-    The waypoints between are missed; there the arm stands as it does at the nearest that is reached.
+    The other waypoints are missed; the arm has the posture of the nearest reached waypoint there.
     """
     alone = replace(problem, settings=replace(problem.settings, scene=None))
     try:
@@ -88,13 +88,13 @@ def choose_partial(problem: PostureProblem) -> PostureSummary | None:
 
 
 def _pick_stations(problem: PostureProblem) -> NDArray[np.int_]:
-    """Pick as many waypoints as the graph can have, with the options of each."""
+    """Pick as many stations as the node budget of the graph allows."""
     options = build_options(problem, np.zeros(1, int)).spin.shape[1]
     return pick_stations(problem.nominal, int(np.clip(NODE_BUDGET // options, 50, problem.settings.stations)))
 
 
 def _choose_line(problem: PostureProblem) -> PostureSummary:
-    """Choose by the graph, with more stations where its way cannot be followed between them."""
+    """Choose by the graph, with more stations where its solution cannot be followed between them."""
     settings, nominal = problem.settings, problem.nominal
     stations = _pick_stations(problem)
     for _ in range(STATION_ROUNDS):
@@ -118,12 +118,12 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
 def _choose_at(
     problem: PostureProblem, stations: NDArray[np.int_], *, partial: bool = False
 ) -> tuple[PostureSummary, NDArray[np.int_]]:
-    """Choose at stations, of which a `partial` choice leaves some out; return the waypoints where it fails, too."""
+    """Choose at stations (a `partial` choice leaves some out); return the choice and the waypoints where it fails."""
     settings = problem.settings
     rungs = measure_rungs(problem.nominal, stations, most_step=settings.most_step)
     coarse = fill_lattice(problem, stations, build_options(problem, stations))
     weights = choose_weights(settings.preset, least_level(coarse, rungs))
-    keeps = settings.start is None and not partial  # the asked distance from joint limits, unless no way keeps it
+    keeps = settings.start is None and not partial  # the required distance from joint limits, unless infeasible
     try:
         coarse, line = _search_clear(problem, coarse, rungs, weights, away=keeps, partial=partial)
     except InfeasibleError:
@@ -154,10 +154,10 @@ def _choose_at(
 
 
 def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary:
-    """Keep one configuration and the tool's x where the job has it, unless the choice is better by what it is for.
+    """Prefer one configuration and the job's tool orientation, unless the choice is better by the figure of the preset.
 
-    Both finished postures are weighed as they are, by the figure of the preset. The plain one has to stand as well as
-    was asked for, or as the choice does.
+    Both finished postures are compared. The plain one must keep the required distance from joint limits and
+    singularities, or that of the choice.
     """
     settings = problem.settings
     if not settings.search:
@@ -180,16 +180,16 @@ def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> Po
 
 
 def least_level(lattice: Lattice, rungs: Rungs) -> float:
-    """Return the mean over the cut of the least squared sensitivity of any usable node [mm^2]."""
+    """Compute the smallest squared sensitivity of the usable nodes, mean over the cut. [mm^2]"""
     values = np.where(lattice.usable, lattice.sensitivity, np.inf).min(axis=(1, 2))
     known = np.isfinite(values)
     return float(1e6 * (rungs.cut_share[known] * values[known] ** 2).sum() / max(rungs.cut_share[known].sum(), 1e-300))
 
 
 def choose_plain(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary | None:
-    """Return the plain posture in place of what the graph chose: one configuration, the tool's x as the job has it.
+    """Choose the plain posture: one configuration, the tool orientation of the job.
 
-    None where it cannot be followed.
+    None if it cannot be followed.
     """
     try:
         plain = _choose_line(replace(problem, settings=problem.settings.keep_plain()))
@@ -203,7 +203,7 @@ def choose_plain(problem: PostureProblem, posture_choice: PostureSummary) -> Pos
 def _search_clear(
     problem: PostureProblem, lattice: Lattice, rungs: Rungs, weights: Weights, *, away: bool, partial: bool = False
 ) -> tuple[Lattice, Line]:
-    """Search until the line keeps clear, what collides leaves the graph; `away` from joint limits by what is asked."""
+    """Search until no node collides; remove colliding nodes. `away`: keep the required distance from joint limits."""
     settings = problem.settings
     room = settings.limit_margin if away else settings.limit_room
     lattice = lattice.refuse(lattice.limits > 0, JOINT_LIMIT) if away else lattice
@@ -228,7 +228,7 @@ def _search_clear(
 
 
 def _refine_options(problem: PostureProblem, coarse: Options, line: Line) -> Options | None:
-    """Build the fine grid around a line; None where nothing varies."""
+    """Build the fine grid around a solution; None where nothing varies."""
     settings = problem.settings
     spins, positions, _ = coarse.shape
     centre = [
@@ -264,7 +264,7 @@ def _refine_options(problem: PostureProblem, coarse: Options, line: Line) -> Opt
 
 
 def _list_changes(line: Line, stations: NDArray[np.int_]) -> tuple[tuple[int, str, str], ...]:
-    """List where the configuration changes: first waypoint afterwards, before, after."""
+    """List the changes of configuration: first waypoint afterwards, configuration before, after."""
 
     def words(slot: int) -> str:
         return " ".join(CONFIGURATIONS[slot].values())
@@ -276,14 +276,14 @@ def _list_changes(line: Line, stations: NDArray[np.int_]) -> tuple[tuple[int, st
 def trace_line(
     problem: PostureProblem, stations: NDArray[np.int_], options: Options, line: Line, *, smooth: bool
 ) -> PostureTrace:
-    """Follow a line of the graph through stations (k,) at every waypoint: spin, extra axes and leans go over smoothly.
+    """Interpolate a solution of the graph at stations (k,) to every waypoint, with smooth spin, extra axes and tilts.
 
-    The rotation about the tool axis gives way, where it is free, if the line passes a singularity; `smooth` takes out
-    the steps that the grid leaves in rotation and leans.
+    A free spin is adapted where the path passes a singularity; `smooth` filters the steps of the grid in spin and
+    tilts.
     """
     arm, nominal, most_step = problem.arm, problem.nominal, problem.settings.most_step
     steps = np.maximum(nominal.steps, 1e-3 * max(float(nominal.steps.mean()), 1e-9))
-    place = np.r_[0.0, np.cumsum(steps)]  # by length, and a little by number where there is none
+    place = np.r_[0.0, np.cumsum(steps)]  # by length, with a small least step
     along, lead, lean = (_take(v, line.option) for v in (options.spin, options.lead, options.lean))
     turns = np.column_stack([np.unwrap(along), lead, lean])
     if smooth and len(stations) > 3:
@@ -315,7 +315,7 @@ def trace_line(
 
 
 def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Return all waypoints strictly between the stations around marked ones; marked stations take both sides."""
+    """Return all waypoints between the stations around marked ones; marked stations include both sides."""
     rows = np.arange(len(marked))
     span, on = np.searchsorted(stations, rows, side="right"), np.isin(rows, stations)
     spans = np.union1d(span[marked], span[marked & on] - 1)

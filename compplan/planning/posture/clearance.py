@@ -1,6 +1,6 @@
 """Clearance: distance of arm and tool from the part, the fixture and the arm itself.
 
-The wanted clearance applies to part and fixture; arm and tool only must not touch the arm.
+The required clearance applies to part and fixture; arm and tool must only not touch the arm.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from compplan.planning.posture.collision_scene import (
 from compplan.robot import Array
 from compplan.toolpath.toolpath import interpolate, pick_even
 
-#: Evenly spaced waypoints whose distance is computed, rounds of refinement where a nearer one may lie, and waypoints
-#: in each.
+#: Evenly spaced waypoints whose distance is computed, most rounds of refinement where a smaller distance is possible,
+#: and waypoints in each.
 SAMPLES, ROUNDS, FURTHER = 120, 40, 10
 #: Accuracy of the least distance along a path. [m]
 EXACT = 5e-4
-#: Margins beyond this are not computed; motion of the arm between two postures that is not halved any more: between
-#: them the margin may be less by half of it. [m]
+#: Margin beyond which none is computed; motion of the arm between two postures that is not subdivided: between them
+#: the margin may be less by half of it. [m]
 BEYOND, HIDDEN = 0.05, 4e-3
 
 
@@ -42,21 +42,21 @@ class ClearanceProfile:
     distance: Array
     computed: NDArray[np.int_]  #: Waypoints where it was computed. Shape (c,).
     contacts: tuple[Contact, ...]  #: The nearest pair at each of these. Length c.
-    own: Contact  #: The nearest pair of arm or tool with the arm, where it is least along the path.
-    own_waypoint: int  #: Waypoint where that is.
-    wanted: float  #: Clearance that was asked for. [m]
+    own: Contact  #: Nearest pair of arm or tool with the arm, at its least distance along the path.
+    own_waypoint: int  #: Waypoint of that pair.
+    wanted: float  #: Required clearance. [m]
 
     @property
     def least(self) -> tuple[int, Contact]:
-        """Return the waypoint with the least distance, and what is nearest there."""
+        """Return the waypoint with the least distance, and its nearest pair."""
         k = int(np.argmin([contact.distance for contact in self.contacts]))
         return int(self.computed[k]), self.contacts[k]
 
 
 def measure_margin(scene: CollisionScene, q: Array, wanted: float) -> Array:
-    """Measure the margin of postures (n, nq): distance from part and fixture less `wanted`, from the arm less `TOUCH`.
+    """Compute the margin of postures (n, nq): distance from part and fixture less `wanted`, from the arm less `TOUCH`.
 
-    Negative where a posture comes too near. Shape (n,). [m]
+    Negative where a posture violates the clearance. Shape (n,). [m]
     """
     outside = find_contacts(scene.robot, scene.solids, q, scene.outside, far=wanted + BEYOND)
     own = find_contacts(scene.robot, scene.solids, q, scene.own, far=BEYOND)
@@ -64,7 +64,7 @@ def measure_margin(scene: CollisionScene, q: Array, wanted: float) -> Array:
 
 
 def linearise_margin(scene: CollisionScene, q: Array, wanted: float) -> Near:
-    """Return the margins of the nearest pairs of postures (n, nq), with their derivatives by the joints."""
+    """Compute margins of the nearest pairs of postures (n, nq), with their derivatives with respect to the joints."""
     kinds = ((scene.outside, wanted), (scene.own, TOUCH))
     found = [find_near(scene.robot, scene.solids, q, pairs, far=limit + BEYOND) for pairs, limit in kinds]
     margin = [near.distance - limit for near, (_, limit) in zip(found, kinds, strict=True)]
@@ -73,14 +73,14 @@ def linearise_margin(scene: CollisionScene, q: Array, wanted: float) -> Near:
 
 
 def sweep_margin(scene: CollisionScene, q: Array, wanted: float, first: Array) -> tuple[Array, Array]:
-    """Measure margins along a way (n, nq) of straight joint motion, between its postures too.
+    """Compute margins along a piecewise linear joint motion (n, nq), also between its postures.
 
     Between two postures with margins m_i and m_j and a motion of the arm by s, no margin is below (m_i + m_j - s) / 2.
-    Where that is negative and s above HIDDEN, the posture half way is measured, until one has a negative margin. The
-    search begins at the places `first` (j,) and the ends of the way.
+    Where that is negative and s above HIDDEN, the middle posture is computed, until one has a negative margin. The
+    search begins at the places `first` (j,) and both ends of the motion.
 
     Returns:
-        Places along the way, postures counted from 0, and the margins there. Shapes (p,). [1, m]
+        Places along the motion in posture numbers from 0, and the margins there. Shapes (p,). [1, m]
     """
     rows, last = np.arange(len(q)), len(q) - 1
     travel = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)) @ scene.reach)]
@@ -99,10 +99,10 @@ def sweep_margin(scene: CollisionScene, q: Array, wanted: float, first: Array) -
 
 
 def measure_clearance(scene: CollisionScene, q: Array, wanted: float) -> ClearanceProfile:
-    """Measure the clearance at the waypoints of a path (n, nq), with few computed distances.
+    """Compute the clearance at the waypoints of a path (n, nq), with few distance computations.
 
-    No point moves farther between two postures than `reach` times the joint motion. A computed distance therefore
-    bounds those around it; waypoints are computed until no other can have the least distance.
+    A point moves between two postures by at most `reach` times the joint motion. A computed distance therefore bounds
+    those around it; waypoints are computed until no other can have the least distance.
     """
     contacts = _least_along(scene, q, scene.outside, FAR)
     own = _least_along(scene, q, scene.own, 0.1)
@@ -114,7 +114,7 @@ def measure_clearance(scene: CollisionScene, q: Array, wanted: float) -> Clearan
 
 
 def _least_along(scene: CollisionScene, q: Array, pairs: NDArray[np.int_], far: float) -> dict[int, Contact]:
-    """Compute contacts at even samples and wherever the least distance may be."""
+    """Compute contacts at even samples, and where the least distance is possible."""
 
     def find(rows: NDArray[np.int_]) -> dict[int, Contact]:
         found = find_contacts(scene.robot, scene.solids, q[rows], pairs, far=far)
@@ -125,7 +125,7 @@ def _least_along(scene: CollisionScene, q: Array, pairs: NDArray[np.int_], far: 
     for _ in range(ROUNDS):
         known = np.array(sorted(contacts))
         distance = _distances(contacts[w] for w in known.tolist())
-        lowest = 0.5 * (distance[1:] + distance[:-1] - np.diff(travel[known]))  # that any between two can have
+        lowest = 0.5 * (distance[1:] + distance[:-1] - np.diff(travel[known]))  # lower bound between two waypoints
         gaps = np.flatnonzero((lowest < distance.min() - EXACT) & (np.diff(known) > 1))
         if not len(gaps):
             break
@@ -135,7 +135,7 @@ def _least_along(scene: CollisionScene, q: Array, pairs: NDArray[np.int_], far: 
 
 
 def summarise_clearance(profile: ClearanceProfile, scene: CollisionScene | None = None) -> dict[str, Any]:
-    """Describe the clearance along a path for plan.json, and how many shapes of each body of the arm are known."""
+    """Describe the clearance along a path and the number of shapes of each body of the arm for plan.json."""
     waypoint, contact = profile.least
     own = profile.own
     return {

@@ -1,4 +1,4 @@
-"""The collision scene of a job: solids of arm, tool, part and fixture, the pairs that are checked, and their distances.
+"""Collision scene of a job: solids of arm, tool, part and fixture, pairs to check, and their distances.
 
 Part, fixture and tool are meshes; the arm has the collision shapes of its URDF. Distances come from coal. Bounding
 spheres, and bounding boxes of fixed solids, exclude the pairs that cannot be nearest.
@@ -30,31 +30,31 @@ if TYPE_CHECKING:
 TOUCH = 1e-3
 #: Radius of the capsule used for a tool without a mesh (assumed). [m]
 STAND_IN_RADIUS = 0.025
-#: Share of random postures in which shapes of the arm touch, from which on the pair is left out: the shapes overlap.
+#: Share of random postures with contact from which a pair of shapes of the arm is left out: the shapes overlap.
 DRAWN_TOUCHING = 0.7
 #: Distances beyond this are not computed. [m]
 FAR = 0.5
-#: Most pairs of a posture whose distances are differentiated, and distance from which on the normal follows from the
-#: nearest points; below it coal gives the normal. [m]
+#: Most pairs of a posture whose distances are differentiated, and distance above which the normal is computed from
+#: the nearest points; below, coal's normal is used. [m]
 MOST_PAIRS, APART = 6, 1e-6
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A solid of the scene."""
+    """Solid of the scene."""
 
-    name: str  #: Its name in messages.
-    link: str  #: Link that it moves with, or "" if it is fixed in the base frame.
-    body: int  #: Number of joints between base and link; 0 if it is fixed.
-    geometry: Any  #: coal's geometry, in its own frame.
-    placement: Array  #: Pose of that frame in the frame of the link (or base). Shape (4, 4). [m]
-    centre: Array  #: Centre of its bounding sphere in the frame of the link (or base). Shape (3,). [m]
-    radius: float  #: Radius of its bounding sphere. [m]
-    box: Array  #: Lower and upper corner of its bounding box in that frame. Shape (2, 3). [m]
+    name: str  #: Name in messages.
+    link: str  #: Link that carries the solid, or "" if fixed in the base frame.
+    body: int  #: Number of moving joints between base and link; 0 if fixed.
+    geometry: Any  #: coal's geometry, in its local frame.
+    placement: Array  #: Pose of the local frame in the frame of the link (or base). Shape (4, 4). [m]
+    centre: Array  #: Centre of the bounding sphere in the frame of the link (or base). Shape (3,). [m]
+    radius: float  #: Radius of the bounding sphere. [m]
+    box: Array  #: Lower and upper corner of the bounding box in the frame of the link (or base). Shape (2, 3). [m]
 
 
 class Contact(NamedTuple):
-    """The nearest pair of one posture: names of both solids, distance [m], negative where they overlap."""
+    """Nearest pair of one posture: names of both solids, distance [m], negative where they overlap."""
 
     first: str
     second: str
@@ -62,24 +62,24 @@ class Contact(NamedTuple):
 
 
 class Near(NamedTuple):
-    """The nearest pairs of several postures, r in all."""
+    """Nearest pairs of several postures, r in total."""
 
-    posture: NDArray[np.int_]  #: Which posture. Shape (r,).
+    posture: NDArray[np.int_]  #: Index of the posture. Shape (r,).
     distance: Array  #: Signed distance of the pair. Shape (r,). [m]
-    rate: Array  #: Its derivative by the joint positions. Shape (r, nq). [m/rad or 1]
+    rate: Array  #: Derivative of the distance with respect to the joint positions. Shape (r, nq). [m/rad or 1]
 
 
 @dataclass(frozen=True)
 class CollisionScene:
-    """The solids, and the pairs of them that are checked."""
+    """Solids, and the pairs to check."""
 
     robot: Robot  #: The robot with its tool.
     solids: tuple[Solid, ...]  #: Shapes of the arm, tool, part, fixture.
     outside: NDArray[np.int_]  #: Pairs of arm or tool with part or fixture. Shape (p, 2).
     own: NDArray[np.int_]  #: Pairs of arm or tool with the arm itself. Shape (o, 2).
     notes: tuple[str, ...] = ()  #: Notes for the user, one sentence each.
-    bodies: tuple[BodyShapes, ...] = ()  #: The collision shapes of each body of the arm.
-    #: Given meshes, to be drawn: name, link ("" if fixed), and mesh [m].
+    bodies: tuple[BodyShapes, ...] = ()  #: Collision shapes of each body of the arm.
+    #: Meshes for drawings: name, link ("" if fixed), and mesh [m].
     meshes: tuple[tuple[str, str, Any], ...] = ()
 
     @cached_property
@@ -100,7 +100,7 @@ def build_scene(
     """Build the scene of a job from meshes (trimesh) of part and fixture (part frame) and tool (flange frame) [m].
 
     `T_base_part` (4, 4) [m] is the pose of the part frame; the tool within `tip_zone` [m] of its tip may touch the
-    part; `bodies` are the collision shapes of the arm, those of the robot's URDF if left out.
+    part; `bodies` are the collision shapes of the arm (default: of the robot's URDF).
     """
     bodies = read_bodies(robot) if bodies is None else bodies
     pose = np.eye(4) if T_base_part is None else T_base_part
@@ -141,10 +141,10 @@ def build_scene(
 
 
 def read_scene(job: Job, robot: Robot) -> CollisionScene | None:
-    """Build the scene that a job describes; None where it has no table [collision].
+    """Build the collision scene of a job; None if the job has no table [collision].
 
     Raises:
-        InputError: If a mesh is missing or cannot be read, or a part of the arm that moves would not be seen.
+        InputError: If a mesh is missing or cannot be read, or a moving link of the arm has no collision shape.
     """
     table = job.collision
     if table is None:
@@ -180,10 +180,10 @@ def read_scene(job: Job, robot: Robot) -> CollisionScene | None:
 
 
 def check_bodies(bodies: Sequence[BodyShapes], without: Sequence[str], robot: str, file: Path) -> None:
-    """Refuse an arm with a moving link that has no plausible collision shape, unless the job names the link.
+    """Check that every moving link has a plausible collision shape, except links that the job excludes.
 
     Raises:
-        InputError: With the link, what is wrong with its shapes, and what to do.
+        InputError: With the link, the fault of its shapes, and the remedy.
     """
     gaps = [body for body in bodies if body.gap]
     for number, link in enumerate(without):
@@ -216,9 +216,9 @@ def stand_in_tool(robot: Robot) -> Any:
 
 
 def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """List the pairs to check: arm and tool with part and fixture, and of the arm with itself.
+    """List the pairs to check: arm and tool with part and fixture, and with the arm.
 
-    Links of the arm with one link between them are left to the joint limits.
+    Links of the arm with one link between them are not checked: joint limits separate them.
     """
     outside, own = [], []
     for a in range(len(solids)):
@@ -237,7 +237,7 @@ def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[
 
 
 def _find_drawn_touching(robot: Robot, solids: Sequence[Solid], own: NDArray[np.int_]) -> list[int]:
-    """List pairs of the arm's own shapes that touch in most postures: these shapes overlap by design."""
+    """List pairs of shapes of the arm that touch in most postures: these shapes overlap by design."""
     low, high = np.clip(robot.lower, -np.pi, np.pi), np.clip(robot.upper, -np.pi, np.pi)
     q = low + (high - low) * np.random.default_rng(0).random((40, robot.nq))
     touching = ([bool(contact.first) for contact in find_contacts(robot, solids, q, own[[k]], far=TOUCH)]
@@ -246,23 +246,23 @@ def _find_drawn_touching(robot: Robot, solids: Sequence[Solid], own: NDArray[np.
 
 
 def _tip_in(robot: Robot, link: str) -> Array:
-    """Return the tool centre point in the frame of a link behind the flange: shape (3,) [m]."""
+    """Return the tool centre point in the frame of a link beyond the flange. Shape (3,). [m]"""
     frames = locate_all_links(robot, np.zeros((1, robot.nq)))
     return np.asarray((np.linalg.inv(frames[link][0]) @ frames[robot.tcp][0])[:3, 3])
 
 
 class _Pair(NamedTuple):
-    """Two solids in one posture."""
+    """Distance of two solids in one posture."""
 
     posture: int
-    pair: int  #: Index into the pairs that are checked.
+    pair: int  #: Index into the pairs to check.
     distance: float  #: Negative where they overlap. [m]
-    points: tuple[Array, Array]  #: The points of both that are nearest to each other. Shape (3,) each. [m]
-    normal: Array  #: From the first to the second. Shape (3,).
+    points: tuple[Array, Array]  #: Nearest points of both solids. Shape (3,) each. [m]
+    normal: Array  #: Unit vector from the first to the second. Shape (3,).
 
 
 def _measure_pair(solids: Sequence[Solid], frames: dict[str, Array], posture: int, pair: int, ends: Array) -> _Pair:
-    """Measure two solids, the `ends` (2,) of a pair, in a posture."""
+    """Compute the distance of two solids, the `ends` (2,) of a pair, in a posture."""
     import coal
 
     first, second = (solids[end] for end in ends)
@@ -278,7 +278,7 @@ def _measure_pair(solids: Sequence[Solid], frames: dict[str, Array], posture: in
 def _find_nearest(
     solids: Sequence[Solid], frames: dict[str, Array], pairs: NDArray[np.int_], count: int, *, far: float, most: int
 ) -> list[_Pair]:
-    """Find the nearest pairs nearer than `far` [m] in each of `count` postures, `most` of them, the nearest first."""
+    """Find at most `most` pairs nearer than `far` [m] in each of `count` postures, nearest first."""
     bound, found = _bounds(solids, pairs, frames, count), list[_Pair]()
     for i in range(count):
         nearest: list[_Pair] = []
@@ -308,11 +308,11 @@ def find_contacts(
 
 
 def find_near(robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np.int_], *, far: float) -> Near:
-    """Find the nearest pairs of every posture q (n, nq), with the derivative of their distances by the joints.
+    """Find the nearest pairs of every posture q (n, nq), with the gradients of their distances in joint space.
 
     d = n . (p_b - p_a),   dd/dq = n . (J_b - J_a),
 
-    p the points nearest to each other, n the normal from a to b, J the Jacobian of such a point fixed to its link.
+    p the nearest points, n the normal from a to b, J the Jacobian of such a point fixed to its link.
     Pairs beyond `far` [m] are left out.
     """
     frames = locate_all_links(robot, q)
@@ -351,7 +351,7 @@ def locate_all_links(robot: Robot, q: Array) -> dict[str, Array]:
 
 
 def describe_contact(contact: Contact) -> str:
-    """Say what is nearest to what, in words."""
+    """Format a contact as text."""
     if not contact.first:
         return "nothing is near"
     if contact.distance <= 0:
@@ -360,7 +360,7 @@ def describe_contact(contact: Contact) -> str:
 
 
 def _bounds(solids: Sequence[Solid], pairs: NDArray[np.int_], frames: dict[str, Array], n: int) -> Array:
-    """Return lower bounds of the distance of every pair by bounding spheres and fixed boxes. Shape (n, p). [m]"""
+    """Compute lower bounds of the distance of every pair by bounding spheres and fixed boxes. Shape (n, p). [m]"""
     centre = np.empty((len(solids), n, 3))
     for s, solid in enumerate(solids):
         pose = frames[solid.link] if solid.link else np.eye(4)[None]

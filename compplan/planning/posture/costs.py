@@ -6,7 +6,7 @@ uncertain. To first order, with theta = C tau the elastic coordinates under the 
     remaining deviation = J (e_c * theta) + J C J^T (e_w * w) + J_q e_q,
 
 where e_c, e_w and e_q are independent errors of each elastic coordinate (relative), each component of the wrench
-(relative) and each joint zero. A plan at a fixed posture cannot change it; another posture can.
+(relative) and each joint zero. The correction does not change it; the posture does.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from compplan.statics.quality import natural_length
 from compplan.uncertainty.posture_errors import PostureErrors
 
 CHUNK = 4096
-#: Least level of squared sensitivity that presets are scaled with: 0.1 um, far below any robot. [mm^2]
+#: Smallest squared sensitivity that scales the presets: (0.1 um)^2, far below that of any robot. [mm^2]
 LEAST_LEVEL = 1e-8
 
 
@@ -35,9 +35,9 @@ class ModelScatter:
     compliance: float = 0.1  #: Relative error of each elastic coordinate.
 
 
-#: The assumed uncertainty.
+#: Default uncertainty (assumed).
 ASSUMED = ModelScatter()
-#: Inverse condition number below which a posture counts as singular and costs steeply (assumed).
+#: Inverse condition number below which a posture counts as singular and has a steep cost (assumed).
 SINGULARITY_MARGIN = 0.03
 
 
@@ -54,13 +54,13 @@ class Weights:
     #: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
     motion: float = 0.0
     time: float = 0.0  #: Per second of motion.
-    #: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
+    #: Per share of the programmed time that joints at half their velocity limits need in addition, over the cut.
     rate: float = 0.0
 
 
-#: Presets: least remaining deviation, least band, least joint motion, shortest cycle; their other weights decide
-#: between equals. All but `sensitivity` are multiplied by the least squared sensitivity of the postures along the path,
-#: so that a preset has the same meaning for light and heavy cuts.
+#: Presets: least remaining deviation, least band, least joint motion, shortest cycle; the other weights decide between
+#: equal postures. All but `sensitivity` are multiplied by the smallest squared sensitivity of the postures along the
+#: path, so that a preset is independent of the load.
 PRESETS: dict[str, Weights] = {
     "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0),
     "error_band": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
@@ -81,7 +81,7 @@ class NodeCosts(NamedTuple):
 
 
 def choose_weights(preset: str, level: float) -> Weights:
-    """Turn a preset into weights; the level is the least squared sensitivity along the path, mean over the cut. [mm^2]
+    """Scale the weights of a preset by the level: smallest squared sensitivity, mean over the cut. [mm^2]
 
     Raises:
         UnknownNameError: If preset does not exist.
@@ -97,10 +97,10 @@ def measure_nodes(
     uncertainty: ModelScatter | PostureErrors | None = None, axes: Array | None = None,
     margin: float = np.radians(10.0),
 ) -> NodeCosts:  # fmt: skip
-    """Measure postures q (n, nq) [rad or m] under a wrench (n, 6) [N, N m] on the tool at the TCP, base axes.
+    """Compute the criteria of postures q (n, nq) [rad or m] under a wrench (n, 6) [N, N m] at the TCP, base axes.
 
-    `limits` are the lower and upper joint limits (nq,), `uncertainty` says how well the inputs are known, `axes` (3, 3)
-    in whose components the wrench errs; a joint farther from its limits than `margin` [rad or m] is not near to them.
+    `limits`: lower and upper joint limits (nq,); `uncertainty`: standard deviations of the inputs; `axes` (3, 3): axes
+    of the wrench errors; `margin` [rad or m]: distance from a limit beyond which a joint does not count as near.
     """
     known, n, length = uncertainty or ASSUMED, len(q), natural_length(chain, limits)
     sensitivity, dexterity = np.empty(n), np.empty(n)
@@ -117,7 +117,7 @@ def error_columns(
     chain: Chain, q: Array, wrench: Array, known: ModelScatter | PostureErrors, axes: Array | None = None,
     frames: Frames | None = None,
 ) -> Array:  # fmt: skip
-    """Return the deviation that one standard deviation of each error leaves; `frames`: those of the postures, if known.
+    """Compute the remaining deviation per standard deviation of each error; `frames`: of the postures, if known.
 
     Shape (n, 3, errors). [m]
     """
@@ -139,17 +139,17 @@ def error_columns(
 
 
 def measure_limits(q: Array, lower: Array, upper: Array, margin: float) -> Array:
-    """Measure nearness to joint limits: sum over the joints of max(0, 1 - distance / margin)^2. Shape (n,)."""
+    """Compute the nearness to joint limits: sum over the joints of max(0, 1 - distance / margin)^2. Shape (n,)."""
     distance = np.minimum(q - lower, upper - q)
     return np.asarray((np.maximum(0.0, 1.0 - distance / margin) ** 2).sum(axis=1))
 
 
 def measure_dexterity(joint_columns: Array, length: float) -> Array:
-    """Return the inverse Frobenius condition number of the length-normalised Jacobian [Dumas2011]. Shape (n,).
+    """Compute the inverse Frobenius condition number of the length-normalised Jacobian [Dumas2011]. Shape (n,).
 
     1 / kappa = 6 / sqrt(tr(N N^T) tr((N N^T)^-1)), N the Jacobian of the commanded joints (n, 6, nq) with its linear
     rows divided by a characteristic length [m]: 1 where the tool moves equally well in all directions, 0 at a
-    singularity. A redundant arm counts all its joints.
+    singularity. All joints of a redundant arm are included.
     """
     scaled = joint_columns.copy()
     scaled[:, :3] /= length

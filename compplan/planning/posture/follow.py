@@ -1,7 +1,7 @@
-"""Follow a path joint by joint: put tip and tool axis right from nearby, by the least motion of the joints.
+"""Follow a path by local inverse kinematics: tip and tool axis on the path by the least joint motion.
 
-The ladder graph knows an arm of six joints by its configurations, and extra axes by positions on a grid. Arms of fewer
-joints, and of seven that start where a job says, go on from waypoint to waypoint.
+The ladder graph covers the configurations of an arm of six joints, and extra axes on a grid. Arms of fewer joints, and
+arms of seven joints with a start posture in the job, are solved from waypoint to waypoint.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm, middle_of_limits, reach_pose, reach_tip_and_axis
 from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 
-#: Waypoints that are followed one by one; those between are reached from a line through these.
+#: Waypoints that are solved one after the other; those between start from linear interpolation.
 STATIONS = 500
-#: Starts that are tried for the first waypoint, and limits that stand for missing ones where they are drawn. [rad or m]
+#: Random starts for the first waypoint, and joint limits of their range where a joint has none. [rad or m]
 SEEDS, WIDEST = 200, float(np.pi)
 
 
 def follow_path(
     arm: Arm, nominal: Toolpath, rotation: Array, *, spin_free: bool, most_step: float, start: Array | None = None
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Find joint positions that put the unloaded tool's tip and axis on a path, every waypoint from the one before.
+    """Find joint positions with tip and axis of the unloaded tool on a path, each waypoint from the one before.
 
-    rotation: frames whose z is the wanted direction out of the tool (n, 3, 3); `start`: joint positions near the first
-    waypoint (nq,), searched if left out. Returns joint positions (n, nq) [rad or m], and which waypoints are not
-    reached within the limits, or not without a jump: a joint moves by `most_step` at most between waypoints of a cut.
+    `rotation` (n, 3, 3): frames whose z is the required direction out of the tool; `start` (nq,): joint positions near
+    the first waypoint, searched if left out. Returns joint positions (n, nq) [rad or m], and which waypoints are not
+    reached within the limits or only by a jump: a joint motion above `most_step` between waypoints of a cut.
     """
     n, robot = len(nominal), arm.robot
     start = _search_start(arm, nominal.position[0], rotation[0], spin_free=spin_free) if start is None else start
@@ -46,14 +46,14 @@ def follow_path(
 
 
 def find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
-    """Tell which waypoints of a cut a joint would have to jump to."""
+    """Return which waypoints of a cut require a jump of a joint."""
     torn = np.zeros(len(q), bool)
     torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
     return torn & ~nominal.rapid
 
 
 def _search_start(arm: Arm, position: Array, rotation: Array, *, spin_free: bool) -> Array | None:
-    """Return joint positions that reach the first waypoint, the farthest from their limits of many tries, or None."""
+    """Search joint positions that reach the first waypoint, farthest from the joint limits of many starts, or None."""
     robot = arm.robot
     low, high = np.maximum(robot.lower, -WIDEST), np.minimum(robot.upper, WIDEST)
     seeds = low + (high - low) * np.random.default_rng(0).random((SEEDS, robot.nq))
@@ -67,11 +67,11 @@ def _search_start(arm: Arm, position: Array, rotation: Array, *, spin_free: bool
 def solve_posture_near(
     arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Put the tool on poses (n, 3), (n, 3, 3) from nearby, q (n, nq) [rad or m].
+    """Solve the inverse kinematics of poses (n, 3), (n, 3, 3) from nearby joint positions q (n, nq) [rad or m].
 
-    Where the arm has fewer than six joints its tip and axis are put there (and the rotation where it is not free); all
-    of more than six joints help where six do not reach. Returns joint positions, orientations, and where that is
-    reached within the joint limits.
+    With fewer than six joints only tip and tool axis are solved for (and the spin if it is not free); with more than
+    six, all joints move where six do not reach. Returns joint positions, orientations, and which poses are reached
+    within the joint limits.
     """
     if arm.robot.nq < 6:
         q, reached = reach_tip_and_axis(arm, q, position, rotation, spin_free=spin_free)
@@ -89,7 +89,7 @@ def solve_posture_near(
 
 
 def turn_about_axis(x: Array, axis: Array) -> Array:
-    """Return rotations (n, 3, 3) with z = -axis (it points from tip to spindle) and x as near to `x` as that allows."""
+    """Return rotations (n, 3, 3) with z = -axis (axis: from tip to spindle) and x as near to `x` as possible."""
     z = -axis
     x = x - np.einsum("ni,ni->n", z, x)[:, None] * z
     x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)

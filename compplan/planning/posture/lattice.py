@@ -1,7 +1,7 @@
-"""The ladder graph: every way to stand at some waypoints of a path, and what each costs.
+"""Ladder graph: all postures at some waypoints of a path, with their costs.
 
-A rung is a station (a waypoint of the path). On it stand all options (rotation about the tool axis, position of extra
-axes, lead and lean of the tool axis) times all configurations of the arm.
+A rung is a station (a waypoint of the path). Its nodes are all options (spin, position of extra axes, lead and lean of
+the tool axis) times all configurations of the arm.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_bra
 from compplan.toolpath.contact import path_axes, tool_axes
 from compplan.toolpath.toolpath import Toolpath, pick_even
 
-#: Why a node cannot be used.
+#: State of a node: usable, or the reason of its exclusion.
 USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, NOT_WANTED = range(6)
-#: Coarse step of the rotation where an extra axis or leans vary too, and where several axes do. [rad]
+#: Coarse step of the spin where an extra axis or tilts vary too, and where several axes do. [rad]
 FEW_SPINS, FEWER_SPINS = float(np.radians(10.0)), float(np.radians(20.0))
-#: Angle by which the tool axis has to turn about the joint next to the part before that is tried around it [rad], sides
-#: from which the tool is tried then, and sine of the angle between both axes from which on the turn is sure.
+#: Rotation of the tool axis about the joint next to the part from which that joint follows it [rad], positions of the
+#: joint about it, and sine of the angle between both axes above which the rotation is well defined.
 FOLLOWED, SIDES, ACROSS = float(np.radians(45.0)), 8, float(np.sin(np.radians(20.0)))
-#: Distance of a rail's arm from the middle of a path at which the rail is held, in its reach.
+#: Distance of a rail's arm from the middle of a path at which the rail is held, as a share of the arm's reach.
 BESIDE = 0.6
 REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "configuration not wanted")
 
 
 @dataclass(frozen=True)
 class Options:
-    """What may vary at one waypoint, g combinations."""
+    """Options at one waypoint, g combinations."""
 
-    #: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`. Shape (k, g) or (1,
-    #: g). [rad]
+    #: Rotation about the tool axis (tip to spindle), zero with x along `tool_x`.
+    #: Shape (k, g) or (1, g). [rad]
     spin: Array
     held: Array  #: Positions of the extra axes. Shape (k, g, h) or (1, g, h). [m or rad]
-    lead: Array  #: Lean of the tool axis along the travel. Shape (k, g) or (1, g). [rad]
-    lean: Array  #: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
-    neighbours: NDArray[np.int_]  #: Options that a step may come from, -1 where there is none. Shape (g, w).
-    shape: tuple[int, int, int]  #: Grid shape behind g: spins, positions of extra axes, leans.
-    steps: Array  #: Step of the grid of each extra axis, 0 for one that stands. Shape (h,). [m or rad]
+    lead: Array  #: Tilt of the tool axis along the path. Shape (k, g) or (1, g). [rad]
+    lean: Array  #: Tilt of the tool axis across the path. Shape (k, g) or (1, g). [rad]
+    neighbours: NDArray[np.int_]  #: Options that a step may start from, -1 in unused entries. Shape (g, w).
+    shape: tuple[int, int, int]  #: Grid shape of g: spins, positions of extra axes, tilts.
+    steps: Array  #: Grid step of each extra axis, 0 for a fixed one. Shape (h,). [m or rad]
 
 
 @dataclass(frozen=True)
@@ -53,31 +53,31 @@ class Lattice:
     """Nodes of the ladder graph: k stations, g options, b slots."""
 
     stations: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
-    options: Options  #: What varies.
+    options: Options  #: Options at each station.
     q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
-    sensitivity: Array  #: Shape (k, g, b). [m]
+    sensitivity: Array  #: Expected remaining deviation. Shape (k, g, b). [m]
     limits: Array  #: Nearness to joint limits. Shape (k, g, b).
-    dexterity: Array  #: Shape (k, g, b).
+    dexterity: Array  #: Inverse condition number. Shape (k, g, b).
     reason: NDArray[np.int8]  #: Index into `REASONS`. Shape (k, g, b).
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Tell which nodes may be used; singular ones may, at a cost. Shape (k, g, b)."""
+        """Return which nodes are usable; singular ones are, at a cost. Shape (k, g, b)."""
         return (self.reason == USABLE) | (self.reason == SINGULAR)
 
     def part(self, first: int, last: int) -> Lattice:
-        """Return the lattice of the stations from first to last, that one left out."""
+        """Return the lattice of the stations from `first` up to but without `last`."""
         on = slice(first, last)
         return Lattice(self.stations[on], self.options, self.q[on], self.sensitivity[on], self.limits[on],
                        self.dexterity[on], self.reason[on])  # fmt: skip
 
     def refuse(self, nodes: NDArray[np.bool_], why: int) -> Lattice:
-        """Return the lattice with some nodes, (k, g, b) or of a shape that spreads to it, refused for a reason."""
+        """Exclude nodes, shape (k, g, b) or broadcastable to it, for a reason."""
         return replace(self, reason=np.where(self.usable & nodes, why, self.reason).astype(np.int8))
 
 
 def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
-    """Pick waypoints evenly by length and by turn of the tool axis; both ends of rapid moves belong to them."""
+    """Pick waypoints evenly by length and by rotation of the tool axis; both ends of rapid moves are included."""
     n = len(nominal)
     if n <= count:
         return np.arange(n)
@@ -92,11 +92,11 @@ def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
 
 
 def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
-    """Return positions (n,) [rad] of the joint next to the part at which the tool always comes from one side, or None.
+    """Return positions (n,) [rad] of the joint next to the part with the tool always on one side, or None.
 
-    A part that is worked on from all sides turns under the tool: with b the angle of the tool axis about the joint's
-    axis, seen from the part, the joint stands at a constant - b, in the middle of its range. Where the two axes are
-    nearly parallel b goes on as it is on either side.
+    A part that is machined from all sides rotates under the tool: with b the angle of the tool axis about the joint
+    axis in the part frame, the joint is at a constant - b, in the middle of its range. Where the two axes are nearly
+    parallel, b is interpolated.
     """
     robot, joint = arm.robot, int(arm.robot.carriers.sum()) - 1
     if joint < 0 or joint not in arm.held or robot.prismatic[joint] or robot.lower[joint] == robot.upper[joint]:
@@ -115,12 +115,12 @@ def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
 
 
 def count_positions(settings: PostureSettings, axes: int) -> int:
-    """Return the grid positions of each of several extra axes, at least 3."""
+    """Return the number of grid positions of each extra axis; at least 3 for several axes."""
     return settings.held_steps if axes < 2 else max(3, int((3 * settings.held_steps) ** (1.0 / axes) + 1e-9))
 
 
 def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Options:
-    """Build the grid of options; it holds for every station (k,) but for what follows the tool axis (`follow_axis`)."""
+    """Build the grid of options, equal for all stations (k,) except a joint that follows the tool (`follow_axis`)."""
     arm, settings = problem.arm, problem.settings
     follow = follow_axis(arm, problem.nominal) if settings.search else None
     varies = bool(len(arm.held)) or settings.lead > 0 or settings.lean > 0
@@ -159,9 +159,9 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
 
 
 def _hold_axes(problem: PostureProblem) -> Array:
-    """Place axes that stand: where the job starts, slides so that the arm has the path well in reach, else mid-range.
+    """Return the positions of fixed extra axes: job's start, rails with the path in reach, otherwise mid-range.
 
-    A rail slides until the arm's first axis stands a share of its reach beside the middle of the path. Shape (nq,).
+    Rails: the arm's first axis is horizontally a share of its reach from the middle of the path. Shape (nq,).
     """
     arm, settings = problem.arm, problem.settings
     rest = middle_of_limits(arm.robot)
@@ -191,9 +191,9 @@ def orient_tool(
 ) -> Array:
     """Return the orientation of the TCP frame at some waypoints (k,), z out of the tool, columns in base axes.
 
-    The tool axis leans forward by `lead` along the travel and by `lean` to the left of it, then the tool turns about
-    its own axis by `spin`, right-handed about the direction from tip to spindle; x points along tool_x (3,) at spin 0.
-    Angles (k, ...) [rad] give the shape (k, ..., 3, 3).
+    The tool axis is tilted forward by `lead` along the path and by `lean` to its left, then the tool rotates about its
+    axis by `spin`, right-handed about the direction from tip to spindle; x points along tool_x (3,) at spin 0.
+    Angles have shape (k, ...) [rad], the result (k, ..., 3, 3).
     """
     shape = np.broadcast_shapes(spin.shape, lead.shape, lean.shape)
     turn, count = np.broadcast_to(spin, shape).ravel(), int(np.prod(shape[1:]))
@@ -210,9 +210,9 @@ def orient_tool(
 def fill_lattice(
     problem: PostureProblem, stations: NDArray[np.int_], options: Options, position: Array | None = None
 ) -> Lattice:
-    """Solve the inverse kinematics of every node at stations (k,) and measure it.
+    """Solve the inverse kinematics of every node at stations (k,) and compute its criteria.
 
-    `position` (k, 3) [m] is where the stations lie, those of the path if left out.
+    `position` (k, 3) [m] are the tip positions of the stations (default: those of the path).
     """
     arm, settings, nominal = problem.arm, problem.settings, problem.nominal
     k, g = len(stations), options.spin.shape[1]
@@ -244,7 +244,7 @@ def fill_lattice(
 
 
 def _wrap_into_limits(q: Array, arm: Arm) -> Array:
-    """Shift revolute joints by full turns so that they lie inside their limits where that is possible."""
+    """Shift revolute joints by a full turn into their limits where possible."""
     low, high = arm.robot.lower, arm.robot.upper
     turn = np.where(arm.robot.prismatic, 0.0, 2 * np.pi)
     q = np.where(q < low, q + turn, q)
@@ -252,7 +252,7 @@ def _wrap_into_limits(q: Array, arm: Arm) -> Array:
 
 
 def _neighbours(shape: tuple[int, int, int], held: list[int], tilts: Array) -> NDArray[np.int_]:
-    """List for every option those within four spins (40 degrees), one position of each extra axis, one step of lean."""
+    """List the neighbours of every option: within a few spins, one position of each extra axis, one step of tilt."""
     spins, positions, leans = shape
     wide = 4 if spins > 30 else 2
     window = range(-wide, wide + 1) if spins > 8 else range(-(spins // 2), spins - spins // 2)

@@ -1,7 +1,7 @@
-"""Where the part should stand: the place in the cell at which least of the deviation would remain after compensation.
+"""Placement of the part: the place in the cell with the least remaining deviation after compensation.
 
-A grid of places is rated by a lower bound: at some stations of the path the best posture of all rotations and
-configurations, each for itself. The plan's own search (with continuity, limits and collision) decides among the best.
+A grid of places is rated by a lower bound: the best posture of all spins and configurations at some stations of the
+path, independently. The posture search of a plan (with continuity, limits and collision) decides among the best.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm
 from compplan.uncertainty.posture_errors import PostureErrors
 
-#: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
+#: Stations, step of spin [rad] and positions of extra axes for the rating of the grid.
 STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5
-#: Places that may be rated.
+#: Most places of a grid.
 MOST_PLACES = 20_000
-#: Range around the job's own place where [place] says nothing. [m]
+#: Default range around the job's place, horizontal and vertical. [m]
 AROUND, AROUND_HEIGHT = 0.5, 0.2
-#: Places that the full search is tried at, best first, as many more while it finds none, and the cost that compares.
+#: Places of the full search, best first; most places while none is feasible; cost that is compared.
 TRIED, MOST_TRIED, RANK = 6, 30, "sensitivity_rms_mm"
 
 
@@ -43,26 +43,26 @@ TRIED, MOST_TRIED, RANK = 6, 30, "sensitivity_rms_mm"
 class Ratings:
     """Lower bounds of the remaining deviation over the grid of one turn of the part."""
 
-    turn: float  #: Turn about the vertical through the part's origin. [rad]
-    #: Grid values of x, y and z of the part's origin, base frame at no extra height. Three arrays. [m]
+    turn: float  #: Rotation about the vertical through the part's origin. [rad]
+    #: Grid values of x, y and z of the part's origin, base frame. Three arrays. [m]
     axes: tuple[Array, Array, Array]
     bound: Array  #: Root mean square over the cut, NaN where a station is out of reach. Shape (nx, ny, nz). [m]
 
 
 @dataclass(frozen=True)
 class PlaceResult:
-    """Where the part should stand."""
+    """Best placement of the part."""
 
-    position: Array  #: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
-    turn: float  #: Turn about the vertical through it, on top of the job's rotation. [rad]
+    position: Array  #: Origin of the part, base frame, as in table [part] of a job. Shape (3,). [m]
+    turn: float  #: Rotation about the vertical through it, in addition to the job's rotation. [rad]
     posture_choice: PostureSummary  #: Posture along the path there.
-    before: PostureSummary | None  #: Posture at the job's own place, or None where none leads along the path.
-    ratings: tuple[Ratings, ...]  #: Grids, one a turn.
-    here: Array  #: The job's own place. Shape (3,). [m]
+    before: PostureSummary | None  #: Posture at the job's place, or None if infeasible.
+    ratings: tuple[Ratings, ...]  #: Grids, one per turn.
+    here: Array  #: Place of the job. Shape (3,). [m]
 
     @property
     def ratio(self) -> float:
-        """Remaining deviation (rms) there as a share of that at the job's own place; NaN where that is not known."""
+        """Remaining deviation (rms) as a share of that at the job's place; NaN if the latter is infeasible."""
         if self.before is None:
             return float("nan")
         return self.posture_choice.costs[RANK] / max(self.before.costs[RANK], 1e-12)
@@ -71,13 +71,13 @@ class PlaceResult:
 def place_part(
     job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: PostureErrors | None = None,
 ) -> PlaceResult:  # fmt: skip
-    """Search the place of the part where the table [place] of a job lets it stand.
+    """Search the best place of the part within the table [place] of a job.
 
-    `announce` is told what is being done; `errors` is what the preset "error_band" counts.
+    `announce` receives progress messages; `errors` are the parameter errors for the preset "error_band".
 
     Raises:
-        InputError: If the table [place] asks for too many places.
-        InfeasibleError: If the path can be followed at none of them.
+        InputError: If the table [place] has too many places.
+        InfeasibleError: If the path cannot be followed at any of them.
     """
     axes, here = _grid_axes(job), job.T_base_part[:3, 3]
     cells, settings = np.array(list(product(*axes))), read_settings(job, robot, errors)
@@ -90,7 +90,7 @@ def place_part(
     def search(place: Array, turn: float) -> PostureSummary | None:
         moved = _move_job(job, place, turn)
         own = read_settings(moved, robot, errors)
-        with suppress(InfeasibleError):  # nothing leads along the path
+        with suppress(InfeasibleError):  # no posture path
             return choose_posture_path(PostureProblem(robot, load_nominal(moved), moved.tool_x_base, own))
         return None
 
@@ -136,7 +136,7 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
 
 
 def rate_places(job: Job, robot: Robot, settings: PostureSettings, shifts: Array) -> Array:
-    """Bound what the best posture at each station would leave of the path of a job moved by each shift (c, 3) [m].
+    """Bound the remaining deviation for the best posture at each station, with the path moved by shifts (c, 3) [m].
 
     Returns the root mean square over the cut, NaN where a station is out of reach. Shape (c,). [m]
     """
@@ -156,7 +156,7 @@ def rate_places(job: Job, robot: Robot, settings: PostureSettings, shifts: Array
 
 
 def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
-    """Build the grid."""
+    """Build the grid of places from the table [place]."""
     table, step = job.place, job.place.step_mm * 1e-3
     here, spans = job.T_base_part[:3, 3], list[tuple[float, float]]()
     for k, span in enumerate((table.x_mm, table.y_mm, table.z_mm)):
@@ -180,26 +180,26 @@ def _move_job(job: Job, place: Array, turn: float) -> Job:
 
 
 def _turn_part(job: Job, turn: float) -> Any:
-    """Return the rotation vector of the part with a turn about the vertical on top. Three numbers. [deg]"""
+    """Return the rotation vector of the part after a further turn about the vertical. Three numbers. [deg]"""
     rotation = Rotation.from_rotvec([0.0, 0.0, turn]) * Rotation.from_matrix(job.T_base_part[:3, :3])
     return rotation.as_rotvec(degrees=True).round(9).tolist()
 
 
-#: Distances and heights of the path's middle that are tried, as shares of the length of the stretched links.
+#: Distances and heights of the middle of the path in the search, as shares of the length of the stretched links.
 OUT, UP = np.linspace(0.15, 0.85, 11), np.linspace(-0.2, 0.5, 8)
-#: Where it is put before an arm without a closed form of inverse kinematics, which is slow to try; shares of the same.
+#: Middle of the path for an arm without closed-form inverse kinematics (assumed, no search); shares of the same.
 ASSUMED = np.array([0.45, 0.0, 0.15])
-#: Places are given in steps of this. [m]
+#: Resolution of the place. [m]
 ROUND = 0.01
 
 
 def find_first_place(job: Job, robot: Robot) -> tuple[Array, bool] | None:
-    """Find a position of the part (3,) [m] from which the arm reaches the path of a job, wherever that has its part.
+    """Find a position of the part (3,) [m] with the path of a job in reach of the arm.
 
-    Also tells whether it was tried; None where none is found.
+    Returns the position and whether the reach was checked; None without a solution.
 
     Raises:
-        InputError: If the toolpath cannot be read as the job has it.
+        InputError: If the toolpath of the job cannot be read.
     """
     nominal, here = load_nominal(job), job.T_base_part[:3, 3]
     cut = nominal.position[~nominal.rapid]

@@ -1,13 +1,13 @@
-"""The cheapest way through the ladder graph, by dynamic programming.
+"""Path of least cost through the ladder graph, by dynamic programming.
 
-The cost of a way is a sum over its nodes and edges:
+The cost of a path is a sum over its nodes and edges:
 
     sum_i omega_i (w_s s_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2 + w_c c_i)
         + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i),
 
-k the inverse condition number, omega the share of the cut (for the first) or of the path, dsigma the share of the path
-of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
-joint takes, and r the share of the programmed time by which it is too short for joints at half their rates. A change of
+k the inverse condition number, omega the share of the cut (first term) or of the path, dsigma the share of the path of
+an edge, L the length of the path, l = 100 mm, t the time of an edge (programmed, or of the slowest joint), and r the
+time that joints at half their velocity limits need beyond the programmed time, as a share of the total. A change of
 configuration within the cut passes a singularity and costs w_g once.
 """
 
@@ -28,53 +28,53 @@ from compplan.planning.posture.lattice import REASONS, USABLE, Lattice
 from compplan.robot import Array, Robot
 from compplan.toolpath.toolpath import Toolpath
 
-#: Length of path that joint motion counts against. [m]
+#: Path length that joint motion is referred to. [m]
 LENGTH = 0.1
 #: Greatest motion of a joint between stations of a cut. [rad]
 EDGE = 1.6
-#: Share of the velocity limits that joints should need at the programmed feed: the rest is for acceleration.
+#: Share of the velocity limits available at the programmed feed: the rest is reserved for acceleration.
 RATE_SHARE = 0.5
-#: Differences of joint positions that are worked out at once.
+#: Joint position differences per block of computation.
 BLOCK = 60_000
-#: Cost of one change of configuration in a rapid move, far above everything else.
+#: Cost of one change of configuration in a rapid move, far above all other costs.
 CHANGE = 1e6
-#: Costs that differ by less are equal: the first of them is taken.
+#: Costs that differ by less are equal: the first is chosen.
 TIE = 1e-12
 
 
 @dataclass(frozen=True)
 class Rungs:
-    """What lies between and on the stations, apart from the nodes themselves."""
+    """Quantities of stations and edges that do not depend on the posture."""
 
-    cut_share: Array  #: Share of the cut that a station stands for. Shape (k,).
-    path_share: Array  #: Share of the path that it stands for. Shape (k,).
-    sigma: Array  #: Share of the path of each edge, at least a little, times (L / l)^2. Shape (k - 1,).
+    cut_share: Array  #: Share of the cut that a station represents. Shape (k,).
+    path_share: Array  #: Share of the path that a station represents. Shape (k,).
+    sigma: Array  #: Share of the path of each edge, bounded below, times (L / l)^2. Shape (k - 1,).
     feed_time: Array  #: Programmed time of each edge. Shape (k - 1,). [s]
     #: Greatest motion of a joint on each edge; infinite where the arm may change its configuration. Shape (k - 1,).
     #: [rad]
     most_motion: Array
 
     def part(self, first: int, last: int) -> Rungs:
-        """Return what lies between and on the stations from first to last, that one left out."""
+        """Return stations and edges from `first` up to but without `last`."""
         on = (self.cut_share[first:last], self.path_share[first:last])
         between = (edge[first : last - 1] for edge in (self.sigma, self.feed_time, self.most_motion))
         return Rungs(*on, *between)
 
 
 class Line(NamedTuple):
-    """A way through the graph."""
+    """Path through the graph."""
 
     option: NDArray[np.int_]  #: Option at each station. Shape (k,).
     slot: NDArray[np.int_]  #: Slot at each station. Shape (k,).
-    q: Array  #: Joint positions at each station, full turns counted. Shape (k, nq). [rad or m]
+    q: Array  #: Joint positions at each station, full turns included. Shape (k, nq). [rad or m]
     cost: float  #: Total cost. [mm^2]
 
 
 def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float) -> Rungs:
-    """Measure stations (k,) of a path and the edges between.
+    """Compute shares, times and allowed motions of stations (k,) of a path and the edges between.
 
-    Neighbouring waypoints of a cut allow each joint `most_step` [rad]; the configuration may change in rapid moves that
-    neither start nor end at the part.
+    Each joint moves by at most `most_step` [rad] between neighbouring waypoints of a cut; the configuration may change
+    in rapid moves that neither start nor end at the part.
     """
     cut = np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
     between = np.diff(cut[stations])
@@ -95,7 +95,7 @@ def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: f
 
 
 def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
-    """Cost every node, infinite where it cannot be used: shape (k, g, b) [mm^2]."""
+    """Compute the cost of every node, infinite if not usable. Shape (k, g, b). [mm^2]"""
     cut, path = rungs.cut_share[:, None, None], rungs.path_share[:, None, None]
     cost = cut * 1e6 * weights.sensitivity * lattice.sensitivity**2 + path * weights.limits * lattice.limits
     if weights.dexterity > 0:
@@ -110,15 +110,15 @@ def search_line(
     lattice: Lattice, rungs: Rungs, weights: Weights, robot: Robot, *, start: Array | None = None, room: float = 0.0,
     partial: bool = False,
 ) -> Line:  # fmt: skip
-    """Find the cheapest way through the graph.
+    """Find the path of least cost through the graph.
 
-    Joints that may turn more than once around are first taken modulo a full turn and keep `room` [rad] from their
-    limits; where no way fits between these so, every full turn becomes a slot of its own. The way starts near the joint
-    positions `start` (nq,), if given. A `partial` way ends where none leads on and begins again beyond; the stations
-    between stand as the nearest of it.
+    Joints with a range above a full turn are first treated modulo a full turn and keep `room` [rad] from their limits;
+    if no such path fits between the limits, every full turn becomes a separate slot. The path starts near the joint
+    positions `start` (nq,), if given. A `partial` path may have gaps; stations in a gap get the posture of the nearest
+    station of the path.
 
     Raises:
-        InfeasibleError: If no way leads through, with the waypoint at which it ends and what stands there.
+        InfeasibleError: If there is no path; with the waypoint at which the search ends and the violated limit.
     """
     if partial:
         search = functools.partial(search_line, weights=weights, robot=robot, start=start, room=room)
@@ -129,7 +129,7 @@ def search_line(
     turns = (robot.upper - robot.lower > 2 * np.pi) & ~(robot.prismatic | robot.carriers)
     option, slot, total = _sweep(lattice, lattice.q, cost, rungs, weights, robot, turns)
     way = lattice.q[np.arange(len(option)), option, slot]
-    steps = np.diff(way, axis=0)  # full turns are counted along the way
+    steps = np.diff(way, axis=0)  # full turns are accumulated along the path
     steps = np.where(turns, steps - 2 * np.pi * np.round(steps / (2 * np.pi)), steps)
     way = np.concatenate([way[:1], way[:1] + np.cumsum(steps, axis=0)])
     shifted = _shift_turns(way, robot, turns, start, room)
@@ -141,7 +141,7 @@ def search_line(
 
 
 def _search_stretches(lattice: Lattice, rungs: Rungs, search: Callable[[Lattice, Rungs], Line]) -> Line:
-    """Search every stretch of the stations that a way leads along."""
+    """Search every connected stretch of stations."""
     count = len(lattice.stations)
     first, last, rows, lines = 0, count, list[int](), list[Line]()
     while first < count:
@@ -160,7 +160,7 @@ def _search_stretches(lattice: Lattice, rungs: Rungs, search: Callable[[Lattice,
 
 
 def find_nearest_rows(rows: NDArray[np.int_], wanted: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Return of rising rows (k,) those nearest to wanted ones (m,), the lower of two as near. Shape (m,)."""
+    """Return the nearest of ascending rows (k,) to each wanted row (m,), the lower one in a tie. Shape (m,)."""
     after = np.clip(np.searchsorted(rows, wanted), 0, len(rows) - 1)
     before = rows[np.maximum(after - 1, 0)]
     return np.where(np.abs(wanted - before) <= np.abs(rows[after] - wanted), before, rows[after])
@@ -169,7 +169,7 @@ def find_nearest_rows(rows: NDArray[np.int_], wanted: NDArray[np.int_]) -> NDArr
 def _sweep(
     lattice: Lattice, q: Array, cost: Array, rungs: Rungs, weights: Weights, robot: Robot, turns: NDArray[np.bool_],
 ) -> tuple[NDArray[np.int_], NDArray[np.int_], float]:  # fmt: skip
-    """Sweep over the stations; return option and slot at each, and the total cost."""
+    """Run dynamic programming over the stations; return option and slot at each, and the total cost."""
     k, g, b = cost.shape
     best = cost[0]
     back = np.zeros((k, g, b), np.int32)
@@ -187,9 +187,9 @@ def _sweep(
     if not np.isfinite(best).any():
         _refuse(lattice, k - 1, cost)
     option, slot = np.empty(k, int), np.empty(k, int)
-    # of equal costs the one that ends nearest the middle of the joints' ranges
+    # among equal costs choose the end nearest to the middle of the joint ranges
     width = robot.upper - robot.lower
-    between = np.isfinite(width) & (width > 0.0)  # neither endless nor held
+    between = np.isfinite(width) & (width > 0.0)  # neither unlimited nor fixed
     share = (q[-1] - np.where(between, robot.lower, 0.0)) / np.where(between, width, 1.0) - 0.5
     middle = np.where(between, share, 0.0)
     away = np.where(best <= best.min() + TIE, (middle**2).sum(axis=2), np.inf)
@@ -203,7 +203,7 @@ def _step(
     last: Array, before: Array, here: Array, around: NDArray[np.int_], i: int, rungs: Rungs, weights: Weights,
     robot: Robot, turns: NDArray[np.bool_],
 ) -> tuple[Array, NDArray[np.int32]]:  # fmt: skip
-    """Find the cheapest predecessor of every node; only options and slots that are alive take part."""
+    """Find the predecessor of least cost of every node, among options and slots of finite cost."""
     g, b = here.shape[:2]
     best, back = np.full((g, b), np.inf), np.zeros((g, b), np.int32)
     slots = np.flatnonzero(np.isfinite(last[:-1]).any(axis=0))
@@ -216,7 +216,7 @@ def _step(
         source, value = np.ascontiguousarray(start.T)[:, around], last[around, s]
         for some in np.split(targets, np.arange(block, len(targets), block)):
             near = np.isfinite(at[0][:, some])[:, :, None] & np.isfinite(value)[:, None]
-            for j in () if free else wrist:  # most edges are out by what these joints would turn
+            for j in () if free else wrist:  # the motion of these joints excludes most edges
                 step = at[j][:, some, None] - source[j][:, None]
                 if turns[j]:
                     _take_turns_out(step)
@@ -239,7 +239,7 @@ def _step(
 
 
 def _first_least(cost: Array) -> NDArray[np.int_]:
-    """Return the first place of each row whose cost is the least but for rounding: ties do not turn on last digits."""
+    """Return the first index of least cost in each row, within `TIE`: rounding does not decide ties."""
     return np.argmax(cost <= cost.min(axis=1, keepdims=True) + TIE, axis=1)
 
 
@@ -247,7 +247,7 @@ def _cost_edges(
     source: Array, here: Array, change: Array, i: int, rungs: Rungs, weights: Weights, robot: Robot,
     turns: NDArray[np.bool_],
 ) -> Array:  # fmt: skip
-    """Cost edges, those beyond the greatest motion infinite. Shapes (nq, r, w), (nq, r) and (r, 1) give (r, w)."""
+    """Compute edge costs, infinite beyond the greatest motion. Shapes (nq, r, w), (nq, r) and (r, 1) give (r, w)."""
     motion, most, time = (np.zeros(source.shape[1:]) for _ in range(3))
     timed, limit = weights.time > 0 or weights.rate > 0, rungs.most_motion[i]
     for j in range(len(here)):
@@ -275,7 +275,7 @@ def _cost_edges(
 
 
 def _take_turns_out(step: Array) -> None:
-    """Take full turns out of motions, in place. [rad]."""
+    """Subtract full turns from motions, in place. [rad]"""
     turns = step * (0.5 / np.pi)
     np.rint(turns, out=turns)
     turns *= 2 * np.pi
@@ -283,7 +283,7 @@ def _take_turns_out(step: Array) -> None:
 
 
 def _shift_turns(way: Array, robot: Robot, turns: NDArray[np.bool_], start: Array | None, keep: float) -> Array | None:
-    """Shift whole joints by full turns into their limits, as far from them as possible (or near the start)."""
+    """Shift each joint by full turns into its limits, as far from them as possible (or near the start)."""
     way = way.copy()
     for j in np.flatnonzero(turns):
         choices = []
@@ -292,7 +292,7 @@ def _shift_turns(way: Array, robot: Robot, turns: NDArray[np.bool_], start: Arra
             if low >= robot.lower[j] + keep and high <= robot.upper[j] - keep:
                 room = min(low - robot.lower[j], robot.upper[j] - high, np.pi)
                 rank = -abs(way[0, j] + 2 * np.pi * m - start[j]) if start is not None else room
-                choices.append((round(rank, 9), -abs(m), m))  # ties do not turn on last digits
+                choices.append((round(rank, 9), -abs(m), m))  # rounding does not decide ties
         if not choices:
             return None
         way[:, j] += 2 * np.pi * max(choices)[2]
@@ -300,7 +300,7 @@ def _shift_turns(way: Array, robot: Robot, turns: NDArray[np.bool_], start: Arra
 
 
 def _expand_turns(q: Array, cost: Array, robot: Robot, turns: NDArray[np.bool_], room: float) -> tuple[Array, Array]:
-    """Give every full turn between the limits a slot of its own; slot modulo the old number tells the old slot."""
+    """Make every full turn between the limits a separate slot; slot modulo the old number is the old slot."""
     for j in np.flatnonzero(turns):
         variants, costs = [], []
         for m in (-1, 0, 1):
@@ -315,7 +315,7 @@ def _expand_turns(q: Array, cost: Array, robot: Robot, turns: NDArray[np.bool_],
 
 
 def _start_near(q: Array, cost: Array, start: Array, robot: Robot) -> Array:
-    """Allow only the slot at the first station that holds the posture nearest to the start."""
+    """Allow at the first station only the slot with the posture nearest to the start."""
     distance = np.abs(q[0] - start)
     distance = np.where(robot.prismatic, distance, np.minimum(distance, np.abs(distance - 2 * np.pi))).max(axis=2)
     distance = np.where(np.isfinite(cost[0]), np.nan_to_num(distance, nan=np.inf), np.inf)
@@ -326,7 +326,7 @@ def _start_near(q: Array, cost: Array, start: Array, robot: Robot) -> Array:
 
 
 def _refuse(lattice: Lattice, station: int, cost: Array) -> None:
-    """Say at which waypoint no way leads on, and what stands there."""
+    """Raise the error of a search that ends at a station, with waypoint and reasons."""
     waypoint = int(lattice.stations[station])
     reasons = lattice.reason[station]
     if not np.isfinite(cost[station]).any():

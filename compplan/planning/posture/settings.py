@@ -1,4 +1,4 @@
-"""What the choice of a posture may vary, what it is chosen for, and the choice along one path as a problem."""
+"""Settings of the posture search, and the posture problem along one path."""
 
 from __future__ import annotations
 
@@ -24,65 +24,65 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PostureSettings:
-    """What the search may vary and what it weighs."""
+    """Degrees of freedom and criteria of the posture search."""
 
-    #: Whether spin, leans and extra axes are chosen too; else they stay, and one configuration is chosen.
+    #: Whether spin, tilts and extra axes are chosen too; otherwise they are fixed, and one configuration is chosen.
     search: bool = True
     free_spin: bool = True  #: Whether the rotation about the tool axis is free.
-    #: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
+    #: Required parts of the configuration, such as {"elbow": "up"}; empty: all are free.
     configuration: dict[str, str] = field(default_factory=dict)
     start: Array | None = None  #: Joint positions to start near, or None. Shape (nq,). [rad or m]
     preset: str = "accurate"  #: "accurate", "error_band", "smooth" or "fast".
-    #: Whether the preset was asked for by name: finished postures are then measured beside those of others.
+    #: Whether the job names the preset: finished postures are then compared with those of other presets.
     compares: bool = False
-    spin_step: float = float(np.radians(5.0))  #: Step of the grid of rotations about the tool axis. [rad]
-    lead: float = 0.0  #: How far the tool axis may lean along the travel. [rad]
-    lean: float = 0.0  #: How far it may lean across the travel. [rad]
-    held_steps: int = 9  #: Grid positions of each extra axis (a rail); of several together at most thrice as many.
-    stations: int = 240  #: Waypoints that the graph is built at, at most; those between follow.
-    limit_margin: float = float(np.radians(10.0))  #: Distance to a joint limit below which a posture costs. [rad or m]
-    #: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
+    spin_step: float = float(np.radians(5.0))  #: Step of the spin grid. [rad]
+    lead: float = 0.0  #: Greatest tilt of the tool axis along the path. [rad]
+    lean: float = 0.0  #: Greatest tilt of the tool axis across the path. [rad]
+    held_steps: int = 9  #: Grid positions of one extra axis (a rail); of several together at most 3 times as many.
+    stations: int = 240  #: Greatest number of stations of the graph; other waypoints are interpolated.
+    limit_margin: float = float(np.radians(10.0))  #: Distance from a joint limit below which it costs. [rad or m]
+    #: Distance from a joint limit below which a posture is excluded: room for the correction. [rad or m]
     limit_room: float = float(np.radians(2.0))
     #: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
     most_step: float = float(np.radians(20.0))
-    #: What the 95 % band knows of the robot, in place of what is assumed; None for other presets.
+    #: Parameter errors of the robot as in the 95 % band; None: assumed uncertainty (other presets).
     errors: PostureErrors | None = None
-    #: Axes in whose components the wrench errs, as columns in base axes (the part's). Shape (3, 3).
+    #: Axes of the wrench errors (part axes) as columns, base axes. Shape (3, 3).
     axes: Array = field(default_factory=lambda: np.eye(3))
-    scene: CollisionScene | None = None  #: What may touch what, or None.
-    clearance: float = 0.0  #: Distance from part and fixture that is asked for. [m]
+    scene: CollisionScene | None = None  #: Solids for the clearance, or None.
+    clearance: float = 0.0  #: Required distance from part and fixture. [m]
 
     def keep_plain(self) -> PostureSettings:
-        """Return the settings that keep one configuration and the tool's x where the job points it."""
+        """Return the settings with one configuration and the tool orientation of the job."""
         return replace(self, search=False, free_spin=False, lead=0.0, lean=0.0)
 
     @property
     def known(self) -> ModelScatter | PostureErrors:
-        """What the sensitivity counts."""
+        """Uncertainty behind the sensitivity."""
         return ASSUMED if self.errors is None else self.errors
 
 
 @dataclass(frozen=True)
 class PostureProblem:
-    """The choice of a posture along a path, as every step of the search has it."""
+    """Posture search along a path."""
 
-    robot: Robot  #: The robot with its tool.
+    robot: Robot  #: Robot with its tool.
     nominal: Toolpath  #: Toolpath in the base frame, with its predicted wrench.
-    tool_x: Array  #: Where x of the TCP points at spin 0, base axes. Shape (3,).
-    settings: PostureSettings  #: What may vary and what it is chosen for.
+    tool_x: Array  #: Direction of x of the TCP at spin 0, base axes. Shape (3,).
+    settings: PostureSettings  #: Degrees of freedom and criteria.
 
     @cached_property
     def chain(self) -> Chain:
-        """The elastic chain of the robot."""
+        """Elastic chain of the robot."""
         return build_chain(self.robot)
 
     @cached_property
     def arm(self) -> Arm:
-        """The arm for inverse kinematics."""
+        """Arm for inverse kinematics."""
         return build_arm(self.robot)
 
     def come_too_near(self, q: Array) -> NDArray[np.bool_]:
-        """Tell which postures (m, nq) do not keep clear; none where nothing is in the way. Shape (m,)."""
+        """Return which postures (m, nq) violate the clearance; none without a collision scene. Shape (m,)."""
         scene, wanted = self.settings.scene, self.settings.clearance
         return np.zeros(len(q), bool) if scene is None else measure_margin(scene, q, wanted) < 0
 
@@ -94,12 +94,12 @@ class PostureProblem:
 
 
 def read_settings(job: Job, robot: Robot, errors: PostureErrors | None = None) -> PostureSettings:
-    """Take the settings from a job's tables, and for the preset "error_band" what is known of the robot.
+    """Read the settings from the tables of a job; `errors`: parameter errors for the preset "error_band".
 
-    A wrench that is given in tool axes would turn with the tool: the rotation then stays where the job has it.
+    With a wrench in tool axes, which would rotate with the tool, the spin is that of the job.
 
     Raises:
-        InputError: If a mesh that the job names is missing or cannot be read.
+        InputError: If a mesh of the job is missing or cannot be read.
     """
     words = job.plan.configuration.model_dump(exclude_none=True)
     start = None if job.plan.start_deg is None else np.asarray(job.plan.start_deg, float)

@@ -1,8 +1,8 @@
-"""Where a plan starts: the posture that the ladder graph chooses, or that of another model of the same machine.
+"""Initial posture of a plan: result of the ladder graph, or posture of another model of the same machine.
 
-Where no posture leads along a whole path, the stretches are kept that the arm can follow. The first waypoint that fails
-is named with what stops it. A robot folder that a diagnosis or an update wrote is the same machine: its plan keeps the
-posture of the job's own robot, with joints solved anew around it.
+Where no posture path covers the complete toolpath, the stretches that the arm can follow are used, and a note names the
+first waypoint out of reach and the limit. A robot folder written by a diagnosis or an update is the same machine: its
+plan keeps the posture of the job's robot, with joints solved again near it.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ FOUR_JOINTS = (
     "The robot has four joints: it cannot choose where its tool points. The tip is corrected; the tilt due to the"
     " load stays (tilt_after_deg in plan.json) and displaces points of the tool above the tip."
 )
-#: Waypoints that are tried without joint limits where none is reached within them.
+#: Waypoints tried without joint limits if none is reached within them.
 LOOKED_AT = 20
-#: Greatest difference of joint places [m] and axes [rad] between two folders of one machine (assumed: a measured
+#: Greatest difference of joint origins [m] and axes [rad] between two folders of one machine (assumed: a measured
 #: geometry differs by millimetres).
 SAME_PLACE, SAME_AXIS = 0.05, 0.1
 
 
 def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings) -> Start:
-    """Find where a plan starts, x of the TCP pointing along tool_x (3,) at no rotation about the tool axis.
+    """Find the initial posture of a plan; x of the TCP points along tool_x (3,) at spin 0.
 
     Raises:
-        InputError: If the wanted start lies outside the joint limits, or no waypoint is reached.
+        InputError: If the job's start is outside the joint limits, or no waypoint is reached.
     """
     check_start(robot, settings.start)
     asked = settings if settings.search else settings.keep_plain()
@@ -71,7 +71,7 @@ def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: Posture
 
 
 def _follow(problem: PostureProblem, start: Array | None, notes: tuple[str, ...]) -> Start:
-    """Follow the path from joint positions `start` (nq,), searched if None: every waypoint by least motion."""
+    """Follow the path from joint positions `start` (nq,), searched if None, by least joint motion."""
     robot, nominal, settings = problem.robot, problem.nominal, problem.settings
     q, missed = follow_path(problem.arm, nominal, tool_axes(nominal, problem.tool_x), start=start,
                             spin_free=robot.nq == 5 or settings.free_spin, most_step=settings.most_step)  # fmt: skip
@@ -93,7 +93,7 @@ def _follow_few_joints(problem: PostureProblem) -> Start:
 
 
 def _follow_start(problem: PostureProblem) -> Start | None:
-    """Follow the path from the job's start; None where that does not lead along the whole path."""
+    """Follow the path from the job's start; None if it does not reach every waypoint."""
     if problem.settings.start is None or problem.settings.scene is not None:
         return None
     told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
@@ -102,10 +102,10 @@ def _follow_start(problem: PostureProblem) -> Start | None:
 
 
 def check_start(robot: Robot, start: Array | None) -> None:
-    """Refuse joint positions to start near that the robot cannot take.
+    """Check the start joint positions of a job.
 
     Raises:
-        InputError: If their number is not that of the joints, or one lies outside its limits.
+        InputError: If their number is not that of the joints, or one is outside its limits.
     """
     if start is None:
         return
@@ -120,13 +120,13 @@ def check_start(robot: Robot, start: Array | None) -> None:
 
 
 def name_along(robot: Robot, q: Array) -> dict[str, str]:
-    """Name the configuration along most of a motion."""
+    """Return the most frequent configuration of a motion."""
     arm = build_arm(robot)
     return CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())] if len(arm.arm) == 6 else {}
 
 
 def build_start(posture_choice: PostureSummary, nominal: Toolpath, settings: PostureSettings) -> Start:
-    """Build the start of a plan from the posture that the graph chose."""
+    """Build the start of a plan from the posture of the graph."""
     leaning = settings.lead > 0 or settings.lean > 0
     path = replace(nominal, axis=posture_choice.axis) if leaning else nominal
     words = tuple(
@@ -140,7 +140,7 @@ def build_start(posture_choice: PostureSummary, nominal: Toolpath, settings: Pos
 
 
 def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
-    """Measure the clearance of a command, and name what comes too near at which waypoints."""
+    """Compute the clearance of a command, and describe violations by waypoint."""
     if start is None or start.settings.scene is None:
         return None, {}
     wanted = start.settings.clearance
@@ -158,7 +158,7 @@ def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | N
 def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> Start | None:
     """Return the start with one configuration and the x axis of the tool as programmed.
 
-    None where the graph chose it already, or it cannot be kept.
+    None if it is the graph's choice already, or infeasible.
     """
     if start.posture_choice is None or start.posture_choice.plain:
         return None
@@ -167,7 +167,7 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
 
 
 def find_partial(problem: PostureProblem, reason: str) -> Start:
-    """Start with the stretches of a path that the arm can follow, collisions ignored; `reason` says why not all.
+    """Find a start with the stretches that the arm can follow, without collision checks; `reason`: why not all.
 
     Raises:
         InputError: If no waypoint is reached.
@@ -183,10 +183,10 @@ def find_partial(problem: PostureProblem, reason: str) -> Start:
 
 
 def _start_nearest(problem: PostureProblem) -> Start:
-    """Start as near as possible to a path that the arm reaches beyond its joint limits only.
+    """Find the start nearest to a path that the arm reaches only beyond its joint limits.
 
     Raises:
-        InputError: If it does not reach it without them either, or not in the wanted configuration.
+        InputError: If it is out of reach without joint limits too, or the job requires a configuration.
     """
     nominal, arm = problem.nominal, problem.arm
     rotation, some = tool_axes(nominal, problem.tool_x), pick_even(np.arange(len(nominal)), LOOKED_AT)
@@ -201,7 +201,7 @@ def _start_nearest(problem: PostureProblem) -> Start:
 
 
 def _say_missed(problem: PostureProblem, start: Start) -> Start:
-    """Note which joint limits, or the reach of the arm, stop the first missed waypoint of a start."""
+    """Add a note on the joint limits, or the reach of the arm, that exclude the first missed waypoint of a start."""
     robot, missed, nominal = problem.robot, start.missed, start.nominal
     first = np.flatnonzero(missed)[:1]
     best, _ = reach_tip_and_axis(problem.arm, start.q[first], nominal.position[first], start.rotation[first],
@@ -219,7 +219,7 @@ def _say_missed(problem: PostureProblem, start: Start) -> Start:
 
 
 def _explain_reach(problem: PostureProblem) -> str:
-    """Return a sentence on why no waypoint is reached."""
+    """Explain why no waypoint is reached."""
     arm, words = problem.arm, problem.settings.configuration
     if words and choose_partial(replace(problem, settings=replace(problem.settings, configuration={}))) is not None:
         wanted = ", ".join(words.values())
@@ -234,13 +234,13 @@ def _explain_reach(problem: PostureProblem) -> str:
 
 
 def read_lock(job: Job, robot: Robot) -> Robot | None:
-    """Return the robot whose posture a job keeps ([plan] keep), another model of the same machine; None for none."""
+    """Return the robot whose posture a job keeps ([plan] keep): another model of the same machine, or None."""
     if job.plan.keep == "nothing":
         return None
     try:
         folder = find_robot_folder(job.context.own_robot or job.robot, job.folder)
     except CompplanError:
-        return None  # another robot stands in for one that is not there
+        return None  # another robot replaces a missing one
     if robot.folder is None or folder.resolve() == robot.folder.resolve():
         return None
     own = load_robot(folder)
@@ -249,7 +249,7 @@ def read_lock(job: Job, robot: Robot) -> Robot | None:
 
 
 def is_same_machine(one: Robot, other: Robot) -> bool:
-    """Tell whether two folders describe one machine: the same joints, at nearly the same places."""
+    """Return whether two folders describe one machine: the same joints, at nearly the same places."""
     if one.joint_names != other.joint_names or len(one.joints) != len(other.joints):
         return False
     for a, b in zip(one.joints, other.joints, strict=True):
@@ -263,7 +263,7 @@ def is_same_machine(one: Robot, other: Robot) -> bool:
 def find_kept_start(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, lock: Robot | None
 ) -> Start:
-    """Find where a plan starts as `find_start` does, but with the posture of `lock` where one is given.
+    """Find the initial posture as `find_start`, but with the posture of the robot `lock` if given.
 
     Raises:
         InputError: If no waypoint is reached.
@@ -286,7 +286,7 @@ def find_kept_start(
 
 
 def _solve_again(robot: Robot, start: Start) -> Start:
-    """Solve the joints of a robot around a start; what it does not reach there is missed."""
+    """Solve the joints of a robot near a start; waypoints not reached there are missed."""
     nominal, free = start.nominal, start.settings.free_spin or robot.nq == 5
     q, rotation, reached = solve_posture_near(
         build_arm(robot), start.q, nominal.position, start.rotation, spin_free=free

@@ -1,4 +1,4 @@
-"""What the choice of a posture returns: the posture, its costs, and where a plan starts."""
+"""Results of the posture search: posture, costs, and the start of a plan."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from compplan.toolpath.toolpath import Toolpath, pick_even
 
 @dataclass(frozen=True)
 class PostureTrace:
-    """The posture at every waypoint, unloaded."""
+    """Posture at every waypoint, unloaded."""
 
-    q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-    rotation: Array  #: Orientation of the TCP frame, z out of the tool, leads and leans included. Shape (n, 3, 3).
-    spin: Array  #: Rotation about the tool axis, counted on through full turns. Shape (n,). [rad]
-    lead: Array  #: Lean of the tool axis along the travel. Shape (n,). [rad]
-    lean: Array  #: Lean of the tool axis to the left of the travel. Shape (n,). [rad]
-    missed: NDArray[np.bool_]  #: Waypoints where the posture could not be followed from station to station. Shape (n,).
+    q: Array  #: Joint positions with the unloaded tool on the path. Shape (n, nq). [rad or m]
+    rotation: Array  #: Orientation of the TCP frame, z out of the tool, tilts included. Shape (n, 3, 3).
+    spin: Array  #: Rotation about the tool axis, continuous over full turns. Shape (n,). [rad]
+    lead: Array  #: Tilt of the tool axis along the path. Shape (n,). [rad]
+    lean: Array  #: Tilt of the tool axis to the left of the path. Shape (n,). [rad]
+    missed: NDArray[np.bool_]  #: Waypoints where the posture cannot be followed between stations. Shape (n,).
 
 
 @dataclass(frozen=True)
 class PostureSummary(PostureTrace):
-    """The posture along an uncorrected path, and its costs."""
+    """Posture along an uncorrected path, and its costs."""
 
     configuration: dict[str, str]  #: Shoulder, elbow and wrist along most of the path.
-    #: Where the configuration changes: first waypoint afterwards, words before, words after.
+    #: Changes of configuration: first waypoint afterwards, configuration before, after.
     changes: tuple[tuple[int, str, str], ...]
-    settings: PostureSettings  #: What was asked for.
+    settings: PostureSettings  #: Settings of the search.
     costs: dict[str, float]  #: Costs by criterion, with the unit in the key.
-    plain: bool = False  #: Whether it is the plain posture in place of the graph's way.
-    #: Costs of the postures that were compared, by preset, in the unit of `compared_by`.
+    plain: bool = False  #: Whether the plain posture replaced that of the graph.
+    #: Costs of the compared postures, by preset, in the unit of `compared_by`.
     compared: Mapping[str, float] = field(default_factory=dict)
-    compared_by: str = ""  #: The cost that they were compared by, such as "driven_s".
+    compared_by: str = ""  #: Cost of the comparison, such as "driven_s".
 
     @property
     def axis(self) -> Array:
@@ -49,7 +49,7 @@ class PostureSummary(PostureTrace):
         return np.asarray(-self.rotation[:, :, 2])
 
     def describe_errors(self) -> dict[str, Any]:
-        """Return what plan.json and place.json say of the uncertainty behind the sensitivity."""
+        """Describe the uncertainty behind the sensitivity for plan.json and place.json."""
         if self.settings.errors is not None:
             return {"error_band_from": self.settings.errors.source}
         return {"uncertainty_assumed": vars(ASSUMED)}
@@ -70,7 +70,7 @@ class PostureSummary(PostureTrace):
 
 
 def measure_remaining(problem: PostureProblem, q: Array) -> float:
-    """Return the expected rms deviation over the cut that remains at postures (n, nq) after correction. [mm]"""
+    """Compute the expected remaining deviation at postures (n, nq) after correction, rms over the cut. [mm]"""
     steps = np.where(problem.nominal.rapid[1:], 0.0, problem.nominal.steps)
     share = np.r_[steps, 0.0] + np.r_[0.0, steps]
     rows = np.flatnonzero(share > 0)
@@ -83,7 +83,7 @@ def measure_remaining(problem: PostureProblem, q: Array) -> float:
 
 
 def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
-    """Return all costs of joint positions q (n, nq) along a path."""
+    """Compute all costs of joint positions q (n, nq) along a path."""
     chain, robot, nominal = problem.chain, problem.robot, problem.nominal
     length, parts = natural_length(chain, robot.arm_limits), np.array_split(q, len(q) // CHUNK + 1)
     dexterity = (measure_dexterity(joint_jacobian(chain, locate_frames(chain, part)), length) for part in parts)
@@ -103,31 +103,31 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
 
 
 class Easing(NamedTuple):
-    """How a run is slowed, compared with the fastest one, so that the arm vibrates less where its band is widest."""
+    """Slowdown of a run compared with the fastest one: less vibration where the band is widest."""
 
-    window: float  #: Windows of smoothing as a share of those that plans have.
-    places: Array  #: Places along the toolpath, waypoints counted from 0. Shape (k,).
-    slower: Array  #: Factor by which the run is slower there; accelerations fall with its square. Shape (k,).
+    window: float  #: Smoothing windows as a share of the default ones.
+    places: Array  #: Places along the toolpath in waypoint numbers from 0. Shape (k,).
+    slower: Array  #: Slowdown factor of the run there; accelerations fall with its square. Shape (k,).
 
 
 @dataclass(frozen=True)
 class Start:
-    """The path, posture and speed that a plan starts from."""
+    """Initial path, posture and speed of a plan."""
 
-    nominal: Toolpath  #: The path, its tool axis leaning as chosen.
-    q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-    rotation: Array  #: Wanted orientation of the TCP frame. Shape (n, 3, 3).
+    nominal: Toolpath  #: Path with the chosen tilt of the tool axis.
+    q: Array  #: Joint positions with the unloaded tool on the path. Shape (n, nq). [rad or m]
+    rotation: Array  #: Required orientation of the TCP frame. Shape (n, 3, 3).
     configuration: Mapping[str, str]  #: Shoulder, elbow and wrist along most of the path.
-    missed: NDArray[np.bool_]  #: Waypoints that are not reached. Shape (n,).
-    settings: PostureSettings  #: What was asked for.
-    #: What the graph chose, or None where it found nothing (or was not asked).
+    missed: NDArray[np.bool_]  #: Waypoints out of reach. Shape (n,).
+    settings: PostureSettings  #: Settings of the search.
+    #: Posture of the graph, or None if infeasible or not searched.
     posture_choice: PostureSummary | None = None
     notes: tuple[str, ...] = ()  #: Notes for the user, one sentence each.
-    mend: str = ""  #: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
-    #: Figures of the program of posture and speed for plan.json; None where the posture of the graph is kept.
+    mend: str = ""  #: Cause and remedy of the first waypoint out of reach, "" if all are reached.
+    #: Figures of the program of posture and speed for plan.json; None with the posture of the graph.
     program: Mapping[str, Any] | None = None
-    pace: Easing | None = None  #: How the run is slowed, None for the fastest one.
+    pace: Easing | None = None  #: Slowdown of the run, None for the fastest one.
     #: Offset from the programmed path within its tube, None for none. Shape (n, 3). [m]
     aside: Array | None = None
-    #: Programmed tool axis, None where `nominal` has it. Shape (n, 3).
+    #: Programmed tool axis, None if that of `nominal`. Shape (n, 3).
     upright: Array | None = None

@@ -1,7 +1,7 @@
 """Compensation strategies, one file each.
 
-Each file holds what it is called in `words` and `command_path(task) -> Command`: from the task (robot model, nominal
-path, predicted wrench, limits) to the joint positions that are sent. A new strategy is one new file and one line in
+Each file holds its displayed name `words` and `command_path(task) -> Command`: from the task (robot model, nominal
+path, predicted wrench, limits) to the commanded joint positions. A new strategy is one new file and one line in
 `compplan.job.names`.
 """
 
@@ -16,19 +16,19 @@ from compplan.planning.task import Command, PlanTask
 
 
 class Strategy(Protocol):
-    """Interface of the file of a strategy; `words` is its name on pages."""
+    """Interface of a strategy's file; `words` is the displayed name."""
 
     def command_path(self, task: PlanTask) -> Command:
-        """Command the path of a task."""
+        """Compute the command for the path of a task."""
         ...
 
 
-#: Every strategy of a plan, by the name of its file.
+#: Every strategy of a plan, by file name.
 STRATEGIES: Registry[Strategy] = names.STRATEGIES.held_by(__name__)
 
 
 def command_path(task: PlanTask, strategy: str) -> Command:
-    """Correct a path by a strategy.
+    """Compute the command for a path by a strategy.
 
     Raises:
         UnknownNameError: If there is no such strategy.

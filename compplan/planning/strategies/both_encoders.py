@@ -1,7 +1,7 @@
-"""Both encoders: a share beta of the gear's measured deflection stands for what bends beyond the encoder.
+"""Both encoders: a share beta of the measured gear deflection compensates the deflection beyond the encoder.
 
-q_link + beta (q_link - q_motor) = q with one gain a joint [Klimchik2018], from two compliances of the model: of the
-gear, and of gear and links together about the joint's axis (`compplan.statics.encoders.combined_gain`).
+q_link + beta (q_link - q_motor) = q with one gain per joint [Klimchik2018], from two compliances of the model: gear,
+and gear with links about the joint axis (`compplan.statics.encoders.combined_gain`).
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from compplan.statics.encoders import combined_gain, gear_compliance
 
 words = "encoders on both sides"
 
-#: Poses and loads that a reduced model stands for: their number, and their spread about the path. [rad or m]
+#: Number of poses that the reduced model is fitted to, and their spread about the path. [rad or m]
 REDUCTION_POSES, REDUCTION_SPREAD = 60, 0.5
-#: Level of force where the task predicts none. [N]
+#: Force where the task predicts none. [N]
 TYPICAL_FORCE = 500.0
 
 
 def prepare(task: PlanTask) -> Answer:
-    """Command the nominal path, held by a combination of both encoders."""
+    """Command the nominal path, controlled by a combination of both encoders."""
     total = np.zeros(task.robot.nq)
     for spring in reduce_near_path(task).springs:
         total[task.robot.joint_names.index(spring.joint)] = spring.compliance
@@ -33,10 +33,10 @@ def prepare(task: PlanTask) -> Answer:
 
 
 def reduce_near_path(task: PlanTask) -> Robot:
-    """Fit one spring a joint to the model, at poses spread about the path under forces in all directions, seeded.
+    """Fit one spring per joint to the model, at random poses about the path under forces in all directions, seeded.
 
-    Moments have a lever of 0.1 m. The spread keeps the fit from serving the path alone: this is what a careful
-    identification would give.
+    Moments have a lever of 0.1 m. The spread avoids a fit that holds on the path only; a careful identification would
+    yield a similar model.
     """
     robot = task.robot
     rng = np.random.default_rng(20180)

@@ -1,4 +1,4 @@
-"""Force sensor: the measured wrench goes through the stiffness model at every waypoint, without delay."""
+"""Force sensor: correct for the measured wrench by the stiffness model at every waypoint, without delay."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ words = "force sensor"
 
 
 def prepare(task: PlanTask) -> Answer:
-    """Correct the path for the measured wrench: the exact command, and its derivative with respect to the wrench.
+    """Compute the exact command for the expected wrench and its derivative with respect to the wrench.
 
-    The rotation about the tool axis is held.
+    The spin stays constant.
     """
     q = iterated_mirror.command_path(task).q
     inverse = np.asarray(np.linalg.pinv(attain_pose(task.chain, q, task.wrench).jacobian), float)

@@ -1,4 +1,4 @@
-"""Iterated mirror compensation: mirror again and again, until the model predicts no deviation."""
+"""Iterated mirror compensation: repeat until the model predicts no deviation."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from compplan.planning.task import Command, PlanTask, check_limits
 words = "repeated mirror"
 
 MOST_PASSES = 20
-#: Deviation that counts as none. [m]
+#: Deviation below which the iteration has converged. [m]
 SETTLED = 1e-9
 
 
 def command_path(task: PlanTask) -> Command:
-    """Mirror the predicted deviation until it vanishes; the last command stands where it does not."""
+    """Mirror the predicted deviation until it vanishes; return the last command if it does not."""
     q, position, rotation = task.q_start, task.position, task.rotation
     passes, deviation = 0, float("inf")
     while deviation >= SETTLED and passes < MOST_PASSES:

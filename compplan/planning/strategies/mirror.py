@@ -1,8 +1,8 @@
 """Mirror compensation: the predicted deviation is mirrored at the nominal path, once.
 
-The command's pose is the nominal one less the deviation that the model predicts for the uncorrected command. What is
-left falls with the square of the force: the deflection is computed at the nominal pose and happens at the corrected
-one.
+The commanded pose is the nominal one less the deviation that the model predicts for the uncorrected command. The
+remaining deviation is quadratic in the force: the deflection is computed at the nominal pose, but acts at the
+corrected one.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ words = "mirror"
 
 
 def command_path(task: PlanTask) -> Command:
-    """Mirror the predicted deviation."""
+    """Compute the command that mirrors the predicted deviation."""
     return check_limits(task, mirror_deviation(task, task.q_start, task.position, task.rotation)[0])
 
 
 def mirror_deviation(task: PlanTask, q: Array, position: Array, rotation: Array) -> tuple[Array, Array, Array, float]:
-    """Move the commanded pose (q, and its position and rotation) against the deviation that the model predicts for it.
+    """Shift a commanded pose (q, position and rotation) by the negative of its predicted deviation.
 
-    Returns new joint positions, commanded positions and orientations, and the greatest deviation mirrored. [m]
+    Returns new joint positions, commanded positions and orientations, and the greatest mirrored deviation. [m]
     """
     attained = attain_rows(task, q, np.arange(len(q)), slope=False)
     moved = task.compensated[:, None]

@@ -1,7 +1,7 @@
-"""Compensation by the nonlinear program: exact where it can be, within all limits.
+"""Compensation by the nonlinear program: exact where possible, within all limits.
 
-`compplan.planning` solves the program at stations of the path and takes its solution to every waypoint. Waypoints that
-cannot keep the limits fail; the command there is as near to the path as the limits allow.
+`compplan.planning` solves the program at stations of the path and refines its solution at every waypoint. Waypoints
+that cannot keep the limits fail; the command there is as near to the path as the limits allow.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ words = "optimised (nlp)"
 
 
 def command_path(task: PlanTask, near: Command | None = None) -> Command:
-    """Solve for the joint positions whose loaded tool is on the path, from `near`, a command for nearly these loads.
+    """Solve for joint positions with the loaded tool on the path; `near`: warm start, a command for similar loads.
 
-    Waypoints that cannot be reached within the limits make the status "infeasible"; they are named, and the command
-    misses the path there by as little as the limits allow.
+    Waypoints that cannot be reached within the limits make the status "infeasible"; they are listed as failures, and
+    the command there is as near to the path as the limits allow.
     """
     real, task = task, leave_play(task)
     found = solve_path(task, None if near is None else near.links)
@@ -33,35 +33,35 @@ def command_path(task: PlanTask, near: Command | None = None) -> Command:
 
 
 def approach_path(task: PlanTask) -> Command:
-    """Command a path by Newton steps from the posture that was chosen, and by the program where those leave a limit."""
+    """Command a path by Newton steps from the chosen posture; by the program if these violate a limit."""
     found = correct_command(task, Command(task.q_start))
     return command_path(task) if found.failures else found
 
 
 def correct_command(task: PlanTask, command: Command) -> Command:
-    """Bring a command up to date after a small change of the load, by Newton steps that move the joints least.
+    """Update a command after a small change of the load, by Newton steps of least joint motion.
 
-    Waypoints that fail in it keep their joint positions.
+    Failed waypoints keep their joint positions.
     """
     failing = np.array(sorted(command.failures), int)
     return _finish(task, correct_pose(leave_play(task), np.array(command.links), failing), command)
 
 
 def leave_play(task: PlanTask) -> PlanTask:
-    """Return a task whose joints have no lost motion: that of the links."""
+    """Return the task without lost motion: link-side joint positions."""
     return replace(task, robot=without_play(task.robot))
 
 
 def _finish(task: PlanTask, q: Array, command: Command) -> Command:
-    """Lead lost motion, and name the waypoints that miss the pose equations or leave a limit; q: of the links."""
+    """Compensate lost motion, and list waypoints that violate the pose equations or a limit; q: link side."""
     missed = size_of(miss_pose(leave_play(task), q))
     failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
-    # at a contact whose correction came in at rest the play is crossed before the cut
+    # at a contact whose correction is added at rest, the play is crossed before the cut
     contacts = np.flatnonzero(task.lead[:-1] & ~task.lead[1:] & ~task.leaving[:-1]) + 1
     lead = lead_play(task.robot, q, contacts.tolist()) if list_plays(task.robot).any() else 0.0
     q = q + lead
     if task.robot.effects:
-        # lost motion at a reversal, which no command mends, is no matter of reach: the evaluation sees the tip
+        # lost motion at a reversal cannot be compensated; it does not count as out of reach: the evaluation includes it
         failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}
     failures |= check_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
     return replace(command, q=q, lead=lead, status="infeasible" if failures else "solved", failures=failures)

@@ -1,4 +1,4 @@
-"""No compensation: the joint positions at which the controller shows the tool on the path."""
+"""No compensation: joint positions at which the controller's kinematics has the tool on the path."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ words = "no correction"
 
 
 def command_path(task: PlanTask) -> Command:
-    """Command the nominal path as if nothing bent."""
+    """Command the nominal path as if the robot were rigid."""
     return check_limits(task, task.q_uncorrected)

@@ -1,6 +1,6 @@
-"""Secondary-encoder feedback: the axes are held by their link-side encoders, which takes the gears' deflection out.
+"""Secondary-encoder feedback: the axes are controlled by their link-side encoders, which removes gear deflection.
 
-What bends beside the encoders stays: links, bearings, and springs beside the axis [Klimchik2018].
+Deflection that the encoders do not measure remains: links, bearings, springs off the joint axis [Klimchik2018].
 """
 
 from __future__ import annotations
@@ -12,5 +12,5 @@ words = "encoders behind the gears"
 
 
 def prepare(task: PlanTask) -> Answer:
-    """Command the nominal path, held by the link-side encoders."""
+    """Command the nominal path, controlled by the link-side encoders."""
     return Answer("secondary_encoder", task.q_start, "link")
