@@ -87,7 +87,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class Fold:
-    """Blocks folded behind a line that unfolds on a click (and in print)."""
+    """Blocks folded behind a line that unfolds on a click; printed only if unfolded."""
 
     summary: str
     blocks: Sequence[Block]

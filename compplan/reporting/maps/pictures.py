@@ -111,7 +111,7 @@ def draw_lines(
 
 
 def draw_shares(title: str, x_label: str, samples: dict[str, Array], what: str) -> bytes:
-    """Draw cumulative distributions of samples as a PNG picture, one line per name, means as dots; `what`: "poses"."""
+    """Draw cumulative distributions of samples (`what`, such as "poses") as a PNG: one line per name, means as dots."""
     lines = [(name, np.sort(values), 100 * np.arange(1, len(values) + 1) / len(values), "-")
              for name, values in samples.items()]  # fmt: skip
 

@@ -38,7 +38,7 @@ def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None
 
 
 def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]:
-    """Read the calibration of a controller; write DIR/robot and calibration.json, and return the content of the file."""
+    """Read the calibration of a controller, write DIR/robot and calibration.json; return the content of the JSON."""
     robot, form = read_calibration(read_text(file), file, nominal)
     robot = replace(robot, sources={**robot.sources, "geometry": f"calibration of the controller, {file.name}"})
     summary = {"schema": 1, "robot": nominal.name, "format": form, "made_by": describe_origin()}
