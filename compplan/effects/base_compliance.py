@@ -1,4 +1,4 @@
-"""base_compliance: the base plate tilts under load, seen from the world."""
+"""base_compliance: the base plate tilts under load in the world frame."""
 
 from __future__ import annotations
 
@@ -41,6 +41,6 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """Write the compliance into a spring of the fixed joint at the base origin, where there is one."""
+    """Write the compliance into a spring of the fixed joint at the base origin, if there is one."""
     joint = base_joint(robot)
     return None if joint is None else add_compliance(robot, joint, str(effect.axis), float(effect.parameters[KEY]))
