@@ -10,7 +10,7 @@ that its error `follows`, `of_instrument` for errors of instrument, sensor or cl
 To simulate any mixture of effects exactly:
 
     model    = build_model(robot, campaign)                  compplan.effects.forward_model
-    model    = apply_effects(model, robot_effects(robot))    effects of the folder's effects.toml, or your own
+    model    = apply_effects(model, robot_effects(robot))    effects of effects.toml, or others
     attained = solve_model_poses(model)                           attained.position, .rotation, .link, .motor
 
 An effect is `Effect(name, joint, axis, parameters)`; parameters are SI, their keys end in the unit. For rows that are

@@ -51,7 +51,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Let the link lag behind its reading by half the width, on either side."""
+    """Add the lost motion of the link: half the width behind its reading, on either side."""
     index = model.joint_index(effect.joint)
     drive = model.drive.copy()
     values = effect.parameters

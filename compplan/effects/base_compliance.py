@@ -31,7 +31,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Let the base tilt."""
+    """Add the tilt compliance to the base spring, or to the model."""
     folded = fold(model.robot, effect)
     if folded is not None:
         return replace(model, robot=folded)

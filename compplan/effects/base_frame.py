@@ -33,5 +33,5 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Move everything in the measurement frame."""
+    """Displace the robot in the measurement frame."""
     return replace(model, base_twist=model.base_twist + twist_values(effect))

@@ -1,7 +1,7 @@
 """Base class of results: text for a terminal, HTML for a notebook, a plot and a DataFrame.
 
 A result defines `summary`, `columns` and `curves`; text, HTML, plot and DataFrame are made from them. matplotlib is
-imported for a plot alone, pandas for a DataFrame alone.
+imported only for a plot, pandas only for a DataFrame.
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ class PoseTable(StrictTable):
 class FittedFrame:
     """A part frame found from points."""
 
-    pose: Array  #: Pose of the part frame seen from the base. Shape (4, 4). [m]
+    pose: Array  #: Pose of the part frame in the base frame. Shape (4, 4). [m]
     residual: Array  #: Residual distance of each point. [mm]
 
     def tell(self) -> str:

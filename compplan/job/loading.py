@@ -80,7 +80,7 @@ def refuse_unsettled(job: Job) -> None:
 
 
 def _refuse_tools(job: Job, toolpath: Toolpath) -> None:
-    """Refuse a file with several tools where only one is described."""
+    """Refuse a file with several tools if only one is described."""
     tools = dict.fromkeys((operation.number, operation.tool) for operation in split_operations(toolpath))
     if len(tools) > 1:
         names, wanted = ", ".join(name for _, name in tools), " and ".join(f"number = {k}" for k, _ in tools)

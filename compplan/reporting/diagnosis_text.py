@@ -104,7 +104,7 @@ def describe_next(verdict: Mapping[str, Any], delivered: str, poses: str) -> str
 
 
 def list_poses(table: Mapping[str, Any], where: str) -> str:
-    """Return a phrase for the next poses to measure: those of diagnosis.json, listed at `where`, or other ones."""
+    """Return a phrase for the next poses to measure: those of diagnosis.json, listed at `where`, or others."""
     listed = any(step.get("poses") for step in table["next_measurement"])
     return f"as listed {where}" if listed else "other ones than these"
 

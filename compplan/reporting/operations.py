@@ -32,7 +32,7 @@ from compplan.reporting.writers.plan import head_of_status, make_program, write_
 #: Statuses and verdicts, from the best to the worst.
 STATUSES = ("solved", "not_confirmed", "infeasible")
 VERDICTS = ("keeps", "not_known", "may_not_keep")
-#: Time between the last row of a tool and the first of the next in joints.csv (assumed). [s]
+#: Nominal time between the last row of a tool and the first of the next in joints.csv; changes are not timed. [s]
 CHANGE = 1.0
 
 

@@ -94,7 +94,7 @@ class Spring:
 class LinkElasticity:
     """The 6x6 elasticity of a link, lumped at its far end.
 
-    The far end is the frame of the chain's next joint before that joint moves (of the last link: its own frame).
+    The far end is the frame of the chain's next joint before that joint moves (of the last link: its frame).
     Six elementary springs tx ty tz rx ry rz act there in this order, coupled by `compliance`.
     """
 

@@ -111,7 +111,7 @@ class LinkShape:
 
 @dataclass(frozen=True)
 class Urdf:
-    """Contents of a URDF: joints, names of links, masses and shapes of links in their own frame."""
+    """Contents of a URDF: joints, names of links, masses and shapes in the frames of their links."""
 
     file: Path
     joints: tuple[Joint, ...]

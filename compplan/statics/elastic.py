@@ -167,7 +167,7 @@ def _iterate(
 def cartesian_compliance(chain: Chain, q: Array) -> Array:
     """Compute the compliance of the TCP, J C J^T, at an unloaded pose.
 
-    Valid for a small change of the wrench where the stiffness by the change of the Jacobian is negligible
+    Valid for a small change of the wrench if the stiffness by the change of the Jacobian is negligible
     [Salisbury1980]; `loaded_compliance` holds without that condition.
 
     Args:

@@ -45,7 +45,7 @@ def actuator_selection(chain: Chain) -> Array:
     """Return which elastic coordinates add to which link-side encoder.
 
     Returns:
-        Shape (nq, s), entries 1, 0, and -1 where a spring turns against its joint (joint about -y, spring about ry).
+        Shape (nq, s), entries 1, 0, and -1 if a spring turns against its joint (joint about -y, spring about ry).
     """
     selection = np.zeros((chain.nq, chain.n_springs))
     owner = -1
