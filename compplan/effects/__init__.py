@@ -10,7 +10,7 @@ that its error `follows`, `of_instrument` for errors of instrument, sensor or cl
 To simulate any mixture of effects exactly:
 
     model    = build_model(robot, campaign)                  compplan.effects.forward_model
-    model    = apply_effects(model, robot_effects(robot))    effects of the folder's effects.toml, or your own
+    model    = apply_effects(model, robot_effects(robot))    effects of effects.toml, or others
     attained = solve_model_poses(model)                           attained.position, .rotation, .link, .motor
 
 An effect is `Effect(name, joint, axis, parameters)`; parameters are SI, their keys end in the unit. For rows that are
@@ -60,7 +60,7 @@ def _in_order(effects: Iterable[Effect]) -> list[Effect]:
 
 
 def apply_effects(model: ForwardModel, effects: Iterable[Effect]) -> ForwardModel:
-    """Put effects into a model, exactly, in the order of the vocabulary; several of one name and place add up."""
+    """Apply effects to a model, exactly, in the order of the vocabulary; several of one name and place add up."""
     for effect in _in_order(effects):
         apply = getattr(EFFECTS[effect.name], "apply", None)
         if apply is not None:
@@ -71,7 +71,7 @@ def apply_effects(model: ForwardModel, effects: Iterable[Effect]) -> ForwardMode
 
 
 def fold_effect(robot: Robot, effect: Effect) -> Robot | None:
-    """Write an effect into URDF and springs; None where they cannot express it."""
+    """Write an effect into URDF and springs; None if they cannot express it."""
     fold = getattr(EFFECTS[effect.name], "fold", None)
     return None if fold is None else fold(robot, effect)
 
@@ -80,7 +80,7 @@ def robot_effects(robot: Robot) -> tuple[Effect, ...]:
     """Return the effects of a robot folder's effects.toml.
 
     Raises:
-        InputError: If a table names no effect of the vocabulary or no joint of the robot.
+        InputError: If a table names an unknown effect or joint.
     """
     file = None if robot.folder is None else robot.folder / "effects.toml"
     effects = []
@@ -102,7 +102,7 @@ def robot_effects(robot: Robot) -> tuple[Effect, ...]:
 
 
 def fold_effects(robot: Robot, effects: Iterable[Effect]) -> Robot:
-    """Add effects to a robot: to URDF and springs if possible, else to its own effects."""
+    """Add effects to a robot: to URDF and springs if possible, otherwise to its table of effects."""
     tables: list[dict[str, Any]] = [dict(table) for table in robot.effects]
     for effect in _in_order(effects):
         folded = fold_effect(robot, effect)
@@ -120,7 +120,7 @@ def command_campaign(
     """Build a campaign of commanded rows.
 
     q: joint positions, (n, nq) [rad or m]; wrench: on the tool, base axes, none if left out, (n, 6) [N, N m]; time:
-    since the beginning, effects of motion need it, (n,) [s]; on_path: whether the rows are passed in motion;
+    since the beginning, for effects of motion, (n,) [s]; on_path: whether the rows are passed in motion;
     temperature: of the structure, (n,) [C].
     """
     q = np.atleast_2d(np.asarray(q, float))

@@ -1,8 +1,8 @@
 """backlash: lost motion; the position depends on the direction of the joint's last move.
 
 The link of a joint with play of width w follows its command q at q - s w / 2, s the side on which the command pushes:
-1 as it rises, -1 as it falls. The command that puts the link where it has to be is q_link + s w / 2; at a reversal it
-crosses the play at once. Swings too small to matter do not change the side.
+1 as it rises, -1 as it falls. The command for a required link position is q_link + s w / 2; at a reversal it
+crosses the play at once. Small swings do not change the side.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ follows = "direction of approach"
 SCALE = {"revolute": 2e-4, "prismatic": 1e-4}
 #: Direction of approach of the first row, where unknown: from below (assumed).
 CAME_FROM_BELOW = -0.5
-#: Less lost motion is none (assumed). [rad or m]
+#: Least width of lost motion that is compensated (assumed). [rad or m]
 LEAST_PLAY = 1e-6
-#: A joint stands where it differs by less: rounding does not choose the row at which it turns. [rad or m]
+#: Rounding tolerance of joint positions in the search for reversals. [rad or m]
 STANDS = 1e-9
-#: Swings of a link that turn no side: this share of the play, and at least so much (assumed). [1, rad or m]
+#: Swings of a link that do not change the side: share of the play, and least size (assumed). [1, rad or m]
 SWING, LEAST_SWING = 0.02, 1e-6
 
 
@@ -51,7 +51,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Let the link lag behind its reading by half the width, on either side."""
+    """Add the lost motion of the link: half the width behind its reading, on either side."""
     index = model.joint_index(effect.joint)
     drive = model.drive.copy()
     values = effect.parameters
@@ -83,10 +83,10 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
 
 
 def find_sides(position: Array, swing: float, first: float) -> Array:
-    """Return on which side a joint is pushed at every row: 1 rising, -1 falling. Shape (n,).
+    """Return the side on which a joint is pushed at every row: 1 rising, -1 falling. Shape (n,).
 
-    A joint turns at the farthest row before it goes back by more than a swing [rad or m]; that row is still pushed from
-    before. `first` is the side at the first row.
+    A joint reverses at the farthest row before it returns by more than a swing [rad or m]; that row keeps the previous
+    side. `first` is the side at the first row.
     """
     sides, side, far = np.empty(len(position)), first, 0
     values = position.tolist()
@@ -102,7 +102,7 @@ def find_sides(position: Array, swing: float, first: float) -> Array:
 
 
 def is_play(entry: Mapping[str, Any]) -> bool:
-    """Tell whether an effect of a folder is lost motion that a command can lead."""
+    """Return whether an effect of a folder is lost motion that a command can compensate."""
     return entry.get("effect") == "backlash" and width_of(entry) > LEAST_PLAY
 
 
@@ -113,10 +113,10 @@ def width_of(entry: Mapping[str, Any]) -> float:
 
 
 def list_plays(robot: Robot) -> Array:
-    """Return the width of the lost motion that a robot folder states of every joint. Shape (nq,). [rad or m]"""
+    """Return the width of the lost motion of every joint in a robot folder. Shape (nq,). [rad or m]"""
     widths = np.zeros(robot.nq)
     for entry in filter(is_play, robot.effects):
-        # names that the robot does not have are refused where the effects are built
+        # unknown joint names are refused when the effects are built
         widths += width_of(entry) * (np.array(robot.joint_names) == entry["joint"])
     return widths
 
@@ -143,10 +143,10 @@ def state_sides(robot: Robot, q: Array) -> Robot:
 
 
 def lead_play(robot: Robot, links: Array, contacts: Sequence[int] = ()) -> Array:
-    """Return what a command adds to the links' positions to push them there. Shape (n, nq). [rad or m]
+    """Return the lead of the command over the links that compensates lost motion. Shape (n, nq). [rad or m]
 
-    links: where the links have to be (n, nq) [rad or m]; contacts: rows whose play is crossed before the motion goes
-    on, at rest.
+    links: required link positions (n, nq) [rad or m]; contacts: rows at rest, whose play is crossed before the motion
+    continues.
     """
     lead = np.zeros_like(links)
     for entry in filter(is_play, robot.effects):
@@ -160,5 +160,5 @@ def lead_play(robot: Robot, links: Array, contacts: Sequence[int] = ()) -> Array
 
 
 def find_crossings(q: Array, links: Array) -> NDArray[np.bool_]:
-    """Tell which moves cross lost motion: a command leads its links by another amount than before. Shape (n - 1,)."""
+    """Return the moves that cross lost motion: the lead of the command over the links changes. Shape (n - 1,)."""
     return np.asarray((np.abs(np.diff(q - links, axis=0)) > 0.5 * LEAST_SWING).any(axis=1))

@@ -1,4 +1,4 @@
-"""base_compliance: the base plate tilts under load, seen from the world."""
+"""base_compliance: the base plate tilts under load in the world frame."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Let the base tilt."""
+    """Add the tilt compliance to the base spring, or to the model."""
     folded = fold(model.robot, effect)
     if folded is not None:
         return replace(model, robot=folded)
@@ -41,6 +41,6 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """Write the compliance into a spring of the fixed joint at the base origin, where there is one."""
+    """Write the compliance into a spring of the fixed joint at the base origin, if there is one."""
     joint = base_joint(robot)
     return None if joint is None else add_compliance(robot, joint, str(effect.axis), float(effect.parameters[KEY]))

@@ -22,16 +22,16 @@ SCALE = np.array([1e-3, 1e-3, 1e-3, 5e-4, 5e-4, 5e-4])
 
 
 def base_twists(at: Linearization) -> Array:
-    """Return the motion of the target per motion of the base frame along and about its own axes. Shape (n, 6, 6)."""
+    """Return the motion of the target per motion of the base frame along and about its axes. Shape (n, 6, 6)."""
     return np.stack([at.twist("base", axis) for axis in AXES], axis=-1)
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Return the whole frame, its origin alone, and its directions alone."""
+    """Return the complete frame, its origin alone, and its directions alone."""
     frame = Signature(name, None, None, "frame", KEYS, SCALE, base_twists(at), columns=KEYS)
     yield from (frame, frame.part("origin", slice(3)), frame.part("directions", slice(3, None)))
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Move everything in the measurement frame."""
+    """Displace the robot in the measurement frame."""
     return replace(model, base_twist=model.base_twist + twist_values(effect))

@@ -24,7 +24,7 @@ def find_joint(robot: Robot, joint: str | None) -> Joint:
 
 
 def shift_zero(robot: Robot, joint: str, offset: float) -> Robot:
-    """Add a constant to a joint's position by turning (or moving) its origin about (or along) its own axis.
+    """Add a constant to a joint's position by turning (or moving) its origin about (or along) the joint axis.
 
     Mimic joints follow the true position, so their origins turn by their share.
     """
@@ -49,7 +49,7 @@ def shift_origin(robot: Robot, joint: str, step: Array) -> Robot:
 
 
 def add_own_compliance(robot: Robot, joint: str, change: float) -> Robot:
-    """Add to the compliance about a joint's own axis (at least 0); a rigid joint gets a spring."""
+    """Add to the compliance about a joint axis (at least 0); a rigid joint gets a spring."""
     index = robot.joint_names.index(joint)
     own = own_springs(robot)
     if index in own:
@@ -73,7 +73,7 @@ def add_compliance(robot: Robot, joint: str, axis: str, change: float) -> Robot:
 
 
 def add_payload(robot: Robot, payload: Array) -> Robot | None:
-    """Add a mass to the flange link; None where the URDF cannot express it.
+    """Add a mass to the flange link; None if the URDF cannot express it.
 
     payload: mass and first moments about the flange, flange axes, (4,). [kg, kg m]
     """

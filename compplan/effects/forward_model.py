@@ -27,7 +27,7 @@ from compplan.statics.elastic import solve_equilibrium
 TOLERANCE = 1e-9
 LAW_PASSES = 3
 
-#: Nonlinear part of the deflection as a function of the load on a joint's own spring. [N m -> rad, N -> m]
+#: Nonlinear part of the deflection as a function of the load on the spring about a joint axis. [N m -> rad, N -> m]
 Law = Callable[[Array], Array]
 
 
@@ -41,15 +41,15 @@ class ForwardModel:
     zero: Array  #: True minus link-side position of each joint. Shape (n, nq). [rad or m]
     drive: Array  #: Link-side minus motor-side position of each joint, elastic part left out. Shape (n, nq). [rad or m]
     wrench: Array  #: True wrench at the TCP, base axes. Shape (n, 6). [N, N m]
-    joint_load: Array  #: Further load on each joint's own spring. Shape (n, nq). [N m or N]
+    joint_load: Array  #: Further load on the spring about each joint axis. Shape (n, nq). [N m or N]
     laws: tuple[tuple[int, Law], ...]  #: Nonlinear deflections: joint index and law.
     #: Relative growth of the placements before each joint, and from the last to the flange. Shape (n, nq + 1).
     growth: Array
     #: Motion of the robot in the measurement frame, base axes about the base origin. Shape (n, 6). [m, rad]
     base_twist: Array
     tool_twist: Array  #: Motion of the target on the tool, TCP axes. Shape (n, 6). [m, rad]
-    payload: Array  #: Mass and first moments about the flange that the model lacks, flange axes. Shape (4,). [kg, kg m]
-    tilt: Array  #: Compliance of the base about the base axes, without a joint to hold it. Shape (3,). [rad/(N m)]
+    payload: Array  #: Unmodelled mass and its first moments about the flange, flange axes. Shape (4,). [kg, kg m]
+    tilt: Array  #: Compliance of the base about the base axes that no spring represents. Shape (3,). [rad/(N m)]
     encoder: Array  #: Error of the link-side encoders. Shape (n, nq). [rad or m]
     registration: Registration | None = None  #: Frames fitted to the campaign, or None.
 
@@ -129,7 +129,7 @@ def solve_model_poses(model: ForwardModel, *, tolerance: float = TOLERANCE, thet
         if model.payload.any():
             wrench = model.wrench + payload_wrench(robot, loaded.frames, model.payload)
         bent = _bend(model, springs, loaded.torque - bent)
-    # the load on a spring contains the nonlinear part of its law; where link-side readings control it is locked
+    # the load on a spring contains the nonlinear part of its law; under link-side control the spring is locked
     compliance = np.array([springs[k].compliance if k in springs else 0.0 for k in range(robot.nq)])
     gear, loads = (own_deflection(springs, part, robot.nq) for part in (loaded.theta, loaded.torque))
     lift = np.where(motor_side, drive + gear, model.drive + compliance * loads)
@@ -170,7 +170,7 @@ def observe_again(model: ForwardModel, attained: Attained) -> Attained:
 
 
 def see_target(model: ForwardModel, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
-    """Return pose of the target in the instrument's frame, and its position in the robot's."""
+    """Compute the pose of the target in the frame of the instrument, and its position in the base frame."""
     campaign, registration = model.campaign, model.registration
     position, rotation = frames.tcp_position, frames.tcp_rotation
     position = position + np.einsum("nij,nj->ni", rotation, model.tool_twist[:, :3])
@@ -191,7 +191,7 @@ def see_target(model: ForwardModel, frames: Frames, wrench: Array) -> tuple[Arra
 
 
 def model_chain(model: ForwardModel, chain: Chain | None = None) -> Chain:
-    """Build the chain of a model: links grown row by row, actuator springs locked where link-side readings control."""
+    """Build the chain of a model: links grown row by row, actuator springs locked under link-side control."""
     chain = chain or build_chain(model.robot)
     if model.growth.any():
         segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
@@ -209,7 +209,7 @@ def model_chain(model: ForwardModel, chain: Chain | None = None) -> Chain:
 
 
 class OwnSpring(NamedTuple):
-    """The spring about a joint's own axis: joint, elastic coordinate, number of the spring, sign, compliance."""
+    """The spring about a joint axis: joint, elastic coordinate, number of the spring, sign, compliance."""
 
     joint: int
     coordinate: int
@@ -220,7 +220,7 @@ class OwnSpring(NamedTuple):
 
 
 def own_springs(robot: Robot) -> dict[int, OwnSpring]:
-    """Find the spring about each joint's own axis: `axis = "own"`, or a spring axis that is parallel to the joint's.
+    """Find the spring about each joint axis: `axis = "own"`, or a spring axis parallel to the joint axis.
 
     Springs with an offset from the joint are excluded.
     """
@@ -238,7 +238,7 @@ def own_springs(robot: Robot) -> dict[int, OwnSpring]:
 
 
 def own_sign(joint_axis: Array, axis: str, slides: bool) -> float:
-    """Return 1 or -1 where a spring axis is parallel to the joint's axis and of its kind, otherwise 0."""
+    """Return 1 or -1 if a spring axis is parallel to the joint axis and of its kind, otherwise 0."""
     if axis == "own":
         return 1.0
     if slides != axis.startswith("t"):
@@ -260,7 +260,7 @@ def spring_coordinates(robot: Robot) -> list[int]:
 
 
 def own_deflection(springs: dict[int, OwnSpring], theta: Array, nq: int) -> Array:
-    """Return deflection, or load, between the encoders of every joint: that of its spring, of (n, s). Shape (n, nq)."""
+    """Select deflections or loads (n, s) of the springs between the encoders of every joint. Shape (n, nq)."""
     result = np.zeros((len(theta), nq))
     for index, spring in springs.items():
         if spring.actuator:

@@ -27,7 +27,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]:
-    """Return a shift before a row: of the whole frame, or of its origin alone."""
+    """Return a shift before a row: of the complete frame, or of its origin only."""
     twist = base_twists(at) * since(at.scene, row)[:, None, None]
     fixed, columns = {"row": row}, tuple(f"{key} {row}" for key in KEYS)
     frame = Signature(name, None, None, f"frame {row}", KEYS, SCALE, twist, None, fixed, tried=tried, columns=columns)
@@ -41,6 +41,6 @@ def since(model: ForwardModel, row: int) -> Array:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Move everything in the measurement frame from the row on."""
+    """Displace the robot in the measurement frame from the row on."""
     step = since(model, int(effect.parameters["row"]))[:, None] * twist_values(effect)
     return replace(model, base_twist=model.base_twist + step)

@@ -62,7 +62,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Load the joint's spring."""
+    """Add the load of the compensator to the spring of the joint."""
     index = model.joint_index(effect.joint)
     parts = shapes(np.nan_to_num(model.campaign.q[:, index]))
     load = model.joint_load.copy()

@@ -22,7 +22,7 @@ SHARE, JOINTS = "gravity_m_s2", "joints"
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Return gravity where the model has none; on a rigid robot without varying load, compliances too."""
+    """Return gravity if the model has none; on a rigid robot without varying load, compliances too."""
     if not at.robot.bodies:
         return
     found = at.current.get((name, None, None), {})
@@ -38,7 +38,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def _bending_joints(at: Linearization) -> Iterable[Signature]:
-    """One compliance per joint that its weights load."""
+    """Return one compliance per joint that is loaded by weights."""
     loads = at.own_weight_load
     joints = [k for k in range(at.robot.nq) if np.abs(loads[:, k]).max(initial=0.0) > 1e-3]
     if not joints:

@@ -1,4 +1,4 @@
-"""joint_coupling: a reading contains another joint's motion, or counts against the model."""
+"""joint_coupling: a reading contains another joint's motion, or has the opposite sense of the model."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def compliance_key(kind: str) -> str:
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Return every joint with a loaded spring; joints without a spring only where the external load varies."""
+    """Return every joint with a loaded spring; joints without a spring only if the external load varies."""
     weighed = at.current.get(("gravity_sag", None, None), {})
     sag = dict(zip(weighed.get("joints", ()), weighed.get("compliance_rad_per_Nm", ()), strict=True))
     motor_side = ~at.campaign.link_controlled[:, None]

@@ -28,7 +28,7 @@ from compplan.statics.chain import Chain, Frames, build_chain, load_elements, lo
 
 Place = tuple[str, str | None, str | None]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
-#: Deflection of the softest place of an arm without springs under loads and own weight of a campaign (assumed). [m]
+#: Deflection at the softest place of an arm without springs, under loads and weights of a campaign (assumed). [m]
 GIVES = 5e-3
 #: Compliance without any load (assumed: joints and bearings of a large arm). [rad/(N m)]
 LARGE_ARM = 4e-7
@@ -42,13 +42,13 @@ class Linearization:
     attained: Attained  #: Its solution.
     point: Array  #: Target in the base frame. Shape (n, 3). [m]
     motion: Array  #: Motion of the target per motion of each commanded joint with its mimic joints. Shape (n, 6, nq).
-    spring_motion: Array  #: The same per deflection of the joint's own spring. Shape (n, 6, nq).
+    spring_motion: Array  #: The same per deflection of the spring about the joint axis. Shape (n, 6, nq).
     #: Number in `axis`, `origin` and `load` of joint j's axis a: `elements[joint, "rx"]`; of the base: "base".
     elements: dict[tuple[str, str], int]
     axis: Array  #: Axes, base axes. Shape (n, e, 3).
     origin: Array  #: Their origins, base frame. Shape (n, e, 3). [m]
     load: Array  #: Load of wrench and weights on each. Shape (n, e). [N m or N]
-    own: dict[int, OwnSpring]  #: The spring about each joint's own axis.
+    own: dict[int, OwnSpring]  #: The spring about each joint axis, by joint number.
     current: Mapping[Place, Mapping[str, Any]]
 
     @property
@@ -89,7 +89,7 @@ class Linearization:
 
     @cached_property
     def own_load(self) -> Array:
-        """Load on each commanded joint about its own axis. Shape (n, nq). [N m or N]."""
+        """Load on each commanded joint about its axis. Shape (n, nq). [N m or N]."""
         joints = self.attained.chain.joint_elements
         return np.asarray(load_elements(self.attained.chain, self.attained.frames, self.attained.wrench)[:, joints])
 
@@ -103,8 +103,8 @@ class Linearization:
     def usual_compliance(self) -> float:
         """Typical rotary compliance of the robot, the scale of unknown compliances.
 
-        The median of its rotary springs; without springs, the compliance that lets the most loaded place deflect by
-        `GIVES`. [rad/(N m)]
+        The median of its rotary springs; without springs, the compliance with which the most loaded place deflects
+        by `GIVES`. [rad/(N m)]
         """
         own = [s.compliance for i, s in self.own.items() if not self.robot.prismatic[i] and s.compliance > 0.0]
         if own:
@@ -112,7 +112,7 @@ class Linearization:
         turns = [k for (_, axis), k in self.elements.items() if axis[0] == "r"]
         arm = np.cross(self.axis[:, turns], self.point[:, None] - self.origin[:, turns])
         moved = np.sqrt(np.mean(np.sum(arm**2, axis=2) * self.load[:, turns] ** 2, axis=0)).max(initial=0.0)
-        # one digit stays the same during a fit; softer than 1 rad/(N m): no load
+        # one digit, so that it is constant during a fit; softer than 1 rad/(N m): no load
         return float(f"{GIVES / moved:.0e}") if moved > GIVES else LARGE_ARM
 
     @cached_property
@@ -137,9 +137,9 @@ class Linearization:
         return matrix
 
     def joint_response(self, index: int, moved: Array, *, spring: bool = False) -> tuple[Array, Array]:
-        """Return motion of the target and change of the link-side readings as a joint moves behind its motor.
+        """Return motion of the target and change of the link-side readings for motions of a joint behind its motor.
 
-        moved: k motions, (n, k) [rad or m]; spring: whether its own spring does it, without mimic joints.
+        moved: k motions, (n, k) [rad or m]; spring: whether its spring moves, without mimic joints.
         """
         motion = self.spring_motion if spring else self.motion
         encoder = np.zeros((len(moved), self.robot.nq, moved.shape[1]))

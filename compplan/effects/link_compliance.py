@@ -22,7 +22,7 @@ KEYS = {"r": "compliance_rad_per_Nm", "t": "compliance_m_per_N"}
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Return every loaded axis of every moving link but the joint's own axis."""
+    """Return every loaded axis of every moving link except the joint axis."""
     for joint in at.robot.actuated:
         for axis in AXES:
             if own_sign(joint.axis, axis, joint.kind == "prismatic"):

@@ -23,7 +23,7 @@ UNIT = {"t": "m", "r": "rad"}
 def signatures(at: Linearization) -> Iterable[Signature]:
     """Return each axis of each moving joint's origin, and all of a joint together.
 
-    Axes are those of the parent link, as in the URDF. A turn about the joint's own axis is an offset of its zero.
+    Axes are those of the parent link, as in the URDF. A rotation about the joint axis is an offset of its zero.
     """
     for joint in at.robot.actuated:
         twists = {axis: at.parent_twist(joint.name, axis) for axis in AXES if not _own(joint, axis)}
@@ -36,7 +36,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def _own(joint: Joint, axis: str) -> bool:
-    """Return whether a parent axis is (nearly) the joint's own."""
+    """Return whether a parent axis is (nearly) the joint axis."""
     if (joint.kind == "prismatic") != (axis[0] == "t"):
         return False
     return abs(float((joint.placement[:3, :3] @ joint.axis)["xyz".index(axis[1])])) > 0.9

@@ -22,7 +22,7 @@ SCALE = np.array([20.0, 5.0, 5.0, 5.0])
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Return a further mass on the flange, alone or with its centre, where it loads springs."""
+    """Return a further mass on the flange, alone or with its centre, if it loads springs."""
     if not at.attained.chain.n_springs:
         return
     wrench = np.stack([payload_wrench(at.robot, at.attained.frames, unit) for unit in np.eye(4)], axis=-1)
@@ -59,5 +59,5 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """Write the mass into the flange link, where the robot models gravity."""
+    """Write the mass into the flange link, if the robot models gravity."""
     return add_payload(robot, payload_values(effect))

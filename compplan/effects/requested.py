@@ -18,7 +18,7 @@ def geometry_forms(at: Linearization, geometry: str) -> list[Signature]:
     """List the signatures of joint zeros ("offsets"), and of the origins of every joint but the first ("all").
 
     Raises:
-        UnknownNameError: If there is no such choice.
+        UnknownNameError: If the choice is unknown.
     """
     if geometry not in GEOMETRY:
         raise UnknownNameError("choice of geometry", geometry, list(GEOMETRY))

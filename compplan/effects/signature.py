@@ -52,7 +52,7 @@ class Signature:
     positive: bool = False  #: Whether no parameter can be negative.
     least: tuple[float, ...] = ()  #: Lower bound of each parameter; empty for none. Length k.
     tried: int = 1  #: Number of alternatives (rows, periods) compared for this form.
-    #: Names of the parameters' columns, which signatures of one effect may share; empty for own columns.
+    #: Names of the parameters' columns, which signatures of one effect may share; empty for separate columns.
     columns: tuple[str, ...] = ()
     between: Array | None = None  #: Change of the known distances between contacts; None for none. Shape (d, 1, k). [m]
 
@@ -73,7 +73,7 @@ class Signature:
         return tuple(f"{self.name} {self.joint} {column}" for column in own)
 
     def part(self, form: str, keys: slice) -> Signature:
-        """Return a form of the effect with some of its parameters alone."""
+        """Return a form of the effect with some of its parameters."""
         encoder = None if self.encoder is None else self.encoder[:, :, keys]
         return replace(
             self, form=form, keys=self.keys[keys], scale=self.scale[keys], twist=self.twist[:, :, keys],
@@ -90,7 +90,7 @@ class Signature:
 
 
 class EffectModel(Protocol):
-    """Interface of the module of an effect; `apply` and `fold` (`compplan.effects`) are not in every one."""
+    """Interface of the module of an effect; `apply` and `fold` (`compplan.effects`) are optional."""
 
     name: str
     words: str

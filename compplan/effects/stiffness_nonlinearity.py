@@ -54,7 +54,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     motor_side = ~at.campaign.link_controlled
     for index, spring in at.own.items():
         load = at.own_load[:, index]
-        # two digits stay the same during a fit
+        # two digits, so that it is constant during a fit
         reference = float(f"{np.percentile(np.abs(load), 98):.1e}")
         if spring.compliance <= 0 or reference <= 1e-6:
             continue

@@ -75,7 +75,7 @@ def warm_up(campaign: Campaign, time_constant: float) -> Array:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Let the placements grow."""
+    """Scale the placements by the growth."""
     values, campaign = effect.parameters, model.campaign
     if "time_constant_s" in values:
         course, key = warm_up(campaign, float(values["time_constant_s"])), "growth_ratio"

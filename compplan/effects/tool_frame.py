@@ -21,7 +21,7 @@ KEYS = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
 
 
 def tool_twists(at: Linearization) -> Array:
-    """Return the motion of the target per motion of the TCP frame along and about its own axes. Shape (n, 6, 6)."""
+    """Return the motion of the target per motion of the TCP frame along and about its axes. Shape (n, 6, 6)."""
     R = at.attained.frames.tcp_rotation
     arm = at.point - at.attained.frames.tcp_position
     twist = np.zeros((len(R), 6, 6))
@@ -32,7 +32,7 @@ def tool_twists(at: Linearization) -> Array:
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Return an offset of the TCP, and one with a rotation where orientation or an offset target shows it."""
+    """Return an offset of the TCP, and one with a rotation if orientation or an offset target shows it."""
     twist = tool_twists(at)
     both = Signature(name, None, None, "offset+turn", KEYS, SCALE, twist, columns=KEYS)
     yield both.part("offset", slice(3))
@@ -41,7 +41,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def shows_turn(at: Linearization, twist: Array) -> bool:
-    """Tell whether orientation or an offset target shows a turn of the tool."""
+    """Return whether orientation or an offset target shows a rotation of the tool."""
     return at.campaign.rotation is not None or bool(np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6)
 
 

@@ -25,7 +25,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]:
-    """Return a shift before a row: an offset, or one with a rotation where the data show it."""
+    """Return a shift before a row: an offset, or one with a rotation if the data show it."""
     twist = tool_twists(at) * since(at.scene, row)[:, None, None]
     form, fixed, columns = f"offset+turn {row}", {"row": row}, tuple(f"{key} {row}" for key in KEYS)
     both = Signature(name, None, None, form, KEYS, SCALE, twist, None, fixed, tried=tried, columns=columns)

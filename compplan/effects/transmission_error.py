@@ -31,9 +31,9 @@ HARMONICS = 4
 #: has, in cycles per turn (assumed).
 OVERTONES = (1.0, 0.5, 1.0 / 3.0)
 SERIES = (1.0, 2.0)
-#: Postures whose levers are looked at to weigh joints; least and greatest weight of a joint against the mean one.
+#: Number of postures for the mean levers of joints; least and greatest weight of a joint relative to the mean.
 LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
-#: Amplitude of the gear error of a joint, lost motion where none is stated (assumed) [rad], and gear periods a turn.
+#: Amplitude of the gear error of a joint, and lost motion if none is stated (assumed) [rad]; gear periods per turn.
 GEAR_ERROR, GEAR_PERIODS = float(np.radians(0.002)), 60.0
 
 
@@ -133,14 +133,14 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
 
 
 def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
-    """Weigh joints by the error that their motion makes at the tip.
+    """Compute weights of joints from the error of their motion at the tip.
 
-    A joint of lever r turns with a gear error of amplitude a and n periods a turn, and with lost motion b. Over a
+    A joint of lever r turns with a gear error of amplitude a and n periods per turn, and with lost motion b. Over a
     period of the gear the tip is off by r a / sqrt(2) and r b / 2, so that a radian costs
 
         w = r^2 [ (a n)^2 / 2 + (b n / (4 pi))^2 ]
 
-    with the lost motion of the folder where it states one, else an assumed one; in shares of the mean. Shape (nq,).
+    with the lost motion of the folder if stated, otherwise an assumed one; relative to the mean. Shape (nq,).
     """
     some = pick_even(q, LOOKED_AT)
     columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]

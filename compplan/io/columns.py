@@ -30,9 +30,9 @@ UNITS = {unit: (name, factor) for name, units in DIMENSIONS.items() for unit, fa
 class FileColumn:
     """One column that a table may have."""
 
-    name: str  #: Name without unit. A trailing or inner `#` stands for a number from 1: `q#` is q1, q2, ...
+    name: str  #: Name without unit. A trailing or inner `#` is a number from 1: `q#` is q1, q2, ...
     #: "length", "angle", "force", "moment", "time", "speed", "temperature", "number" (no unit) or "text";
-    #: several where the unit decides.
+    #: several if the unit decides.
     dimension: str | tuple[str, ...] = "number"
     required: bool = False  #: Whether a table without it is refused.
     missing: bool = False  #: Whether a field may be empty, which reads as NaN.

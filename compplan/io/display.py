@@ -1,7 +1,7 @@
 """Base class of results: text for a terminal, HTML for a notebook, a plot and a DataFrame.
 
 A result defines `summary`, `columns` and `curves`; text, HTML, plot and DataFrame are made from them. matplotlib is
-imported for a plot alone, pandas for a DataFrame alone.
+imported only for a plot, pandas only for a DataFrame.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-#: Greatest number of lines, and of characters a line, of a printed result.
+#: Greatest number of lines, and of characters per line, of a printed result.
 MOST_LINES, MOST_LETTERS = 15, 130
 #: Colour and dash of a line by its role.
 ROLES = {
@@ -32,7 +32,7 @@ ROLES = {
 }  # fmt: skip
 MATPLOTLIB_DASHES = {"solid": "-", "dash": "--", "dot": ":"}
 
-#: Number of entries of a list that a print shows.
+#: Greatest number of printed entries of a list.
 MOST_LISTED = 7
 
 
@@ -50,8 +50,8 @@ class Curves(NamedTuple):
     """The data of a plot."""
 
     title: str  #: Title of the plot.
-    x: str  #: Label of the axis along, with its unit.
-    y: str  #: Label of the axis up, with its unit.
+    x: str  #: Label of the horizontal axis, with its unit.
+    y: str  #: Label of the vertical axis, with its unit.
     lines: tuple[Curve, ...]  #: The lines.
     #: Value of a horizontal line, such as the tolerance, with its label; or None.
     level: tuple[float, str] | None = None
@@ -135,7 +135,7 @@ class Shown:
 
 
 def format_figures(figures: Sequence[tuple[str, str]]) -> list[str]:
-    """Write figures, a name and its words each, in lines whose words begin in one column."""
+    """Format figures, pairs of name and text, as lines with aligned texts."""
     width = max((len(name) for name, _ in figures), default=0)
     return [line for name, words in figures for line in wrap_words(words, f"  {name:<{width}}  ")]
 
@@ -164,7 +164,7 @@ def draw_curves(curves: Curves, axes: Axes) -> Axes:
     if curves.logarithmic:
         axes.set_yscale("log")
     elif not curves.square:
-        axes.set_ylim(bottom=-0.03 * axes.get_ylim()[1])  # a corrected curve at zero stays apart from the axis
+        axes.set_ylim(bottom=-0.03 * axes.get_ylim()[1])  # separates a curve at zero from the axis
     if curves.square:
         axes.set_aspect("equal", adjustable="datalim")
     axes.set(title=curves.title, xlabel=curves.x, ylabel=curves.y)

@@ -31,9 +31,9 @@ def is_file_name(source: Any) -> bool:
 def take_table(data: Any, columns: Sequence[FileColumn], *, what: str, unknown: str = "refuse") -> Table:
     """Convert a DataFrame, a mapping of columns, or an array with named fields to a table.
 
-    Column names carry units as in a file. A name may also stand for several columns side by side, `position_mm` for
+    Column names carry units as in a file. A name may also denote an array of several columns, `position_mm` for
     x_mm y_mm z_mm, `axis` for i j k, `q_deg` for q1_deg .., `force_N`, `moment_Nm` and `orientation_deg`; a single
-    number stands for every row.
+    number applies to every row.
 
     Args:
         data: The table.
@@ -45,7 +45,7 @@ def take_table(data: Any, columns: Sequence[FileColumn], *, what: str, unknown: 
         The table in SI; its lines count rows from 1.
 
     Raises:
-        InputError: As `read_table` says.
+        InputError: As `read_table`.
 
     """
     given = spread_columns(data, what)
@@ -70,7 +70,7 @@ def spread_columns(data: Any, what: str) -> dict[str, NDArray[Any]]:
     """Return the columns of a DataFrame, a mapping or an array with named fields; array columns are split.
 
     Raises:
-        InputError: If the columns have no names, or the wrong number of them stands side by side.
+        InputError: If the columns have no names, or an array has the wrong number of columns.
 
     """
     names = getattr(getattr(data, "dtype", None), "names", None) or getattr(data, "columns", None)

@@ -35,5 +35,5 @@ def put_off(names: tuple[str, ...] = SELDOM_USED) -> None:
         later = _Later(name)
         later.__spec__ = ModuleSpec(name, None)
         sys.modules[name] = later
-        if parent:  # its attribute is what an import looks at first
+        if parent:  # an import reads the attribute of the parent first
             setattr(sys.modules.get(parent) or importlib.import_module(parent), child, later)

@@ -1,6 +1,6 @@
 """Notes of a result, with their severity.
 
-`Stop("...")` must be settled before the machine moves: terminal, report and setup sheet show it in full. Plain text is
+`Stop("...")` must be resolved before the machine moves: terminal, report and setup sheet show it in full. Plain text is
 a remark: report and summary show it, the terminal counts it.
 """
 
@@ -10,13 +10,13 @@ from collections.abc import Iterable
 
 
 class Stop(str):
-    """A note that must be settled before the machine moves."""
+    """A note that must be resolved before the machine moves."""
 
     __slots__ = ()
 
 
 def list_stops(notes: Iterable[str]) -> list[str]:
-    """Return the notes that have to be settled before the machine moves."""
+    """Return the notes that must be resolved before the machine moves."""
     return [note for note in notes if isinstance(note, Stop)]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-#: Colours that read on light and on dark paper.
+#: Colours legible on light and on dark backgrounds.
 BEFORE = "#d1603d"
 AFTER = "#2b86a8"
 BAND = "#6c60c0"

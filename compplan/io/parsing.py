@@ -29,14 +29,14 @@ def guard_parser(file: str | Path, fault: str, line: Callable[[], int] | None = 
         line: Returns the line that the parser has reached, for errors without a line.
 
     Raises:
-        InputError: Where the parser fails. Errors of this package and a lack of memory pass.
+        InputError: If the parser fails. Errors of this package and a lack of memory pass.
 
     """
     try:
         yield
     except (CompplanError, MemoryError):
         raise
-    except Exception as error:  # parsers raise whatever a broken file leads to
+    except Exception as error:  # parsers raise exceptions of any type
         sentence, where = _describe(error)
         where = line() if line is not None and where is None else where
         raise InputError(" ".join(f"{fault}: {sentence}".split()), file=file, where=where) from None
@@ -69,7 +69,7 @@ def parse_xml(text: str, file: Path) -> ElementTree.Element:
         file: Its file, for messages.
 
     Raises:
-        InputError: If it is no XML, declares a document type, which may define entities, or is too large.
+        InputError: If it is not XML, declares a document type, which may define entities, or is too large.
     """
     if "<!DOCTYPE" in text:
         raise InputError("holds a DOCTYPE declaration, expected plain XML without entities", file=file)

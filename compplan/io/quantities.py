@@ -71,7 +71,7 @@ def format_mm_change(before: float, after: float) -> str:
 
 
 def state_mm(metres: float) -> str:
-    """Write a length in mm with three digits, in ASCII, for messages and programs."""
+    """Format a length in mm with three digits, in ASCII, for messages and programs."""
     return f"{float(f'{1e3 * metres:.3g}'):g} mm"
 
 

@@ -34,7 +34,7 @@ NO_LETTER = re.compile("[\ud800-\udfff]")
 
 #: A number with a decimal comma.
 COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
-#: Size from which on a table of numbers is parsed at once, and the column names of such a table.
+#: Size from which a table of numbers is parsed at once [bytes], and pattern of its column names.
 LONG, HEADER = 200_000, re.compile(r"[A-Za-z][A-Za-z0-9_.\[\]/]*")
 
 
@@ -46,8 +46,8 @@ class Table:
     values: Mapping[str, Array]  #: Number columns by key, in SI; NaN is a missing value. Shape (n,) each.
     text: Mapping[str, NDArray[np.str_]]  #: Text columns by key; "" is a missing value. Shape (n,) each.
     headers: Mapping[str, str]  #: Title in the file, by key.
-    units: Mapping[str, str]  #: Unit in the file by key, "" where there is none.
-    lines: NDArray[np.int64]  #: Line of the file that each row stands in, counted from 1. Shape (n,).
+    units: Mapping[str, str]  #: Unit in the file by key, or "".
+    lines: NDArray[np.int64]  #: Line of each row in the file, counted from 1. Shape (n,).
     notes: tuple[str, ...] = field(default=())  #: Ignored parts, one sentence each.
 
     def __post_init__(self) -> None:
@@ -156,7 +156,7 @@ Cells = tuple[int, list[str], Sequence[Any], NDArray[np.int64]]
 
 
 def _read_plain(path: Path) -> Cells | None:
-    """Read a long table of numbers alone; None for any other file."""
+    """Read a long table that has only numbers; None for any other file."""
     if not path.is_file() or not LONG <= path.stat().st_size <= MOST_BYTES:
         return None
     head, _, body = path.read_bytes().partition(b"\n")
@@ -191,7 +191,7 @@ def _read_rows(path: Path, exported: bool) -> Cells:
             continue
         if not header:
             header, header_line = [name.strip() for name in row], reader.line_num
-            if len(header) > 1 and not header[-1] and exported:  # a mark behind the last field
+            if len(header) > 1 and not header[-1] and exported:  # a separator after the last field
                 header.pop()
             if len(header) == 1 and ";" in header[0]:
                 raise InputError("fields are separated by ';', expected ','", file=path, where=header_line)
@@ -218,7 +218,7 @@ def _split_rows(reader: Any, path: Path) -> Iterator[list[str]]:
 
 
 def _parse_numbers(path: Path, title: str, cells: Sequence[Any], lines: NDArray[np.int64]) -> Array:
-    """Return cells as numbers, NaN where they are empty. Shape (n,)."""
+    """Return cells as numbers, NaN for empty ones. Shape (n,)."""
     try:
         if isinstance(cells, np.ndarray):
             numbers = cells.astype(np.float64)
@@ -252,7 +252,7 @@ def is_plain(text: str) -> bool:
 
 
 def read_text(path: str | Path) -> str:
-    """Read a text file as UTF-8, or as Latin-1 where it is not UTF-8.
+    """Read a text file as UTF-8, or as Latin-1 if it is not UTF-8.
 
     Raises:
         InputError: If there is no such file, or it is a folder, a binary file or too large.

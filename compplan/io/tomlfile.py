@@ -104,7 +104,7 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
     Args:
         model: The model.
         data: The table from `tomllib`.
-        file: File that the table stands in, for messages.
+        file: File of the table, for messages.
         key: Dotted key of the table in that file, for messages.
 
     Raises:
@@ -130,7 +130,7 @@ def read_named_table(path: str | Path, name: str) -> tuple[dict[str, Any], str]:
         The table, and its key in the file, "" for the whole file.
 
     Raises:
-        InputError: If the file is missing, not TOML or empty, or the name is no table.
+        InputError: If the file is missing, not TOML or empty, or the name is not that of a table.
 
     """
     data = read_toml(path)

@@ -1,11 +1,11 @@
 """Atomic writing of files and result folders.
 
-A file is written beside its place and renamed. A result folder is written in a hidden folder inside its place; when it
-is complete its files are moved to theirs one by one, the manifest last. After a crash in between, the next run moves
-the rest.
+A file is written in the folder of its target and renamed. A result folder is written to a hidden folder inside it; when
+complete, its files are moved to their places one by one, the manifest last. After a crash in between, the next run
+moves the rest.
 
-`manifest.json` lists which command wrote which file, with its digest. A command removes its own earlier files that the
-run does not replace and nobody has changed. Files outside the manifest belong to the user and are kept.
+`manifest.json` lists which command wrote which file, with its digest. A command removes its earlier files that the
+run does not replace, if they are unchanged. Files outside the manifest belong to the user and are kept.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from compplan.io.provenance import describe_origin, is_input
 
 LOG = logging.getLogger(__name__)
 MANIFEST = "manifest.json"
-#: Endings of hidden files and folders: incomplete; complete and to be moved. The beginning of hidden folders.
+#: Suffixes of hidden files and folders: incomplete; complete and to be moved. Prefix of hidden folders.
 PART, READY, HIDDEN = ".part", ".ready", ".compplan."
 #: Remedy.
 ADVICE = "move it away or name another folder"
@@ -157,7 +157,7 @@ def check_folder(path: Path) -> None:
 
 
 def _check_parent(path: Path) -> None:
-    """Refuse a path whose nearest existing parent is no writable folder."""
+    """Refuse a path whose nearest existing parent is not a writable folder."""
     there = next(place for place in (path, *path.absolute().parents) if place.is_dir() or place.is_file())
     if there.is_file() and there != path:
         raise InputError(f"cannot be written: {there} is a file", file=path)
@@ -222,7 +222,7 @@ def _write_manifest(part: Path, place: Path, command: str) -> None:
 def _move_over(ready: Path, place: Path) -> None:
     """Move the files of a complete result to their place, the manifest last; restartable.
 
-    Files of earlier runs of its commands that it does not replace go, unless somebody has changed them.
+    Files of earlier runs of its commands that are not replaced are removed, if they are unchanged.
     """
     new, old = read_manifest(ready), read_manifest(place)
     for name in list_files(ready):

@@ -38,7 +38,7 @@ BESIDE = 1e-6
 DRILL: dict[str, str | float] = {"diameter_mm": 6.0, "material": "al7075_t6", "spindle_rpm": 3000.0}
 #: Placeholder of a feed that the job may state. [m/s]
 ANY_FEED = 0.01
-#: The text, and its words where init has no answer.
+#: Template of the job, and default values of its fields.
 TEXT = Path(__file__).with_name("commented_job.jinja")
 STRAIGHT = {"off": "# ", "straight": "", "frame": "flange", "position": [0.0, 0.0, 150.0], "rotation": [0.0, 0.0, 0.0],
             "centre": [0.0, 0.0, 60.0]}  # fmt: skip
@@ -64,16 +64,16 @@ def write_job_text(**answers: Any) -> str:
 
 
 def _write_key(key: str, value: Any) -> str:
-    """Return the line of a key, up to where its comment begins."""
+    """Return the line of a key, padded to the column of its comment."""
     return f"{f'{key} = {json.dumps(value, ensure_ascii=False)}':<35}"
 
 
 def describe_mount(robot: Robot, *, used: bool) -> dict[str, Any]:
-    """Return the words of a straight tool on the flange of a robot.
+    """Return the template fields of a straight tool on the flange of a robot.
 
     Args:
         robot: The robot of the folder.
-        used: Whether the table is active where the folder's TCP is on the flange; otherwise it stays a comment.
+        used: Whether the table is active if the TCP of the folder is on the flange; otherwise it is a comment.
     """
     tool, out = mounted_tool(robot), outward_axis(robot)
     pendant = locate_pendant(robot)
@@ -91,7 +91,7 @@ def describe_mount(robot: Robot, *, used: bool) -> dict[str, Any]:
 
 
 def describe_tools(tools: Sequence[CalledTool]) -> dict[str, Any]:
-    """Return the words of the tools of a CAM file: several are [[tool]] each, the cut of one stands in [process]."""
+    """Return the template fields of the tools of a CAM file: several in [[tool]], a single one in [process]."""
     if len(tools) != 1:
         return {"tools": tools}
     return {"model": "", "cut": tools[0].cut} if tools[0].drills else tools[0].cut
@@ -103,7 +103,7 @@ def shorten_job(text: str) -> str:
     dropped = False
     for line in text.splitlines():
         count = len(kept)
-        if line.startswith(" "):  # goes on with the comment of the line before
+        if line.startswith(" "):  # continues the comment of the line before
             kept += [] if dropped else [line]
         elif line.startswith("["):
             table = line.lstrip("[").partition("]")[0]
@@ -125,7 +125,7 @@ class CalledTool:
     name: str  #: Its name, or "".
     drills: bool  #: Whether all cuts are along its axis.
     spindle_rpm: float | None  #: Its only spindle speed in the file, or None. [1/min]
-    top_mm: float  #: Top of the stock: the part zero where cuts pass it, else their highest point. [mm]
+    top_mm: float  #: Top of the stock: part zero if cuts pass it, otherwise their highest point. [mm]
 
     @property
     def cut(self) -> dict[str, str | float]:
@@ -162,7 +162,7 @@ def _goes_along_axis(toolpath: Toolpath) -> bool:
 
 
 def _find_top(toolpath: Toolpath) -> float:
-    """Return the part zero where cutting moves pass it, else their highest point, to 0.1 mm. [mm]"""
+    """Return the part zero if cutting moves pass it, otherwise their highest point, to 0.1 mm. [mm]"""
     cuts = np.flatnonzero(~toolpath.rapid[1:]) + 1
     heights = 1e3 * toolpath.position[np.union1d(cuts, cuts - 1), 2]
     return 0.0 if heights.min() < 0.0 <= heights.max() else round(float(heights.max()), 1)

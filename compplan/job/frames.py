@@ -89,7 +89,7 @@ class PoseTable(StrictTable):
 class FittedFrame:
     """A part frame found from points."""
 
-    pose: Array  #: Pose of the part frame seen from the base. Shape (4, 4). [m]
+    pose: Array  #: Pose of the part frame in the base frame. Shape (4, 4). [m]
     residual: Array  #: Residual distance of each point. [mm]
 
     def tell(self) -> str:
@@ -179,7 +179,7 @@ class ToolTable(PoseTable):
         """Return the pose of the reference frame in the URDF's flange frame. Shape (4, 4) [m].
 
         Raises:
-            InputError: If it is the pendant's, and that is unknown.
+            InputError: If it is the frame of the pendant, and unknown.
         """
         if self.frame == "flange":
             return np.eye(4)
@@ -210,7 +210,7 @@ class PositionerTable(StrictTable):
         """Return a robot whose held joints have equal limits.
 
         Raises:
-            InputError: If a name is no rotating joint that carries the part, or a position is out of its range.
+            InputError: If a name is not that of a rotating joint that carries the part, or a position is out of range.
         """
         names = [joint.name for joint, carries in zip(robot.actuated, robot.carriers, strict=True)
                  if carries and joint.kind != "prismatic"]  # fmt: skip

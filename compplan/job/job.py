@@ -38,7 +38,7 @@ from compplan.toolpath.toolpath import Toolpath
 
 #: Keys of earlier releases, by remedy.
 REMOVED = Path(__file__).with_name("removed.toml")
-#: Text that --set takes without quotes.
+#: Text that --set accepts without quotes.
 BARE_WORD = re.compile(r"[\w./-]+")
 #: Default corner rounding as a share of the tolerance.
 ROUNDED = 0.25
@@ -70,7 +70,7 @@ class PlanTable(StrictTable):
     max_correction_mm: float = Field(default=10.0, gt=0.0, le=1000.0)
     tolerance_mm: float = Field(default=0.1, ge=1e-6, le=100.0)
     tool_x: Vector3 = (1.0, 0.0, 0.0)
-    keep: Literal["robot", "nothing"] = "robot"  #: Whose posture is kept: that of the job's own robot, or none.
+    keep: Literal["robot", "nothing"] = "robot"  #: Robot whose posture is kept: that of the job file, or none.
     inertia: bool = True
 
     @field_validator("tool_x")
@@ -162,17 +162,17 @@ class CollisionTable(StrictTable):
 
 @dataclass(frozen=True)
 class JobContext:
-    """What a job comes with beside its tables."""
+    """Data of a job in addition to its tables."""
 
     file: Path = Path()  #: The job file.
-    own_robot: str | None = None  #: The robot in the file where another one replaces it, or None.
+    own_robot: str | None = None  #: Robot of the job file if another one replaces it, or None.
     given: Toolpath | None = None  #: The toolpath in memory, part frame, or None.
     mounted: Robot | None = None  #: The robot in memory, or None.
     tools: tuple[NumberedTool, ...] = ()  #: [[tool]]: the numbered tools.
     data: dict[str, Any] = field(default_factory=dict)  #: The tables of the file.
     label: str = ""  #: Short name of its operation in a CAM file of several tools.
     before: tuple[Job, ...] = ()  #: The jobs of earlier operations with described tools, in order.
-    #: The force learned from parts; None where the robot folder holds it.
+    #: The force learned from parts; None: as in the robot folder.
     force: tuple[LearnedForce | None] | None = None
 
 
@@ -211,7 +211,7 @@ class Job(StrictTable):
 
     @property
     def context(self) -> JobContext:
-        """What the job comes with beside its tables."""
+        """Data of the job in addition to its tables."""
         return self._context
 
     def with_context(self, **changes: Any) -> Job:
@@ -232,9 +232,9 @@ class Job(StrictTable):
 
     @property
     def corner_tolerance(self) -> float:
-        """Rounding of corners: as stated, else a share of the tolerance for files. [m].
+        """Rounding of corners: as stated, otherwise a share of the tolerance for files. [m]
 
-        With constant feed and a force that turns with the travel the default is 0: the correction would jump there.
+        With constant feed and a force that turns with the feed direction the default is 0: the correction would jump.
         """
         if self.feed.corner_tolerance_mm is not None:
             return 1e-3 * self.feed.corner_tolerance_mm
@@ -295,7 +295,7 @@ def check_job(
     level = getattr(job.process, "uncertainty", None)
     if level is not None and "wrench_level" not in job.noise.model_fields_set:
         noise = job.noise.model_copy(update={"wrench_level": level})
-        noise.model_fields_set.discard("wrench_level")  # the model's, not the job's
+        noise.model_fields_set.discard("wrench_level")  # set by the model, not by the job
         job = job.model_copy(update={"noise": noise})
     return job.with_context(file=Path(file), given=toolpath, mounted=robot, tools=tools, data=plain)
 

@@ -80,7 +80,7 @@ def refuse_unsettled(job: Job) -> None:
 
 
 def _refuse_tools(job: Job, toolpath: Toolpath) -> None:
-    """Refuse a file with several tools where only one is described."""
+    """Refuse a file with several tools if only one is described."""
     tools = dict.fromkeys((operation.number, operation.tool) for operation in split_operations(toolpath))
     if len(tools) > 1:
         names, wanted = ", ".join(name for _, name in tools), " and ".join(f"number = {k}" for k, _ in tools)
@@ -92,7 +92,7 @@ def load_nominal(job: Job) -> Toolpath:
     """Return the divided toolpath in the base frame with the predicted wrench.
 
     Raises:
-        InputError: If toolpath or process are not what they have to be.
+        InputError: If toolpath or process are invalid.
     """
     return load_path(job)[0]
 
@@ -103,7 +103,7 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     The path carries the predicted wrench, so that a learned force does not change the posture.
 
     Raises:
-        InputError: If toolpath or process are not what they have to be.
+        InputError: If toolpath or process are invalid.
     """
     toolpath = load_toolpath(job)
     if job.feed.constant_mm_s is not None:

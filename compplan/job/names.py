@@ -34,7 +34,7 @@ EFFECTS: Registry[Any] = Registry[Any]((
     "joint_coupling",
     "time_skew",
 ))  # fmt: skip
-#: Strategies of a plan: a file with `words` and `command_path(task)`.
+#: Strategies of a plan: a module with `words` and `command_path(task)`.
 STRATEGIES: Registry[Any] = Registry[Any](("none", "mirror", "iterated_mirror", "nlp"))
-#: Strategies that read sensors while the part is cut: a file with `words` and `prepare(task, maps)`.
+#: Strategies that read sensors while the part is cut: a module with `words` and `prepare(task, maps)`.
 ONLINE: Registry[Any] = Registry[Any](("secondary_encoder", "both_encoders", "force_sensor"))

@@ -27,7 +27,7 @@ SOURCES: dict[str, str] = {
 class NoiseTable(StrictTable):
     """[noise]: standard deviations of a Monte Carlo study (sources: `SOURCES`).
 
-    Robots are drawn from the uncertainty of the robot folder (`compplan.uncertainty.assumed`); these are the rest.
+    Errors of robots are drawn from the uncertainty of the robot folder (`compplan.uncertainty.assumed`) instead.
     """
 
     link_share: float = Field(default=0.15, ge=0.0, le=1.0)

@@ -45,7 +45,7 @@ def read_profile(file: Path) -> dict[str, Any]:
     """Read a profile; file names in it are relative to its folder.
 
     Raises:
-        InputError: If it is no TOML file, or contains keys of a job alone.
+        InputError: If it is not a TOML file, or contains keys reserved for jobs.
     """
     data = read_toml(file)
     for key in OWN:

@@ -122,7 +122,7 @@ def _convert_fusion(entry: Mapping[str, Any], path: Path) -> dict[str, Any]:
     return {"number": number, **sizes, **more, "point_deg": geometry.get("SIG") or None}
 
 
-#: Words for the forms, and how a text is read by its suffix; any other suffix is that of a table.
+#: Description of the forms, and reader by file suffix; files of other suffixes are read as CSV.
 FORMS = "a Fusion tool library (.json, .tools), TOML ([[tool]]) or CSV (number, length_mm, ..)"
 READERS = {".json": _read_fusion, ".tools": _read_fusion, ".toml": _read_toml}
 

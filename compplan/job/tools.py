@@ -104,7 +104,7 @@ def find_listed(
 
 
 def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
-    """Return the [tool] of a listed tool: the spindle's, longer along z, own mass half-way."""
+    """Return the [tool] of a listed tool: spindle extended along z by the tool, tool mass at half its length."""
     plain = spindle.model_dump(exclude_unset=True)
     length = entry.length_mm or 0.0
     nose, out = np.asarray(spindle.position_mm), spindle.rotation.as_matrix()[:, 2]
@@ -118,7 +118,7 @@ def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
 
 
 def fill_process(common: Mapping[str, Any], described: Described, speed: float | None) -> dict[str, Any] | None:
-    """Return the [process] of one tool: the common keys, the tool's keys over them, the spindle speed of the file.
+    """Return the [process] of one tool: common keys, overridden by those of the tool, and spindle speed of the file.
 
     Args:
         common: [process] of the job.

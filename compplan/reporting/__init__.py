@@ -1,1 +1,1 @@
-"""Pages and pictures: what was computed, shown so that an engineer can judge it."""
+"""HTML reports, charts, setup sheets and output folders of the commands."""

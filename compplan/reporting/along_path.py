@@ -1,7 +1,7 @@
 """Charts of quantities along a path: deviation, joints against limits, rates, corrections, wrench, feed.
 
-Every chart has the path length in mm as its horizontal axis and shows waypoint and time when hovered. Long paths are
-thinned for drawing; peaks stay.
+The horizontal axis of every chart is the path length in mm; hovering shows waypoint and time. Long paths are thinned
+for drawing; peaks are kept.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from compplan.reporting.charts import Figure, style_line, thin_rows, use_decades
 from compplan.reporting.page import Chart
 from compplan.robot import Array
 
-#: About how many rows of a chart are drawn, and fields that a path is divided into for marking waypoints.
+#: Approximate number of drawn rows of a chart, and number of intervals of a path for marking waypoints.
 ROWS, FIELDS = 1600, 240
-#: Deviations below this are drawn at it, where the axis is logarithmic. [m]
+#: Least deviation on a logarithmic axis; smaller ones are drawn at this value. [m]
 FLOOR = 1e-8
-#: A rate that uses less of its limit is drawn large, without the limit. [%]
+#: Share of its limit below which a rate is drawn enlarged, without the limit. [%]
 NEAR_LIMIT = 40.0
-#: Charts of a grid in a row, and the height of one of them. [px]
+#: Number of charts in a row of a grid, and height of one chart [px].
 COLUMNS, HEIGHT = 3, 190
 
 
 @dataclass(frozen=True)
 class Stations:
-    """Where the waypoints of a path are, for horizontal axes and for hovering."""
+    """Path length and time of the waypoints of a path, for horizontal axes and hovering."""
 
     length: Array  #: Path length up to each waypoint. Shape (n,). [m]
     time: Array  #: Time of each waypoint. Shape (n,). [s]
@@ -40,7 +40,7 @@ class Stations:
 
     @property
     def marked_spans(self) -> Array:
-        """Intervals around the marked waypoints; what lies closer than a field is wide is one. Shape (k, 2). [m]"""
+        """Intervals of path length around the marked waypoints, adjacent ones merged. Shape (k, 2). [m]"""
         total = max(float(self.length[-1]), 1e-12)
         flags = np.zeros(FIELDS, bool)
         flags[np.minimum((self.length[self.marked] / total * FIELDS).astype(int), FIELDS - 1)] = True
@@ -48,13 +48,13 @@ class Stations:
 
 
 def place_stations(position: Array, time: Array, cut: NDArray[np.bool_], failures: Iterable[int] = ()) -> Stations:
-    """Return where the waypoints of a path are; what is not in the cut is shaded, failures are marked.
+    """Compute path length and time of waypoints; stretches outside the cut are shaded, failures are marked.
 
-    position: wanted tip, shape (n, 3) [m]; time: shape (n,) [s]; cut: waypoints that are judged, shape (n,).
+    position: nominal tip, shape (n, 3) [m]; time: shape (n,) [s]; cut: waypoints of the cut, shape (n,).
     """
     length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))]
     spans = find_spans(~cut)
-    last = np.minimum(spans[:, 1] + 1, len(cut) - 1)  # the point of contact ends a rapid move, and counts
+    last = np.minimum(spans[:, 1] + 1, len(cut) - 1)  # include the point of contact that ends a rapid move
     shaded = length[np.column_stack([np.maximum(spans[:, 0] - 1, 0), last]).astype(int)].reshape(-1, 2)
     return Stations(length, time, np.array(sorted(failures), int), shaded)
 
@@ -66,9 +66,9 @@ def find_spans(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
 
 
 class PathPanel(NamedTuple):
-    """One small chart of quantities along a path: values by name in the unit shown, shape (n,) each.
+    """One small chart of quantities along a path: values by name in the displayed unit, shape (n,) each.
 
-    `label` is that of the vertical axis in the first column, `span` its range; `beyond` values lie beyond a limit.
+    `label`: title of the vertical axis, first column only; `span`: its range; `beyond`: intervals beyond a limit.
     """
 
     series: Mapping[str, Array]
@@ -85,8 +85,8 @@ def draw_panels(
 ) -> Figure:  # fmt: skip
     """Draw small charts of quantities along a path, row by row.
 
-    `shared`: the axis that charts share, "" for none; `colours`: one a series; `gaps`: share of width and height
-    between charts; `shaded`: whether the intervals that the stations name are shaded.
+    `shared`: axis shared by the charts, "" for none; `colours`: one per series; `gaps`: gap between charts as a share
+    of width and height; `shaded`: whether the shaded intervals of the stations are drawn.
     """
     gaps = gaps or (0.025, 0.08 if columns == 1 else 0.32 / -(-len(panels) // columns))
     figure = Figure([panel.title for panel in panels], columns, gaps=gaps, shared=shared)
@@ -118,7 +118,7 @@ def _add_lines(
 ) -> None:
     """Add the series of a panel, thinned, with waypoint and time on hovering."""
     rows = thin_rows(list(panel.series.values()), limit)
-    far = np.flatnonzero(np.diff(stations.length) > 4.0 * np.ptp(stations.length) / limit)  # no line leans over these
+    far = np.flatnonzero(np.diff(stations.length) > 4.0 * np.ptp(stations.length) / limit)  # keep both ends of gaps
     rows = np.union1d(rows, [far, far + 1])
     custom = np.column_stack([rows, stations.time[rows]]).astype(np.float32)
     for k, (name, values) in enumerate(panel.series.items()):
@@ -133,9 +133,9 @@ def chart_lines(
     stations: Stations, series: Mapping[str, Array], unit: str, title: str, caption: str, height: int = 340, *,
     colours: Sequence[str] = CATEGORIES, limit: tuple[float, str] | None = None, zero: bool = False,
 ) -> Chart:  # fmt: skip
-    """Chart series along the path on one axis, already in the unit shown, shape (n,) each.
+    """Draw series along the path on one axis, in the displayed unit, shape (n,) each.
 
-    `limit`: a level to mark, and what it is called; `zero`: the axis starts at zero.
+    `limit`: a level to mark, and its label; `zero`: the axis starts at zero.
     """
     label = f"{title}, {unit}" if unit else title
     figure = draw_panels(stations, [PathPanel(series, label, unit)], colours=colours)
@@ -156,9 +156,9 @@ def _span_positive(values: Iterable[Array]) -> tuple[float, float]:
 def chart_strategies(
     stations: Stations, deviations: Mapping[str, Mapping[str, Array]], tolerance: float, *, log: bool = False
 ) -> Chart:
-    """Chart deviations along the path, one small chart a strategy, all with the same axes.
+    """Draw deviations along the path, one small chart per strategy, all with the same axes.
 
-    deviations: by title of the chart, series by name, shape (n,) each [mm]; tolerance: level that is marked [mm].
+    deviations: by title of the chart, series by name, shape (n,) each [mm]; tolerance: marked level [mm].
     """
     together = [values for series in deviations.values() for values in series.values()]
     least, greatest = _span_positive(together)
@@ -179,9 +179,9 @@ def chart_strategies(
 def draw_joints(
     stations: Stations, q: Array, lower: Array, upper: Array, names: Sequence[str], slides: NDArray[np.bool_]
 ) -> Figure:
-    """Draw each joint's position between its limits, one small chart a joint.
+    """Draw the position of each joint between its limits, one small chart per joint.
 
-    q: commanded positions, shape (n, nq); lower, upper: limits, shape (nq,) [rad or m]; slides: which are prismatic.
+    q: commanded positions, shape (n, nq); lower, upper: limits, shape (nq,) [rad or m]; slides: prismatic joints.
     """
     panels = []
     for k, name in enumerate(names):
@@ -205,7 +205,7 @@ def draw_joints(
 
 
 def draw_shares(stations: Stations, shares: Mapping[str, Array], names: Sequence[str]) -> Figure:
-    """Draw rates as shares of their limits, by rate ("velocity"), shape (n, nq); one chart a rate, one line a joint."""
+    """Draw joint rates as shares of their limits, shape (n, nq), by name ("velocity"); one chart per rate."""
     panels = []
     for title, share in shares.items():
         used = 100 * float(np.nanmax(share, initial=0))
@@ -217,7 +217,7 @@ def draw_shares(stations: Stations, shares: Mapping[str, Array], names: Sequence
 
 
 def chart_wrench(stations: Stations, wrench: Array, caption: str) -> Chart:
-    """Draw the wrench on the tool at its tip, base axes, shape (n, 6) [N, N m]; its moment where there is one."""
+    """Draw the wrench on the tool at its tip, base axes, shape (n, 6) [N, N m]; the moment only if not zero."""
     force = {f"f{axis}": wrench[:, k] for k, axis in enumerate("xyz")}
     if not (np.abs(wrench[:, 3:]) > 1e-9).any():
         return chart_lines(stations, force, "N", "force on the tool, base axes", caption, 300)

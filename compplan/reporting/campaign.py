@@ -1,4 +1,4 @@
-"""What `compplan campaign` writes: campaign.csv to fill in, programs to the poses, campaign.json, report.html."""
+"""Outputs of `compplan campaign`: campaign.csv to fill in, programs to the poses, campaign.json, report.html."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from compplan.reporting.scenes import draw_cell
 from compplan.robot import Array
 from compplan.toolpath.toolpath import WRENCH_HEADERS
 
-#: What is to be done at a pose with another instrument than a tracker.
+#: Task at a pose, for instruments other than a tracker.
 TASKS = {
     "sockets": "let the ball sit in the socket of the row and write the joints down as they are",
     "gauge": "write the reading of the row's gauge down, which grows along dir",
@@ -32,7 +32,7 @@ TASKS = {
 
 
 def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
-    """Write a designed campaign and return what campaign.json holds."""
+    """Write a designed campaign and return the content of campaign.json."""
     with replace_folder(folder, "campaign") as part:
         _write_log(campaign, part / "campaign.csv")
         if campaign.poses.sights is not None:
@@ -46,9 +46,9 @@ def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
 
 
 def _write_log(campaign: PoseCampaign, file: Path) -> None:
-    """Write the empty log, two rows a pose: where its approach begins, which stays empty, and the pose to measure.
+    """Write the empty log, two rows per pose: start of the approach, which stays empty, and the pose to measure.
 
-    The first of them tells later readers from which side the joints came.
+    The first row records the approach direction of the joints.
     """
     poses, n = campaign.poses, len(campaign.poses)
     columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
@@ -72,7 +72,7 @@ def _write_log(campaign: PoseCampaign, file: Path) -> None:
 
 
 def _list_sights(sights: Observations | None, poses: int) -> dict[str, object]:
-    """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose."""
+    """Return the columns to fill in: positions or readings of another instrument, in the second row of each pose."""
     empty = np.full(2 * poses, np.nan)
     if sights is None:
         return {f"{axis}_mm": empty for axis in "xyz"}
@@ -92,7 +92,7 @@ def _list_sights(sights: Observations | None, poses: int) -> dict[str, object]:
 
 
 def _describe_instrument(sights: Observations, sigma: float) -> str:
-    """Return the text of instrument.toml for a campaign that is filled in. sigma: [m]"""
+    """Return the text of instrument.toml of a campaign. sigma: standard deviation of the instrument [m]"""
     lines = ["schema = 1", "[instrument]", f"sigma_mm = {1e3 * sigma:g}"]
     known = sights.known
     for pair, length, own in zip(known.between.tolist(), known.length, known.sigma, strict=True):
@@ -103,7 +103,7 @@ def _describe_instrument(sights: Observations, sigma: float) -> str:
 
 
 def _write_moves(campaign: PoseCampaign, folder: Path) -> None:
-    """Write programs of joint moves: to where each approach begins, then to the pose, stopping at every point."""
+    """Write programs of joint moves to the start of each approach, then to the pose, with a stop at every point."""
     plan = campaign.plan
     if plan.job is None or not plan.job.output.programs:
         return
@@ -151,7 +151,7 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
 
 
 def describe_campaign(campaign: PoseCampaign) -> str:
-    """Say in a sentence or two what the campaign brings and when to stop."""
+    """Describe the number of useful poses and the expected reduction of the 95 % band."""
     choice = campaign.choice
     useful = len(choice.rows) if choice.enough is None else choice.enough
     ends = " to ".join(format_mm(float(choice.greatest[k])) for k in (0, useful))
@@ -162,7 +162,7 @@ def describe_campaign(campaign: PoseCampaign) -> str:
 
 
 def _render(campaign: PoseCampaign) -> str:
-    """Return the page: which poses, what they will bring, when to stop."""
+    """Return the page: poses, expected 95 % band, remaining uncertainty."""
     plan, choice = campaign.plan, campaign.choice
     bands = [
         ["now", 1e3 * campaign.design.model_band(campaign.start)],
@@ -205,7 +205,7 @@ def _render(campaign: PoseCampaign) -> str:
 
 
 def open_campaign(campaign: PoseCampaign) -> Summary:
-    """Return the first screen: what the poses bring."""
+    """Return the first screen: expected 95 % band after the poses."""
     choice = campaign.choice
     now, then = float(choice.greatest[0]), float(choice.greatest[-1])
     useful = len(choice.rows) if choice.enough is None else choice.enough

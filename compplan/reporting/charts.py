@@ -1,4 +1,4 @@
-"""The chart layer of pages: figures as the plain JSON that the plotly.js of a page draws, colours, thinned paths.
+"""Charts of pages: figures as plain JSON for plotly.js, colours, thinned paths.
 
 Traces and layouts have the keys of plotly.js. Arrays are written in base64, as plotly.js reads them.
 """
@@ -21,7 +21,7 @@ from compplan.io.palette import CATEGORIES, DASHES, NEUTRAL, TOLERANCE
 from compplan.io.quantities import name_length
 from compplan.robot import Array
 
-#: Small to large, for quantities that are best at zero.
+#: Colour scale from small to large, for quantities that are best at zero.
 SEQUENTIAL = ((0.0, "#2f7fb5"), (0.3, "#6fae8f"), (0.55, "#dfb441"), (0.8, "#d1603d"), (1.0, "#8f1d2c"))
 FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", "Noto Sans", sans-serif'
 #: Colours of a page by theme.
@@ -30,11 +30,11 @@ INK = {"light": "#1d2329", "dark": "#dfe4ea"}
 GRID = {"light": "#e4e7ea", "dark": "#2c3238"}
 SPACE_GRID = {"light": "#ccd2d8", "dark": "#3b434b"}
 LINE = {"light": "#aab1b9", "dark": "#59626c"}
-#: The template of charts; colours of the theme stand in it as marks.
+#: Template of charts with placeholders for the colours of the theme.
 TEMPLATE = Path(__file__).parent / "templates" / "plotly.json"
-#: Points of a curve that are drawn at most.
+#: Greatest number of drawn points of a curve.
 POINTS = 1500
-#: Share of the greatest value that a linear axis shows below zero: a curve at zero stays apart from the axis.
+#: Extent of a linear axis below zero as a share of the greatest value, which separates a curve at zero from the axis.
 BELOW = 0.03
 
 
@@ -44,9 +44,9 @@ class Figure:
     Args:
         titles: Title of each small chart, row by row.
         columns: Charts in a row.
-        gaps: Share of the width between two charts, and of the height.
-        shared: "x": the charts of a column share their axis; "y": those of a row do.
-        scenes: Whether the charts are in space.
+        gaps: Gap between two charts, as a share of the width and of the height.
+        shared: "x": charts of a column share the horizontal axis; "y": charts of a row share the vertical axis.
+        scenes: Whether the charts are 3D scenes.
     """
 
     def __init__(
@@ -89,11 +89,11 @@ class Figure:
         return trace
 
     def line(self, x: Any, y: Any, name: str = "", panel: int = 0, **keys: Any) -> dict[str, Any]:
-        """Add a line, or dots where `mode` says so."""
+        """Add a line, or dots if `mode` is "markers"."""
         return self.add("scatter", panel, x=x, y=y, name=name, **{"mode": "lines", **keys})
 
     def heat(self, x: Any, y: Any, z: Any, title: str = "", panel: int = 0, **keys: Any) -> dict[str, Any]:
-        """Add a heat map of values z, shape (len(y), len(x)), with a bar of that title."""
+        """Add a heat map of values z, shape (len(y), len(x)), with a titled colour bar."""
         bar = {"title": {"text": title, "side": "top"}, "thickness": 12, "outlinewidth": 0}
         scale = {"colorscale": [list(stop) for stop in SEQUENTIAL], "colorbar": bar, "hoverongaps": False}
         return self.add("heatmap", panel, x=x, y=y, z=z, **{**scale, **keys})
@@ -105,19 +105,19 @@ class Figure:
             axis.update(keys if title is None else {**keys, "title": {"text": title}})
 
     def level(self, value: float, side: str = "y", panel: int | None = None, **line: Any) -> None:
-        """Draw a dashed line across at a value of an axis, in one small chart or in all."""
+        """Draw a dashed line at a value of an axis, in one small chart or in all."""
         for each in range(self.count) if panel is None else (panel,):
             self.band(value, value, side, each, type="line", line={"color": TOLERANCE, "dash": "dash", **line})
 
     def band(self, start: float, end: float, side: str, panel: int = 0, **keys: Any) -> None:
-        """Draw a band between two values of an axis over the whole of the other one."""
+        """Draw a band between two values of an axis over the full range of the other axis."""
         number, other = name_panel(panel), "y" if side == "x" else "x"
         ends = {f"{side}ref": f"{side}{number}", f"{side}0": start, f"{side}1": end}
         whole = {f"{other}ref": f"{other}{number} domain", f"{other}0": 0, f"{other}1": 1}
         self.layout["shapes"].append({"type": "rect", "line": {"width": 0}, **ends, **whole, **keys})
 
     def note(self, text: str, *, size: float = 11.5, xanchor: str = "center", **keys: Any) -> None:
-        """Write words into the figure, above their place."""
+        """Add a text above its position in the figure."""
         style = {"showarrow": False, "xanchor": xanchor, "yanchor": "bottom", "font": {"size": size}}
         self.layout["annotations"].append({"text": text, **style, **keys})
 
@@ -127,12 +127,12 @@ class Figure:
 
 
 def name_panel(panel: int) -> str:
-    """Return the number of a small chart in the names of its axes: "", "2", "3", ..."""
+    """Return the suffix of a small chart in the names of its axes: "", "2", "3", ..."""
     return str(panel + 1) if panel else ""
 
 
 def draw_curves(curves: Curves) -> Figure:
-    """Draw the curves of a result: what its `plot()` draws with matplotlib."""
+    """Draw the curves of a result, as its `plot()` does with matplotlib."""
     figure = Figure()
     for line in curves.lines:
         colour, dash = pick_style(line.role)
@@ -164,7 +164,7 @@ def draw_curves(curves: Curves) -> Figure:
 
 
 def add_area(figure: Figure, x: Array, y: Array, name: str, colour: str, **keys: Any) -> dict[str, Any]:
-    """Fill the area below a line with gaps, as a trace of its own: a fill goes on over the gaps of its line."""
+    """Fill the area below a line with gaps, as a separate trace: the fill of a line itself would bridge its gaps."""
     known = np.diff(np.concatenate([[False], np.isfinite(y), [False]]).astype(np.int8))
     spans = np.column_stack([np.flatnonzero(known == 1), np.flatnonzero(known == -1) - 1])
     order = np.argsort(np.r_[np.arange(len(x)), spans[:, 0] - 0.5, spans[:, 1] + 0.5], kind="stable")
@@ -175,7 +175,7 @@ def add_area(figure: Figure, x: Array, y: Array, name: str, colour: str, **keys:
 
 
 class Bars(NamedTuple):
-    """Bars of one colour, or of a colour each; with an interval from `low` (None: the value) to `high`, and a text."""
+    """Bars of one colour or one colour each, with an interval from `low` (None: the value) to `high`, and texts."""
 
     values: Sequence[float] | Array
     colour: str | Sequence[str]
@@ -188,9 +188,9 @@ def draw_bars(
     names: Sequence[str], series: Mapping[str, Bars], title: str, *, level: float | None = None, dots: bool = False,
     hover: str = "%{x:.3g}",
 ) -> Figure:  # fmt: skip
-    """Draw horizontal bars, the first name on top; `dots` draws dots in their place.
+    """Draw horizontal bars, or dots if `dots`, with the first name on top.
 
-    `title` is that of the horizontal axis, `level` a value that a dashed line marks, `hover` what is shown on hovering.
+    `title`: of the horizontal axis; `level`: value marked by a dashed line; `hover`: template of the hover text.
     """
     figure = Figure()
     for name, bars in series.items():
@@ -220,13 +220,13 @@ def draw_bars(
 
 
 def use_decades(figure: Figure, side: str, low: float, high: float, panel: int | None = None, **keys: Any) -> None:
-    """Make an axis over lengths in mm logarithmic, its ticks named nm, um, mm. low, high: [mm]"""
+    """Make an axis of lengths in mm logarithmic, with ticks in nm, um, mm. low, high: [mm]"""
     ticks, names = mark_decades(1e-3 * low, 1e-3 * high)
     figure.axis(side, panel, type="log", tickvals=[1e3 * tick for tick in ticks], ticktext=names, **keys)
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON has it: arrays in base64, numbers that are none as null."""
+    """Convert a value to plain JSON: arrays in base64, non-finite numbers as null."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
@@ -239,7 +239,7 @@ def _plain(value: Any) -> Any:
 
 
 def _pack(values: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """Return an array as plotly.js reads it: reals in single precision, whole numbers in as few bytes as hold them."""
+    """Encode an array for plotly.js: reals in single precision, integers in the smallest sufficient type."""
     if values.dtype.kind in "iu":
         most = max(abs(int(values.max(initial=0))), abs(int(values.min(initial=0))))
         values = values.astype(np.int8 if most < 2**7 else np.int16 if most < 2**15 else np.int32)
@@ -256,7 +256,7 @@ def style_line(number: int, colours: Sequence[str] = CATEGORIES) -> dict[str, st
 
 
 def mark_decades(low: float, high: float) -> tuple[list[float], list[str]]:
-    """Choose round lengths [m] for a logarithmic axis, and their names; 1, 2, 5 where it spans under two decades."""
+    """Choose ticks [m] of a logarithmic axis, and their names; steps 1, 2, 5 if it spans less than two decades."""
     steps = (1, 2, 5) if high < 100 * low else (1,)
     powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
     lengths = [step * 10.0**power for power in powers for step in steps]
@@ -276,9 +276,9 @@ def build_template(theme: str) -> dict[str, Any]:
 
 
 def thin_rows(signals: Array | Sequence[Array], limit: int) -> NDArray[np.int_]:
-    """Choose the rows that draw signals faithfully: ends, and the smallest and largest value of each signal per bucket.
+    """Choose rows that preserve the shape of signals: both ends, and minimum and maximum of each signal per bucket.
 
-    signals: shape (n,) each, or (n, k), NaN is passed over; about `limit` rows are kept. Returns ascending rows.
+    signals: shape (n,) each, or (n, k), NaN is ignored; about `limit` rows are kept. Returns ascending rows.
     """
     columns = np.asarray(signals, float) if isinstance(signals, np.ndarray) else np.column_stack(list(signals))
     columns = columns.reshape(len(columns), -1)
@@ -298,7 +298,7 @@ def thin_rows(signals: Array | Sequence[Array], limit: int) -> NDArray[np.int_]:
 
 
 def thin_path(position: Array, signals: Array | Sequence[Array], limit: int) -> NDArray[np.int_]:
-    """Choose about `limit` rows that draw a path (n, 3) and the signals along it, a third of them at even lengths."""
+    """Choose about `limit` rows to draw a path (n, 3) and its signals, a third of them at equal path lengths."""
     n = len(position)
     if n <= limit:
         return np.arange(n)

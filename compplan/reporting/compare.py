@@ -1,4 +1,4 @@
-"""What `compplan compare` writes: compare.json, and a page that sets strategies side by side; strategies in words."""
+"""Outputs of `compplan compare`: compare.json, and a page that compares strategies; names of strategies."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from compplan.simulation.simulated_robot import EXACT_EVALUATION
 if TYPE_CHECKING:
     from compplan.planning.compare import Comparison
 
-#: Strategies that differ by less than this share leave the same (assumed).
+#: Relative difference of the deviation below which strategies are equal (assumed).
 SAME = 0.05
-#: Those within this share of the least are the closest of a cell.
+#: Greatest ratio to the least deviation of the strategies marked as closest on a simulated robot.
 CLOSE = 1.02
 
 
 def name_strategy(name: str) -> str:
-    """Name a strategy in a few words: those of its file, its name where that has none."""
+    """Return the display name of a strategy: `words` of its module, or its name."""
     module = STRATEGIES.get(name) or ONLINE_MODULES.get(name)
     return str(getattr(module, "words", name.replace("_", " ")))
 
 
 def colour_strategies(names: Iterable[str], best: str) -> list[str]:
-    """Return a colour a strategy: one for no correction, one for the best, grey for the others."""
+    """Return one colour per strategy: one for no correction, one for the best, grey for the others."""
     return [AFTER if name == best else BEFORE if name == "none" else NEUTRAL for name in names]
 
 
@@ -56,7 +56,7 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
 
 
 def render_comparison(comparison: Comparison) -> str:
-    """Return the page: what each strategy leaves, by cell and along the path."""
+    """Return the page: deviation of each strategy, by simulated robot and along the path."""
     task, own = comparison.task, comparison.cells[0].name
     wrong = [cell.name for cell in comparison.cells[1:]]
     facts = [("deviation computed by", EXACT_EVALUATION), ("toolpath", task.nominal.source or "given in memory")]
@@ -88,12 +88,12 @@ def render_comparison(comparison: Comparison) -> str:
 
 
 def _list_closest(left: Mapping[str, float], share: float) -> list[str]:
-    """List the strategies that leave least, or no more than a share beyond that."""
+    """List the strategies whose deviation is at most `share` times the least."""
     return [name for name, value in left.items() if value <= share * min(left.values())]
 
 
 def open_comparison(comparison: Comparison) -> Summary:
-    """Return the first screen: which strategy to plan with, and what it brings on a robot like this one."""
+    """Return the first screen: recommended strategy, and its deviation on robots like this one."""
     drawn, tolerance = comparison.drawn, comparison.task.tolerance
     if drawn is None:  # rms and largest deviation on the robot as modelled, by strategy
         runs = comparison.evaluations[comparison.cells[0].name]
@@ -102,7 +102,7 @@ def open_comparison(comparison: Comparison) -> Summary:
         found = {name: (drawn.median(name), drawn.most(name)) for name in drawn.rms}
     left = {name: median for name, (median, _) in found.items() if name not in ONLINE}
     equals = _list_closest(left, 1.0 + SAME)
-    best = "nlp" if "nlp" in equals else equals[-1]  # of equals the product's own
+    best = "nlp" if "nlp" in equals else equals[-1]  # nlp is preferred among equals
     most = found[best][1]
     within = most <= tolerance
     where = "on the robot as modelled" if drawn is None else "on a typical robot like yours"
@@ -132,7 +132,7 @@ def open_comparison(comparison: Comparison) -> Summary:
 
 
 def _list_cells(comparison: Comparison, wrong: list[str], own: str) -> DataTable:
-    """List rms and largest deviation of every strategy in every cell, the closest of each cell in green."""
+    """List rms and largest deviation of every strategy on every simulated robot, the closest of each in green."""
     drawn, runs, tolerance = comparison.drawn, comparison.evaluations, comparison.task.tolerance
     least = {cell: min(run.rms_deviation for run in runs[cell].values()) for cell in (*wrong, own)}
     rows = []

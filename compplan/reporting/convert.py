@@ -1,4 +1,4 @@
-"""The page of `compplan convert`: the path that was read, by tool, and what was assumed."""
+"""Page of `compplan convert`: the path by tool, and the assumptions."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from compplan.robot import Array
 from compplan.toolpath.readers import CamFacts
 from compplan.toolpath.toolpath import Toolpath
 
-#: About how many points of a path are drawn.
+#: Approximate number of drawn points of a path.
 POINTS = 8000
 
 
 def render_toolpath(toolpath: Toolpath, facts: CamFacts) -> str:
-    """Return the page of a CAM file that was read; the toolpath is in the part frame."""
+    """Return the page of a CAM file; the toolpath is in the part frame."""
     tools, number = _number_tools(toolpath)
     name, tone = Path(facts.file).name, "unsure" if facts.notes else "good"
     verdict = f"{name} is read: {facts.cutting_moves} cutting moves, {facts.cutting_length_mm:.1f}\u00a0mm."
@@ -50,7 +50,7 @@ def render_toolpath(toolpath: Toolpath, facts: CamFacts) -> str:
 
 
 def _number_tools(toolpath: Toolpath) -> tuple[list[str], Array]:
-    """Return the names of the tools in order, and which of them makes the move to each waypoint. Shape (n,)."""
+    """Return the names of the tools in order, and the index of the tool of the move to each waypoint. Shape (n,)."""
     names, number = ["tool not stated"], np.zeros(len(toolpath), int)
     for event in toolpath.events:
         if event.kind == "tool":

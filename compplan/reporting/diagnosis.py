@@ -1,6 +1,6 @@
-"""What `compplan diagnose` writes: diagnosis.json, the updated robot folders, and the page.
+"""Outputs of `compplan diagnose`: diagnosis.json, the updated robot folder, and the page.
 
-The page shows where the gap lies, which effects cause it, how far it shrinks, and what to enter.
+The page shows the gap by place, the effects that cause it, its reduction, and the corrections for the controller.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.simulation.predict import predict_campaign
 
-#: A written robot reproduces the predictions in memory to this (theory: rounding of the solved equilibrium). [m]
+#: Allowed difference of predictions by the written and the updated robot (theory: rounding of the equilibrium). [m]
 SAME_POSITION = 1e-9
-#: A change of less than this share of its half width is none: poses that see a parameter by noise alone give it more.
+#: Share of its half width below which a change is omitted: noise alone gives an observed parameter more.
 UNSEEN = 0.01
-#: Digits behind the point, by unit.
+#: Decimal places, by unit.
 DIGITS = {"mm": 3, "deg": 4}
-#: Kinds of robot folders in words.
+#: Descriptions of the kinds of robot folders.
 DELIVERED = {"nominal": "the nominal robot as it was", "calibrated": "all that a calibration finds, named or not"}
 
 
@@ -52,9 +52,9 @@ def deliver_diagnosis(
     diagnosis: Diagnosis, out: Path, progress: Callable[[str], None] = lambda text: None,
     tested: SelfTest | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Find where the gap lies, what the folders are worth and what to measure next; write all of it.
+    """Locate the gap, assess the accuracy, propose the next measurements, and write all results.
 
-    `tested` is a self-test of the campaign. Returns what diagnosis.json holds.
+    `tested`: self-test of the campaign. Returns the content of diagnosis.json.
     """
     progress("where")
     split = split_diagnosis(diagnosis)
@@ -71,7 +71,7 @@ def deliver_diagnosis(
 def write_diagnosis(
     diagnosis: Diagnosis, split: Split, assessment: Assessment, table: Mapping[str, Any], out: Path
 ) -> dict[str, Any]:
-    """Write diagnosis.json, report.html and the updated robot folders; return what diagnosis.json holds."""
+    """Write diagnosis.json, report.html and the updated robot folder; return the content of diagnosis.json."""
     table = {**table, "made_by": describe_origin()}
     with replace_folder(out, "diagnose") as part:
         folder, registration = part / "robot", diagnosis.delivery.state.registration
@@ -85,17 +85,17 @@ def write_diagnosis(
 
 
 def _measure_gap(diagnosis: Diagnosis, robot: Robot, folder: Path) -> float:
-    """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]"""
+    """Return the root mean square gap of a robot read from its folder, over the rows without outliers. [m]"""
     campaign, delivery = diagnosis.fit.problem.campaign, diagnosis.delivery
     registration = delivery.state.registration
     gap = predict_campaign(robot, campaign, registration=registration, later=False).gap
     expected = delivery.residual
-    if registration is not None and registration.contacts:  # the places of contacts are fitted anew by a prediction
+    if registration is not None and registration.contacts:  # a prediction refits the contact positions
         expected = predict_campaign(diagnosis.updated, campaign, registration=registration, later=False).gap
     good = campaign.usable.copy()
     alike = good
     if any(effect.name == "backlash" for effect in delivery.state.effects):
-        alike = good & ~campaign.first_visit  # their approach is fitted, no folder holds it
+        alike = good & ~campaign.first_visit  # their approach is fitted, not stored in a folder
     off = float(np.abs(gap[alike] - expected[alike]).max(initial=0.0))
     if off > SAME_POSITION:
         message = f"the folder as read predicts tips {1e3 * off:.3g} mm off the validated model; report a defect"
@@ -105,9 +105,9 @@ def _measure_gap(diagnosis: Diagnosis, robot: Robot, folder: Path) -> float:
 
 
 class _UsedRows(NamedTuple):
-    """The measured rows that count, as charts take them; k of n rows, base axes."""
+    """Measured rows for charts, without outliers and incomplete rows; k of n rows, base axes."""
 
-    used: NDArray[np.bool_]  #: Rows that count; the others are outliers or incomplete. Shape (n,).
+    used: NDArray[np.bool_]  #: Selected rows; the others are outliers or incomplete. Shape (n,).
     q: Array  #: Joint positions. Shape (k, nq). [rad or m]
     point: Array  #: Measured points. Shape (k, 3). [m]
     before: Array  #: Measured minus predicted by the nominal robot. Shape (k, 3). [m]
@@ -117,7 +117,7 @@ class _UsedRows(NamedTuple):
 def render_diagnosis(
     diagnosis: Diagnosis, split: Split, assessment: Assessment | None, table: Mapping[str, Any]
 ) -> str:
-    """Return the page of a diagnosis; `table` is what diagnosis.json holds, without `assessment` no advice is given."""
+    """Return the page of a diagnosis; `table`: content of diagnosis.json; no corrections without `assessment`."""
     campaign, before, after = diagnosis.fit.problem.campaign, diagnosis.residual_before, diagnosis.residual_after
     used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)
     used[diagnosis.outliers] = False
@@ -154,10 +154,10 @@ def open_diagnosis(
     table: Mapping[str, Any], gap: Mapping[str, float | None], delivered: str, picture: Block, todo: str,
     small: float = 0.0,
 ) -> Summary:  # fmt: skip
-    """Return the first screen: what is wrong with the robot, and how much of the gap that explains.
+    """Return the first screen: identified effects, and the error before and after the update.
 
     table: the verdict of diagnosis.json; delivered: kind of the robot folder that is written; todo: the next step;
-    small: share of the gap that small errors everywhere carry.
+    small: share of the gap due to small errors of all parameters.
     """
     status, effects = table["status"], table["effects"]
     first = "; ".join(describe_effect(effect) for effect in effects[:2])
@@ -269,7 +269,7 @@ def _show_next(steps: Sequence[Mapping[str, Any]]) -> Section:
 
 
 def _show_self_test(tested: Mapping[str, Any]) -> Section:
-    """Show which of the effects that were planted in these poses and this noise the diagnosis found."""
+    """Show which effects, planted in these poses and this noise, the diagnosis found."""
     rows = []
     for planted in tested["planted"]:
         named = "; ".join(f"{name_effect(one)} ({one['probability']:.2f})" for one in planted["named"])
@@ -284,7 +284,7 @@ def _show_self_test(tested: Mapping[str, Any]) -> Section:
 
 
 def _show_calibration(assessment: Assessment) -> Section:
-    """Show what a diagnosis is worth to the one who calibrates: what to enter, how accurate."""
+    """Show pose accuracy before and after, and the corrections for the controller."""
     accuracy = []
     for name, word in (("before", "nominal model"), ("after", "delivered model, not in the fit")):
         a = assessment.accuracy[name]
@@ -310,7 +310,7 @@ def _show_calibration(assessment: Assessment) -> Section:
 
 
 def _list_corrections(corrections: Sequence[Correction], caption: str) -> list[Block]:
-    """List corrections in a table; nothing where all are too small to enter."""
+    """List corrections in a table; no table if all are too small."""
     rows = []
     for c in corrections:
         if abs(c.value) >= UNSEEN * (c.high - c.value):

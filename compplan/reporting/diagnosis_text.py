@@ -1,4 +1,4 @@
-"""A diagnosis in words: its effects, the next step, what is unexplained."""
+"""Text of a diagnosis: effects, next step, unexplained part of the gap."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from compplan.reporting.page import join_names
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
 
-#: Units that keys of parameters end in, where they are written otherwise.
+#: Displayed units by the unit suffix of parameter keys.
 UNITS = {
     "rad_per_Nm": "rad/(N m)", "Nm_per_rad": "N m/rad", "m_per_N": "m/N", "rad_per_N": "rad/N", "mm_per_K": "mm/K",
     "per_K": "1/K", "mm_s": "mm/s", "Nm": "N m", "C": "°C", "kgm": "kg m", "kg_m": "kg m",
 } | {unit: unit for unit in ("mm", "um", "m", "deg", "mrad", "urad", "rad", "N", "kg", "s", "ms", "K")}  # fmt: skip
 
-#: What became of planted effects, in words.
+#: Descriptions of the outcomes of planted effects.
 OUTCOMES = {"found": "found", "tied": "named as one that fits as well", "confused": "taken for another",
             "missed": "not named"}  # fmt: skip
 
 
 def name_effect(effect: Mapping[str, Any]) -> str:
-    """Name an effect and its place in a few words, for tables."""
+    """Return the name of an effect with its joint and axis, for tables."""
     words = str(effect["effect"]).replace("_", " ")
     place = [str(effect[key]) for key in ("joint", "axis") if effect.get(key)]
     return f"{words}, {' '.join(place)}" if place else words
 
 
 def describe_effect(effect: Mapping[str, Any]) -> str:
-    """Say what an effect is, as a clause that names its joint, its axis, or both; "all joints" where it has none."""
+    """Describe an effect as a clause with its joint, its axis, or both; "all joints" if it has neither."""
     name, joint, axis = str(effect["effect"]), effect.get("joint"), effect.get("axis")
     place = f"{joint} ({axis})" if joint and axis else str(joint or str(axis or "all joints").removeprefix("r"))
     words: str = EFFECTS[name].words if name in EFFECTS else name.replace("_", " ") + " at {at}"
@@ -41,7 +41,7 @@ def describe_effect(effect: Mapping[str, Any]) -> str:
 
 
 def describe_parameters(parameters: Mapping[str, Any], ends: Mapping[str, Any] | None = None) -> str:
-    """List parameters with units, m and rad as mm and mrad, and known 95 % intervals; a key ends in its unit."""
+    """Format parameters with units, m and rad as mm and mrad, and 95 % intervals if known; a key ends in its unit."""
     parts = []
     for key, value in parameters.items():
         unit = next((unit for unit in sorted(UNITS, key=len, reverse=True) if key.endswith(f"_{unit}")), "")
@@ -53,7 +53,7 @@ def describe_parameters(parameters: Mapping[str, Any], ends: Mapping[str, Any] |
 
 
 def describe_change(effect: Mapping[str, Any]) -> str:
-    """Say by how much a compliance changes, in percent of the model's with its 95 % interval; "" of other effects."""
+    """Format the change of a compliance in percent of the model value, with 95 % interval; "" for other effects."""
     if "change_percent" not in effect:
         return ""
     value, low, high = effect["change_percent"]
@@ -63,7 +63,7 @@ def describe_change(effect: Mapping[str, Any]) -> str:
 
 
 def list_effects(effects: Sequence[Mapping[str, Any]]) -> list[str]:
-    """List named effects: probability, motion of the tip, size with unit and 95 % interval, and what fits as well."""
+    """List named effects: probability, motion of the tip, size with unit and 95 % interval, ambiguous effects."""
     lines = []
     for effect in effects:
         place = " ".join(str(effect[key]) for key in ("effect", "joint", "axis") if effect.get(key))
@@ -85,13 +85,13 @@ def _show(value: Any, size: float = 1) -> str:
 
 
 def reaches_noise(gap: Mapping[str, float | None], delivered: str) -> bool:
-    """Tell whether the folder delivered is a calibration, its error on held-out rows within FLOORS_LEFT noises."""
+    """Return whether the folder is a calibration with an error on held-out rows of at most FLOORS_LEFT noise floors."""
     after, floor = gap.get("held_out_after_rms_mm"), gap.get("noise_floor_mm")
     return bool(delivered == "calibrated" and after and floor and after <= FLOORS_LEFT * floor)
 
 
 def describe_next(verdict: Mapping[str, Any], delivered: str, poses: str) -> str:
-    """Say what to do next; `delivered`: kind of the robot folder; `poses`: which to measure (`list_poses`)."""
+    """Describe the next step; `delivered`: kind of the robot folder; `poses`: poses to measure (`list_poses`)."""
     doubtful = [effect for effect in verdict["effects"] if effect.get("ambiguous_with")]
     todo, more = "Plan with the updated robot: compplan plan JOB --robot OUT/robot.", f"Measure more poses, {poses}"
     if doubtful:
@@ -104,13 +104,13 @@ def describe_next(verdict: Mapping[str, Any], delivered: str, poses: str) -> str
 
 
 def list_poses(table: Mapping[str, Any], where: str) -> str:
-    """Say which poses to measure next: those of diagnosis.json, which stand `where`, or other ones."""
+    """Return a phrase for the next poses to measure: those of diagnosis.json, listed at `where`, or others."""
     listed = any(step.get("poses") for step in table["next_measurement"])
     return f"as listed {where}" if listed else "other ones than these"
 
 
 def describe_self_test(tested: Mapping[str, Any]) -> list[str]:
-    """Say which planted effects were found, which were not or taken for others, and what the probabilities are worth.
+    """Summarise a self-test: outcomes of the planted effects, and share of correct effects by stated probability.
 
     tested: `self_test` of diagnosis.json.
     """
@@ -135,11 +135,11 @@ def describe_self_test(tested: Mapping[str, Any]) -> list[str]:
 
 
 def describe_structure(diagnosis: Diagnosis) -> list[str]:
-    """Say what is left that no effect explains; nothing where small errors everywhere are said to make the gap."""
+    """Describe the unexplained part of the gap; empty if there is none, or if all is attributed to small errors."""
     structure, named = diagnosis.verdict.structure, bool(diagnosis.verdict.findings)
     if not structure.left or diagnosis.verdict.status == CALIBRATED:
         return []
-    # claims may move the target further than the gap, against small errors: they explain no more than there is
+    # effects opposed by small errors may move the target further than the gap: at most the gap is explained
     explained = format_length(min(structure.explained, structure.gap))
     against = f", against {explained} that the named effects explain" if named else ""
     if structure.dependences:

@@ -1,4 +1,4 @@
-"""What `compplan forces` writes: forces.json, forces.csv, the page, and fitted coefficients or a measured level."""
+"""Outputs of `compplan forces`: forces.json, forces.csv, the page, and fitted coefficients or a measured level."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ from compplan.reporting.scenes import add_path, colour_axis, frame_scenes
 from compplan.robot import Array
 from compplan.toolpath.toolpath import WRENCH_HEADERS, Toolpath
 
-#: Largest ratio of measured and predicted force that is learned.
+#: Largest accepted ratio of measured to predicted force.
 MOST_LEVEL = 100.0
-#: About how many points of a path are drawn in a scene.
+#: Approximate number of drawn points of a path in a scene.
 POINTS = 4000
 
 
 def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
-    """Return what forces.json holds; the uncertainty counts as stated where the job says it, else it is assumed."""
+    """Return the content of forces.json; the uncertainty is stated if the job sets it, otherwise assumed."""
     force, process = np.linalg.norm(found.wrench[:, :3], axis=1), found.job.process
     acts = force > 0.0
     tables = filter(None, (process, getattr(process, "coefficients", None)))
@@ -81,7 +81,7 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
 
 
 def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
-    """Write forces.json, forces.csv, the page and what a cutter leaves of its stock; return what forces.json holds."""
+    """Write forces.json, forces.csv and the page; return the content of forces.json."""
     summary = {**summarise_forces(found), "made_by": describe_origin()}
     with replace_folder(folder, "forces") as part:
         write_table(part / "forces.csv", _tabulate(found))
@@ -113,10 +113,10 @@ def write_coefficients(found: ForcePrediction, file: Path) -> None:
 
 
 def write_level(found: ForcePrediction, file: Path) -> None:
-    """Enter the level of a measured force into process.toml of a robot folder, from where later plans take it.
+    """Write the level of a measured force to process.toml of a robot folder, which later plans read.
 
-    The level of the log is worth its own error and what differs from part to part; it is weighed against what is known:
-    earlier parts, or the prediction with its uncertainty.
+    The variance of the measured level includes the scatter from part to part. The level is combined with the prior,
+    from earlier parts or the prediction with its uncertainty, by inverse variances.
     """
     if found.fit is None or not (file.parent / "robot.urdf").is_file():
         raise InputError("process.toml belongs into a robot folder, beside robot.urdf", file=file)
@@ -142,7 +142,7 @@ def write_level(found: ForcePrediction, file: Path) -> None:
 
 
 def _tabulate(found: ForcePrediction) -> dict[str, object]:
-    """Return the table against path length, one row a waypoint."""
+    """Return the columns of forces.csv, one row per waypoint."""
     nominal = found.nominal
     columns: dict[str, object] = {"s_mm": 1e3 * nominal.arc_length, "rapid": nominal.rapid.astype(np.int64)}
     columns["feed_mm_s"] = 1e3 * nominal.feed
@@ -187,7 +187,7 @@ def _render(found: ForcePrediction, summary: Mapping[str, Any]) -> str:
 
 
 def open_forces(found: ForcePrediction, summary: Mapping[str, Any]) -> Summary:
-    """Return the first screen: what force the tool carries."""
+    """Return the first screen: greatest force and torque on the tool."""
     force, level, stated = summary["force_N"], summary.get("uncertainty"), summary["uncertainty_stated"]
     most, sizes = format_number(force["max"]), np.abs(found.local)
     along, across = sizes[:, 2].max(initial=0.0), np.hypot(sizes[:, 0], sizes[:, 1]).max(initial=0.0)
@@ -215,13 +215,13 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any]) -> Summary:
 
 
 def _leave_out_air(found: ForcePrediction, value: Array) -> Array:
-    """Return values with NaN in rapid moves that carry nothing: no line goes from a cut into the air. As value."""
+    """Return values with NaN in rapid moves without force, where no line is drawn. Shape as value."""
     idle = found.nominal.rapid & ~found.wrench.any(axis=1)
     return np.where(idle if value.ndim == 1 else idle[:, None], np.nan, value)
 
 
 def _locate_stations(nominal: Toolpath) -> Stations:
-    """Return where the waypoints are, for the charts."""
+    """Return path length and time of the waypoints, for the charts."""
     rests = nominal.rapid[1:] | (nominal.feed[1:] <= 0.0)
     step = np.where(rests, 0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9))
     return place_stations(nominal.position, np.r_[0.0, np.cumsum(step)], ~nominal.rapid)

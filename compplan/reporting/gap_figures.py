@@ -1,4 +1,4 @@
-"""Charts of a gap: residual vectors, shares, traces of joint errors, histograms against the noise, factors."""
+"""Charts of a gap: residual vectors and shares."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from compplan.robot import Array, Robot
 if TYPE_CHECKING:
     from compplan.diagnosis.results.shares import Share
 
-#: Residual vectors and dots that a chart draws at most.
+#: Greatest number of residual vectors and of dots in a chart.
 VECTORS, DOTS = 900, 1500
 BINS = 45
 #: The two models, with their colours.
@@ -63,7 +63,7 @@ def draw_residuals(robot: Robot, q: Array, point: Array, before: Array, after: A
 
 
 def draw_gap_shares(shares: Mapping[str, Share], title: str) -> Figure:
-    """Draw shares of the gap, by what they are divided by, as bars with their intervals."""
+    """Draw shares of the gap as bars with their intervals; `title`: criterion of the division."""
     value, low, high = 100 * np.array([(s.share, s.low, s.high) for s in shares.values()]).reshape(-1, 3).T
     bars = Bars(value, CATEGORIES[0], low, high)
     figure = draw_bars(list(shares), {"": bars}, f"share of the gap by {title}, %", hover="%{x:.1f} %")

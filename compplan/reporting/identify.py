@@ -1,4 +1,4 @@
-"""What `compplan identify` writes: identify.json, report.html and the updated robot folder."""
+"""Outputs of `compplan identify`: identify.json, report.html and the updated robot folder."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from compplan.reporting.charts import Bars, draw_bars
 from compplan.reporting.page import Cell, Chart, DataTable, Fold, Provenance, Section, Summary, render_page
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 
-#: Unit in which a parameter is shown, and factor from SI.
+#: Displayed unit of a parameter, and factor from SI.
 SHOWN = {
     "rad/(N m)": ("urad/(N m)", 1e6), "m/N": ("um/N", 1e6), "m": ("mm", 1e3),
     "rad": ("deg", 180 / np.pi), "1": ("1", 1.0),
 }  # fmt: skip
-#: Lines of compliances that the terminal shows at most.
+#: Greatest number of compliances on the terminal.
 LINES = 10
-#: Kinds of parameters that are geometry.
+#: Kinds of geometric parameters.
 FRAMES = ("geometry", "base", "tool", "contact")
 
 
 def write_identification(result: Identification, out: Path, log_notes: Sequence[str] = ()) -> dict[str, Any]:
-    """Write identify.json, report.html and the updated robot folder with what the reading of the log noted."""
+    """Write identify.json, report.html and the updated robot folder; `log_notes`: notes from reading the log."""
     summary = {**summarise_identification(result), "log_notes": list(log_notes), "made_by": describe_origin()}
     with replace_folder(out, "identify") as part:
         deliver_robot_folder(result.robot, part / "robot", result.nominal)
@@ -46,7 +46,7 @@ def write_identification(result: Identification, out: Path, log_notes: Sequence[
 
 
 def summarise_identification(result: Identification) -> dict[str, Any]:
-    """Return what identify.json holds."""
+    """Return the content of identify.json."""
     written = set(result.kept.free_names)
     parameters = [_describe(result.kept, name, written=True) for name in _list_free(result.kept)]
     parameters += [
@@ -80,7 +80,7 @@ def summarise_identification(result: Identification) -> dict[str, Any]:
 
 
 def _list_free(estimate: Estimate) -> list[str]:
-    """List the free parameters of a fit, frames left out: those stand in the registration."""
+    """List the free parameters of a fit, without frames, which are in the registration."""
     return [p.name for p in estimate.structure.parameters if p.name in estimate.free_names]
 
 
@@ -100,7 +100,7 @@ def _round(value: float | None, factor: float = 1.0) -> float | None:
 
 
 def _render(summary: Mapping[str, Any]) -> str:
-    """Return the page: values with intervals, what cannot be determined, the gap."""
+    """Return the page: values with intervals, unidentifiable parameters, the gap."""
     robot, notes = summary["robot"], summary["notes"]
     compliances = _list_compliances(summary)
     geometry = [p for p in summary["parameters"] if p["kind"] in FRAMES]
@@ -133,7 +133,7 @@ def _render(summary: Mapping[str, Any]) -> str:
 
 
 def open_identification(summary: Mapping[str, Any]) -> Summary:
-    """Return the first screen: how far the fitted robot model is from the measurements."""
+    """Return the first screen: error of the fitted robot model on held-out poses."""
     before, after = (1e-3 * summary["gap"][f"held_out_{name}_rms_mm"] for name in ("before", "after"))
     better = after < before
     verdict = "The fit makes the robot model no better."
@@ -169,7 +169,7 @@ def _list_compliances(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _chart_changes(entries: Sequence[Mapping[str, Any]]) -> list[Chart]:
-    """Draw by how much each value differs from the one before, with its interval; nothing where none is known."""
+    """Draw the relative change of each value with its interval; no chart if no previous value is known."""
     known = [entry for entry in entries if entry["before"] and None not in entry["interval_95"]]
     if not known:
         return []
@@ -185,7 +185,7 @@ def _chart_changes(entries: Sequence[Mapping[str, Any]]) -> list[Chart]:
         "change from the value before, %", level=0.0, dots=True, hover="%{y}: %{x:.1f} %",
     )  # fmt: skip
     low, high = min(0.0, float(ends.min())), max(0.0, float(ends.max()))
-    room = 0.35 * max(high - low, 1e-6)  # for the words over the outermost dots, on a phone too
+    room = 0.35 * max(high - low, 1e-6)  # for the labels of the outermost dots on narrow screens
     figure.axis("x", range=[low - room, high + room])
     caption = "Dot: change, with its 95 % interval; grey dots are not written to the robot folder."
     return [Chart(figure, caption, 100 + 44 * len(known))]

@@ -1,4 +1,4 @@
-"""What `compplan learn` writes: the updated robot folder, the corrected program and its plan, learn.json, the page."""
+"""Outputs of `compplan learn`: the updated robot folder, the corrected program and its plan, learn.json, the page."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from compplan.reporting.writers.recording import write_deviation
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 
-#: Units for small sizes of parameters, by the end of their key: factor on SI and unit.
+#: Displayed units of parameter changes, by the suffix of the key: factor from SI and unit.
 SMALL = {
     "rad_per_Nm": (1e9, "nrad/(N m)"), "m_per_N": (1e9, "nm/N"), "rad_per_N": (1e9, "nrad/N"), "_rad": (1e6, "µrad"),
     "_m": (1e6, "µm"), "ratio": (1e2, "%"), "_N": (1.0, "N"), "_Nm": (1.0, "N m"), "_kg": (1.0, "kg"),
@@ -35,7 +35,7 @@ SMALL = {
 
 
 def write_learning(update: LearnedPart, folder: Path) -> dict[str, Any]:
-    """Write what was learned from a part and return what learn.json holds."""
+    """Write the model update from a measured part and return the content of learn.json."""
     plan = update.after
     with replace_folder(folder, "learn") as part:
         _write_updated(update, part / "robot")
@@ -51,7 +51,7 @@ def write_learning(update: LearnedPart, folder: Path) -> dict[str, Any]:
 
 
 def _write_updated(update: LearnedPart, folder: Path) -> None:
-    """Write the robot folder as it is known now, with what every path has learned."""
+    """Write the updated robot folder, with the learned residuals of all paths."""
     deliver_robot_folder(update.taught, folder, update.robot)
     source = update.robot.folder
     if source is not None:
@@ -68,7 +68,7 @@ def _write_updated(update: LearnedPart, folder: Path) -> None:
 
 
 def _write_residual(residual: Residual, robot: Robot, file: Path) -> None:
-    """Write what a path has learned, with the posture in which it has."""
+    """Write the learned residual of a path, with its joint positions."""
     columns: dict[str, object] = {"s_mm": residual.length * 1e3}
     columns |= {f"d{axis}_mm": residual.deviation[:, k] * 1e3 for k, axis in enumerate("xyz")}
     columns["sigma_mm"] = residual.spread * 1e3
@@ -116,7 +116,7 @@ def _rms(vectors: Array) -> float:
 
 
 def _render(update: LearnedPart) -> str:
-    """Return the page: what was measured, what explains it, whether the step is taken, what to expect next."""
+    """Return the page: measured deviation, its causes, decision on the update, 95 % band of the next part."""
     model_update, length = update.model_update, 1e3 * update.length
     before, after, seen = (
         format_length(float(band.max()))
@@ -145,7 +145,7 @@ def _render(update: LearnedPart) -> str:
 
 
 def open_update(update: LearnedPart) -> Summary:
-    """Return the first screen: what the next part may be expected to be."""
+    """Return the first screen: expected deviation of the next part."""
     model_update, measured, gathered = update.model_update, update.measured, update.model_update.gathered
     few, at = np.unique(np.linspace(0, len(measured) - 1, 1500).astype(int)), 1e3 * update.length[gathered.row]
     dots = 1e3 * np.linalg.norm(measured.seen[few], axis=1)
@@ -212,7 +212,7 @@ def _list_learned(update: LearnedPart) -> DataTable:
 
 
 def _show_size(key: str, value: float) -> str:
-    """Write a size in the unit that its key ends with; one of unknown unit as it is."""
+    """Format a value in the unit of its key; in SI without unit if the unit is unknown."""
     end = key.split("#")[0]
     factor, unit = next((SMALL[name] for name in SMALL if end.endswith(name)), (1.0, ""))
     return f"{format_number(factor * value)}\u00a0{unit}".rstrip()

@@ -1,4 +1,4 @@
-"""What `compplan map` writes: map.json, the pictures and report.html."""
+"""Outputs of `compplan map`: map.json, the pictures and report.html."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROWS = {
     "under_wrench_mm": "deflection under the given wrench [mm]",
     "inverse_condition": "dexterity 1/κ",
 }
-#: What the lines of a map mean.
+#: Legend of the lines of a map.
 LINES = (
     "White lines: contours. Black line: limit of reach inside the joint limits. Cross: maximum. The arm is drawn where "
     "the worst unit force has its maximum."
@@ -46,7 +46,7 @@ def write_map(result: RobotMaps, folder: Path) -> Summary:
 
 
 def _draw_maps(result: RobotMaps) -> dict[str, Picture]:
-    """Draw the pictures, by the names of their files."""
+    """Draw the pictures, by file name."""
     settings, pictures = result.settings, dict[str, Picture]()
     where = {"horizontal": f"z = {settings.height * 1e3:.0f} mm",
              "vertical": f"azimuth {np.degrees(settings.azimuth):.0f} deg"}  # fmt: skip
@@ -69,14 +69,14 @@ def _list_values(plane: DeflectionMap, quality: Array) -> dict[str, Any]:
 
 
 def _round(values: Array) -> Any:
-    """Turn an array into nested lists of five significant digits, NaN into null."""
+    """Convert an array to nested lists of five significant digits, NaN to null."""
     if values.ndim > 1:
         return [_round(row) for row in values]
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
 
 
 def _render(result: RobotMaps, pictures: dict[str, Picture], opening: Summary) -> str:
-    """Return the page: how soft the arm is where it works, where it is stiffest, and the maps."""
+    """Return the page: figures of deflection and dexterity by plane, and the maps."""
     summary, robot = result.summary(), result.robot
     rows = [
         [name, title, *(plane[key][k] for k in ("min", "mean", "max"))]
@@ -96,7 +96,7 @@ def _render(result: RobotMaps, pictures: dict[str, Picture], opening: Summary) -
 
 
 def open_map(result: RobotMaps) -> Summary:
-    """Return the first screen: how soft the arm is where it works."""
+    """Return the first screen: deflection over the horizontal plane under the worst force."""
     flat, plane = result.summary()["planes"]["horizontal"]["worst_unit_force_um_per_N"], result.planes["horizontal"]
     verdict = (
         f"Under 1000 N the tool of {result.robot.name} gives way by {flat['mean']:.2f} mm on average, by "

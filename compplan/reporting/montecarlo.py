@@ -1,6 +1,6 @@
-"""What `compplan montecarlo` writes beside the samples: montecarlo.json, and a page.
+"""Outputs of `compplan montecarlo` in addition to the samples: montecarlo.json, and a page.
 
-The page says what each strategy brings on this path, how sure that is, and what it depends on.
+The page shows the deviation of each strategy on this path, its confidence interval, and its sensitivities.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from compplan.studies.job_study import JobStudy
 from compplan.studies.runner import Run
 from compplan.studies.sensitivity import Sensitivity
 
-#: What groups of uncertainties are called in a sentence.
+#: Names of groups of uncertainties in a sentence.
 GROUPS = {
     "wrench_level": "the level of the process force", "wrench_direction": "the direction of the process force",
     "robot": "the robot (compplan campaign)", "link_share": "the link share", "part": "the place of the part",
@@ -70,13 +70,13 @@ def _render(result: JobStudy) -> str:
 
 
 def _find_best(result: JobStudy) -> str:
-    """Return the strategy of the least mean rms."""
+    """Return the strategy with the least mean rms deviation."""
     figures = result.summary["strategies"]
     return min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
 
 
 def open_study(result: JobStudy) -> Summary:
-    """Return the first screen: how many parts keep the tolerance, and what to know better."""
+    """Return the first screen: share of parts within the tolerance, and the uncertainty to reduce."""
     figures, tolerance = result.summary["strategies"], 1e-3 * result.summary["tolerance_mm"]
     best = _find_best(result)
     entry, share = figures[best], float(figures[best]["within_tolerance"])
@@ -117,7 +117,7 @@ def _show_strategies(result: JobStudy, best: str) -> Section:
 
 
 def _show_path(run: Run) -> Section:
-    """Show the distance along the path, one chart a strategy: median over the cells, and 95 of 100 of them."""
+    """Show the deviation along the path, one chart per strategy: median and 95 % quantile of the samples."""
     study = run.study
     steps = np.linalg.norm(np.diff(study.task.position, axis=0), axis=1)
     length, time = (np.r_[0.0, np.cumsum(step)][study.stations] for step in (steps, study.task.step_time))
@@ -149,7 +149,7 @@ def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
 
 
 def _draw_distributions(run: Run) -> Figure:
-    """Draw the rms deviation of every strategy over the cells as boxes from 5 to 95 %."""
+    """Draw the rms deviation of every strategy over the samples as boxes with whiskers at 5 and 95 %."""
     figure, rms, names = Figure(), np.maximum(run.evaluated.rms, FLOOR), list(run.study.strategies)
     colours = colour_strategies(names, names[int(np.argmin(rms.mean(axis=0)))])
     ends = 1e3 * np.quantile(rms, (0.05, 0.25, 0.5, 0.75, 0.95), axis=0)

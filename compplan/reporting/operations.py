@@ -1,10 +1,10 @@
 """Write the plans of a job of several tools: the programs together, a folder for each tool, one plan.json and page.
 
-OUT/plan.json, OUT/report.html     the whole, and a line for each tool
+OUT/plan.json, OUT/report.html     summary, and a line for each tool
 OUT/joints.csv                     all rows in order, with a column tool
 OUT/JOB_T1.., OUT/JOB_T2..         programs, to be run in this order; each begins with its tool change
 OUT/JOB_ALL..                      main programs that call them in order, in languages with calls
-OUT/T1/, OUT/T2/                   all else that `compplan plan` writes for one tool
+OUT/T1/, OUT/T2/                   the other outputs of `compplan plan` for one tool
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from compplan.reporting.page import Cell, Chart, DataTable, Provenance, Section,
 from compplan.reporting.plan_summary import TONES
 from compplan.reporting.writers.plan import head_of_status, make_program, write_beside, write_moves
 
-#: Words from the best to the worst.
+#: Statuses and verdicts, from the best to the worst.
 STATUSES = ("solved", "not_confirmed", "infeasible")
 VERDICTS = ("keeps", "not_known", "may_not_keep")
-#: Time between the last row of a tool and the first of the next in joints.csv: the change is not timed. [s]
+#: Nominal time between the last row of a tool and the first of the next in joints.csv; changes are not timed. [s]
 CHANGE = 1.0
 
 
 def write_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> list[Path]:
-    """Write the plans of all operations of a job, one an operation, all files or none, and return the files.
+    """Write the plans of all operations of a job, all files or none, and return the files.
 
     Raises:
         InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.
@@ -46,7 +46,7 @@ def write_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> li
 
 
 def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> tuple[list[Plan], list[Path]]:
-    """Write plans as `write_operations` does, read back what was written, and return them with what that says."""
+    """Write plans as `write_operations` does; return them with the checks of the files read back, and the files."""
     read: list[Plan] = []
     with replace_folder(folder, "plan") as part:
         programs: dict[str, list[str]] = {}
@@ -80,7 +80,7 @@ def worst_status(plans: Sequence[Plan]) -> str:
 
 
 def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
-    """Return what plan.json says of the plans of a job of several tools: the worst of every figure, and each tool."""
+    """Return the content of plan.json for a job of several tools: the worst of every figure, and each tool."""
     parts = [plan.to_dict() for plan in plans]
     verdicts, labels = [part["verdict"] for part in parts], ["" if p.job is None else p.job.label for p in plans]
 
@@ -118,7 +118,7 @@ def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
 
 
 def _summarise_operation(plan: Plan, part: dict[str, Any], label: str) -> dict[str, Any]:
-    """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
+    """Return one entry of `tools` in plan.json: tool, folder and figures."""
     kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
     length = 1e3 * float(np.linalg.norm(plan.robot.joints[-1].placement[:3, 3]))
     return {
@@ -128,7 +128,7 @@ def _summarise_operation(plan: Plan, part: dict[str, Any], label: str) -> dict[s
 
 
 def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folder: Path, name: str) -> list[Path]:
-    """Write the programs that call those of all tools, in the languages that have calls."""
+    """Write main programs that call the programs of all tools, in languages with calls."""
     from compplan.controllers.writers import write_sequence
 
     job = plans[0].job
@@ -144,7 +144,7 @@ def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folde
 
 
 def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> None:
-    """Write joints.csv of all operations: their rows in order, times going on, and a column that names the tool."""
+    """Write joints.csv of all operations: their rows in order, continuous times, and a column with the tool."""
     lines: list[str] = []
     offset = 0.0
     for file, label in zip(files, labels, strict=True):
@@ -161,7 +161,7 @@ def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> N
 
 
 def describe_order(summary: dict[str, Any], files: Sequence[Path]) -> str:
-    """Say in which order the programs run, and which main programs among the files do it."""
+    """Describe the order of the programs, and the main programs among the files that call them."""
     labels = [entry["label"] for entry in summary["tools"]]
     order = f"run the programs of {', then those of '.join(labels)} (file names end in the tool), each with its change"
     mains = [file.name for file in files if WHOLE.search(file.stem)]
@@ -169,7 +169,7 @@ def describe_order(summary: dict[str, Any], files: Sequence[Path]) -> str:
 
 
 def describe_operations(summary: Mapping[str, Any]) -> str:
-    """Say in two sentences what the tools together come to."""
+    """Summarise all operations in two sentences."""
     tools, tolerance = summary["tools"], summary["verdict"]["tolerance_mm"]
     before, after = (format_length(1e-3 * summary[key]["max"]) for key in ("error_before_mm", "error_after_mm"))
     verdict = summary["verdict"]["word"].replace("_", " ")
@@ -182,7 +182,7 @@ def describe_operations(summary: Mapping[str, Any]) -> str:
 
 
 def _render(summary: Mapping[str, Any]) -> str:
-    """Return the page: the whole in a sentence, one line a tool, and the way to each tool's own page."""
+    """Return the page: summary, one line per tool, and links to the pages of the tools."""
     tools, mains = summary["tools"], summary.get("main_programs", [])
     rows = [
         [Cell(tool["label"], "strong", f"./{quote(tool['folder'])}/report.html"), tool["length_mm"],
@@ -206,7 +206,7 @@ def _render(summary: Mapping[str, Any]) -> str:
 
 
 def _open(summary: Mapping[str, Any]) -> Summary:
-    """Return the first screen: the verdict of the whole, and what stops the machine."""
+    """Return the first screen: verdict on all operations, and the points to resolve before the machine moves."""
     tools, verdict = summary["tools"], summary["verdict"]
     bands = [tool["verdict"]["band_mm"] for tool in tools]
     change = format_mm_change(*(1e-3 * summary[key]["max"] for key in ("error_before_mm", "error_after_mm")))

@@ -1,9 +1,8 @@
-"""Pages: one HTML file that opens without a network, readable on paper, in light and in dark.
+"""Pages: one self-contained HTML file that opens without a network, for screen (light, dark) and print.
 
-Every page has the same anatomy: the summary fills the first screen and the first sheet of paper (the verdict in a line,
-what stops the machine, a picture, three figures, what to do next); below it, folded, stand remarks, sections made of
-blocks (paragraphs, tables, charts, pictures), and what the page was made from. Paper shows what is open on the screen.
-Nothing is fetched.
+The summary fills the first screen and the first printed sheet: verdict, points to resolve before the machine moves, a
+picture, three figures, the next step. Below it, folded, are remarks, sections of blocks (paragraphs, tables, charts,
+pictures) and the provenance. Print shows what is open on the screen.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ from compplan.reporting.charts import Figure, build_template
 from compplan.version import VERSION
 
 TEMPLATES = Path(__file__).parent / "templates"
-#: The part of plotly.js that pages draw with; how it was made stands beside it.
+#: Reduced build of plotly.js; the build script is in the same folder.
 PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
-#: A command in a sentence: its options with their values, words in capitals, and files.
+#: Pattern of a command in a sentence: options with values, words in capitals, and files.
 COMMAND = r"compplan [a-z]+(?: --[a-z-]+(?: (?:[\w/.,-]*\w))?| [A-Z]{2,}[\w/.]*\b| [\w./-]+\.(?:csv|toml|nc)\b)*"
 #: Significant digits of numbers in a table.
 DIGITS = 3
@@ -34,7 +33,7 @@ DIGITS = 3
 
 @dataclass(frozen=True)
 class Cell:
-    """Hold a value with a tone: "good", "bad", "assumed", "muted", "strong" or "" (plain); `link`: a file it names."""
+    """Hold a value with a tone: "good", "bad", "assumed", "muted", "strong" or "" (plain); `link`: a file."""
 
     value: str | float | int | None
     tone: str = ""
@@ -43,9 +42,9 @@ class Cell:
 
 @dataclass(frozen=True)
 class DataTable:
-    """Show rows of values or cells, None as a dash; at most `scroll` rows at once, the rest by scrolling (0: all).
+    """Table of values or cells, None as a dash; `scroll`: greatest number of rows visible at once (0: all).
 
-    A head may state unit and significant digits of its numbers: "band [mm]", "length [mm, 4]".
+    A column head may have unit and significant digits of its numbers: "band [mm]", "length [mm, 4]".
     """
 
     columns: Sequence[str]
@@ -56,10 +55,10 @@ class DataTable:
 
 @dataclass(frozen=True)
 class Chart:
-    """Show a figure with what to see in it; height: [px].
+    """Figure with a caption; height: [px].
 
-    `linked_scenes`: turning one 3D scene turns the others; `along`: the custom data of its traces begin with waypoints,
-    and what is hovered there is shown in every such chart of the page.
+    `linked_scenes`: 3D scenes turn together; `along`: the custom data of its traces begin with the waypoint, and the
+    hovered waypoint is shown in every such chart of the page.
     """
 
     figure: Figure
@@ -71,7 +70,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Picture:
-    """Show a PNG picture, kept inside the page; `description` is for those who cannot see it (default: the caption)."""
+    """PNG picture, embedded in the page; `description`: alternative text (default: the caption)."""
 
     png: bytes
     caption: str = ""
@@ -80,7 +79,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Columns:
-    """Set groups of blocks side by side where the page is wide enough, each with its share of the width."""
+    """Groups of blocks side by side if the page is wide enough; `widths`: their shares of the width."""
 
     groups: Sequence[Sequence[Block]]
     widths: Sequence[float] = ()
@@ -88,7 +87,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class Fold:
-    """Hide blocks behind a line that unfolds on a click (and is unfolded on paper)."""
+    """Blocks folded behind a line that unfolds on a click; printed only if unfolded."""
 
     summary: str
     blocks: Sequence[Block]
@@ -99,7 +98,7 @@ Block = str | DataTable | Chart | Picture | Columns | Fold
 
 @dataclass(frozen=True)
 class Section:
-    """Group blocks under a title, with a sentence that says what they show; it is folded unless it is open."""
+    """Blocks under a title, with an introductory sentence; folded unless `open`."""
 
     title: str
     blocks: Sequence[Block]
@@ -109,16 +108,16 @@ class Section:
 
 @dataclass(frozen=True)
 class Summary:
-    """What the first screen of a page says."""
+    """Content of the first screen of a page."""
 
     verdict: str  #: The answer in one line.
-    tone: str = ""  #: "good", "bad", "unsure", or "" where the page judges nothing.
-    #: Three figures: the number with its unit, what it is, and a tone where it has one.
+    tone: str = ""  #: "good", "bad", "unsure", or "" for a page without verdict.
+    #: Three figures: number with unit, description, and optional tone.
     figures: Sequence[tuple[str, ...]] = ()
     picture: Block | None = None  #: One picture.
-    next: str = ""  #: What to do next, one sentence.
-    stops: Sequence[str] = ()  #: What has to be settled before the machine moves, one sentence each.
-    sheet: Section | None = None  #: What is shown open right below, such as the setup sheet.
+    next: str = ""  #: Next step, one sentence.
+    stops: Sequence[str] = ()  #: Points to resolve before the machine moves, one sentence each.
+    sheet: Section | None = None  #: Section shown open directly below, such as the setup sheet.
 
     def format(self, folder: Path, files: Sequence[str], notes: Sequence[str] = ()) -> list[str]:
         """Return the lines of the terminal: verdict, figures, notes, the files written to a folder, the next step."""
@@ -131,7 +130,7 @@ class Summary:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Say what a page was made from: facts in rows of (what, value), and sentences of what was assumed."""
+    """Origin of a page: facts as rows of (name, value), and assumptions as sentences."""
 
     facts: Sequence[tuple[str, str]] = ()
     assumptions: Sequence[str] = ()
@@ -148,10 +147,10 @@ def render_page(
         opening: The first screen.
         sections: The sections.
         kind: Small line above the title, such as "Plan".
-        answers: The answer in more words, in one sentence or several, folded.
-        warning: Sentence that comes first of what stops the machine, such as why a plan is infeasible.
+        answers: Longer answer of one or more sentences, folded.
+        warning: First of the points that stop the machine, such as the cause of infeasibility.
         notes: Remarks; they are folded.
-        provenance: What the page was made from.
+        provenance: Origin of the page.
     """
     charts: list[dict[str, Any]] = []
     picture = None if opening.picture is None else _describe(opening.picture, charts)
@@ -177,7 +176,7 @@ def render_page(
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Join names as a sentence does."""
+    """Join names with commas and "and"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -206,7 +205,7 @@ def _environment() -> Any:
 
 
 def mark_commands(text: str) -> Any:
-    """Return text as HTML in which commands stand out, a click selects one, and no line breaks within an option."""
+    """Return text as HTML with commands marked and selectable by a click, and without line breaks within options."""
     from markupsafe import Markup, escape
 
     marked = re.sub(COMMAND, r'<code class="command">\g<0></code>', str(escape(text)))
@@ -214,7 +213,7 @@ def mark_commands(text: str) -> Any:
 
 
 def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
-    """Turn a block into what the template shows; charts go into a list of their own."""
+    """Convert a block to the data of the template; charts are appended to `charts`."""
     if isinstance(block, str):
         return {"kind": "text", "text": block}
     if isinstance(block, Chart):
@@ -233,7 +232,7 @@ def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _describe_table(table: DataTable) -> dict[str, Any]:
-    """Read title, unit and digits of each head, and write the numbers of its column with them."""
+    """Parse title, unit and digits of each column head, and format the numbers of its column."""
     heads: list[dict[str, Any]] = []
     for text in table.columns:
         title, _, rest = text.partition(" [")

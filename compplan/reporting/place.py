@@ -1,4 +1,4 @@
-"""What `compplan place` writes: place.json, and a page: where the part should stand and what that brings."""
+"""Outputs of `compplan place`: place.json, and a page with the best position of the part and its benefit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from compplan.reporting.page import Chart, Provenance, Summary, render_page
 
 
 def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, Any]:
-    """Write place.json and its page; return what place.json holds."""
+    """Write place.json and its page; return the content of place.json."""
     summary = {**summarise_placement(result, job), "made_by": describe_origin()}
     unknown = ["the uncertainty of the robot (job: [posture.uncertainty])"]
     origin = Provenance([("robot", summary["robot"])], unknown if "uncertainty_assumed" in summary else [])
@@ -34,7 +34,7 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
 
 
 def open_placement(summary: Mapping[str, Any], result: PlaceResult) -> Summary:
-    """Return the first screen."""
+    """Return the first screen: best position of the part, and expected deviation there."""
     caption = (
         "Deviation that the best posture at each place would leave at least, in a horizontal and a vertical cut "
         "through the chosen place. Blank: the path cannot be followed there."

@@ -1,4 +1,4 @@
-"""The page of a plan: what it reaches, then the path, the joints, the corrections, the feed, the 95 % band, posture."""
+"""Page of a plan: attained deviation, path, joints, corrections, feed, 95 % band, posture."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ if TYPE_CHECKING:
     from compplan.planning.plan import Plan
     from compplan.planning.posture.summary import PostureSummary
 
-#: Waypoints and stretches that a table lists at most.
+#: Greatest number of waypoints or stretches in a table.
 LISTED = 40
-#: Tilts below this are shown as this. [rad]
+#: Least displayed tilt. [rad]
 LEAST_TILT = 1e-6
-#: Forces below this share of the greatest one are none.
+#: Share of the greatest force below which a force counts as zero.
 NO_FORCE = 1e-3
-#: What the parts of the 95 % band are called.
+#: Names of the parts of the 95 % band.
 WORDS = {
     "model": "parameters of the robot", "unexplained": "what no parameter explains", "repeatability": "repeatability",
     "force": "the force", "motion": "inertia and vibration", "placement": "place of the part",
@@ -59,7 +59,7 @@ WORDS = {
 
 
 def write_plan_page(plan: Plan, file: Path) -> None:
-    """Write the page of a plan; programs that stand beside the file are listed with their checksums."""
+    """Write the page of a plan; programs in the same folder are listed with their checksums."""
     task = plan.task
     stations = place_stations(task.position, plan.timing.time, task.compensated, plan.command.failures)
     rates = [
@@ -201,7 +201,7 @@ def _show_corrections(plan: Plan, stations: Stations) -> Section:
 
 
 def mark_force(wrench: Array, cut: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mark the moves of the cut (n,) that carry force, by the waypoint that they end at; wrench: (n, 6) [N, N m]."""
+    """Mark the moves of the cut (n,) that carry force, by their end waypoint; wrench: (n, 6) [N, N m]."""
     size = np.linalg.norm(wrench[:, :3], axis=1)
     acts = size > NO_FORCE * max(float(size.max(initial=0.0)), 1e-12)
     return np.asarray(cut & (acts | np.r_[acts[:1], acts[:-1]]))
@@ -238,7 +238,7 @@ def _show_feed(plan: Plan, stations: Stations, rates: Sequence[tuple[str, Array,
 
 
 def show_error_band(band: ErrorBand, stations: Stations, tolerance: float) -> Section:
-    """Show the band that holds the true tip with 95 %; tolerance: greatest deviation within tolerance. [m]"""
+    """Show the 95 % band of the true tip and its parts; tolerance: greatest allowed deviation. [m]"""
     evaluated, cut, widest = np.where(band.cut, 1e3, np.nan), band.cut, band.widest
     series = {"all together": band.radius * evaluated}
     series |= {WORDS[name]: band.parts[name] * evaluated for name in PARTS if band.parts[name].any()}
@@ -274,12 +274,12 @@ def show_error_band(band: ErrorBand, stations: Stations, tolerance: float) -> Se
 
 
 def name_unknown(name: str) -> str:
-    """Return the name of an uncertain parameter in words."""
+    """Return the displayed name of an uncertain parameter."""
     return re.sub(r"_(rad|m)#\d+$", "", name).replace("_", " ")
 
 
 def list_leading(leading: Sequence[tuple[str, float]], caption: str = "") -> DataTable:
-    """List what would narrow the band, by the share of the tip's variance that it makes."""
+    """List the uncertain parameters that widen the band most, with their shares of the variance of the tip."""
     rows: list[list[Any]] = [[name_unknown(name), format_percent(share)] for name, share in leading]
     rows = rows or [["nothing stands out", None]]
     return DataTable(["if this were exact", "the variance of the tip would shrink by"], rows, caption)
@@ -290,7 +290,7 @@ def _rms(values: Array) -> float:
 
 
 def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
-    """Say in a sentence or two how far the tip may be from the path; tolerance: [m]"""
+    """Describe the 95 % band at a point and along the path; tolerance: [m]"""
     verdict = "That keeps" if band.whole <= tolerance else "That does not keep"
     text = (
         f"At any point the true tip is within {format_length(band.greatest)} of the path with 95 %; along the whole"
@@ -303,7 +303,7 @@ def _describe_error_band(band: ErrorBand, tolerance: float) -> str:
 
 
 def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> Section:
-    """Show how the posture along the path was chosen, and how far it keeps clear where that was asked for."""
+    """Show the chosen posture along the path, and its clearance if computed."""
     angles = {"rotation": choice.spin, "lead": choice.lead, "lean": choice.lean}
     turned = {name: np.degrees(np.interp(plan.task.origin, np.arange(len(angle)), angle))
               for name, angle in angles.items() if np.ptp(angle) > 0.0 or name == "rotation"}  # fmt: skip
@@ -328,7 +328,7 @@ def _show_posture(plan: Plan, choice: PostureSummary, stations: Stations) -> Sec
 
 
 def _list_uncertainties(choice: PostureSummary) -> str:
-    """Say which errors the choice of the posture assumes."""
+    """Describe the errors assumed for the choice of the posture."""
     if choice.settings.errors is not None:
         return f"posture: chosen for the smallest 95 % band; {choice.settings.errors.source}"
     return (

@@ -1,4 +1,4 @@
-"""What a plan comes to: the first screen of its page, the setup sheet of the machine, the lines of the terminal."""
+"""Summary of a plan: first screen of its page, setup sheet of the machine, lines of the terminal."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ from compplan.robot.mounting import mounted_tool
 if TYPE_CHECKING:
     from compplan.planning.plan import Plan
 
-#: What the verdict looks like.
+#: Tone of each verdict.
 TONES = {"keeps": "good", "may_not_keep": "bad", "not_known": "unsure"}
-#: Files of a result that are no program, by ending and by name.
+#: Files of a result that are not programs, by suffix and by name.
 NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"}
 NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
 #: Greatest width of a line on the terminal. [characters]
 WIDTH = 100
-#: Longest path of a job that is repeated as it was given; of a longer one the name. [characters]
+#: Longest path of a job file shown in full; of longer ones only the name is shown. [characters]
 LONGEST_FILE = 40
 #: The next step of a plan that is not solved.
 NEXT = {
@@ -53,7 +53,7 @@ FIRST_RUN = "Run the program without a part at reduced override, then cut and me
 
 
 def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
-    """Return the first screen of a plan; programs that stand in a folder already are listed with their checksums."""
+    """Return the first screen of a plan; programs already in the folder are listed with their checksums."""
     verdict, tone = plan.verdict, TONES[plan.verdict.word]
     before = None if plan.error_band is None else plan.error_band.before
     uncorrected = "" if before is None else f" (uncorrected program {format_mm(before[1])})"
@@ -112,7 +112,7 @@ def _is_program(file: Path) -> bool:
 
 
 def describe_pose(pose: Array) -> str:
-    """Write a pose (4, 4) [m] as pendants take it: millimetres, and angles by the names of the common forms."""
+    """Format a pose (4, 4) [m] for a pendant: millimetres, angles A, B, C and rotation vector in degrees."""
     x, y, z, a, b, c = place_numbers(pose, "ZYX", 3)
     turn = np.degrees(rotation_vectors(pose[None])[0]).round(3) + 0.0
     place = f"X {x:g}  Y {y:g}  Z {z:g} mm"
@@ -123,7 +123,7 @@ def describe_pose(pose: Array) -> str:
 
 
 def describe_part_frame(job: Job) -> str:
-    """Return in a sentence how the part frame was found, and what deviations are relative to."""
+    """Describe in a sentence the source of the part frame, and the reference of deviations."""
     if not job.part.touched_off:
         return "absolute in the robot base ([part] touched_off = false)"
     points = job.part.touched_points
@@ -133,7 +133,7 @@ def describe_part_frame(job: Job) -> str:
 
 
 def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
-    """Return robot, part and tool in words."""
+    """Return the rows of robot, part frame, positioner, tool and toolpath."""
     robot, job = plan.robot, plan.job
     controller = load_controller(robot)
     rows = [("Robot", f"{robot.name}; controller {controller.name or 'not known'}"),
@@ -165,7 +165,7 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
 
 
 def _describe_run(plan: Plan) -> list[tuple[str, str]]:
-    """Return start, feed, clearance, band and cutter in words."""
+    """Return the rows of start, feed, joint limits, clearance, band, force and cutter."""
     robot, task = plan.robot, plan.task
     first = plan.approach.key_q[0] if len(plan.approach.key_q) else plan.q[0]
     joints = ", ".join(f"{name.split('_')[0]} {round(float(values[0]), 2) + 0.0:.2f} {name.split('_')[1]}"
@@ -200,10 +200,10 @@ def _describe_run(plan: Plan) -> list[tuple[str, str]]:
 
 
 def describe_margin(plan: Plan) -> str:
-    """Say which joint comes nearest to its limit, as a share of half a turn or of a metre."""
+    """Describe the joint nearest to its limit, compared as a share of half a turn or of a metre."""
     robot = plan.robot
     margin = np.minimum(plan.q - robot.lower, robot.upper - plan.q).min(axis=0)
-    margin[robot.lower == robot.upper] = np.inf  # stands where the job holds it
+    margin[robot.lower == robot.upper] = np.inf  # held at a fixed position
     share = margin / np.where(robot.prismatic, 1.0, np.pi)
     if not np.isfinite(share).any():
         return "no limits"
@@ -213,7 +213,7 @@ def describe_margin(plan: Plan) -> str:
 
 
 def describe_clearance(plan: Plan) -> str:
-    """Say what comes nearest to arm and tool; "" where that was not asked for."""
+    """Describe the least clearance of arm and tool; "" if it was not computed."""
     if plan.clearance is None:
         return ""
     near = min(plan.clearance.least[1], plan.clearance.own, key=lambda contact: contact.distance)
@@ -222,7 +222,7 @@ def describe_clearance(plan: Plan) -> str:
 
 
 def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
-    """Return what the terminal says of a plan that was written: six lines at most, then each note to settle, whole."""
+    """Return the terminal lines of a written plan: at most six, then each point to resolve, in full."""
     step = _name_job(plan, NEXT.get(plan.status) or plan.verdict.change or FIRST_RUN.rstrip("."))
     before, after = (format_mm(run.max_deviation) for run in (plan.before, plan.after))
     band, sizes = plan.error_band, f"deviation {before} -> {after} as modelled"
@@ -243,18 +243,18 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
 
 
 def format_stops(notes: Iterable[str]) -> list[str]:
-    """Return the notes that must be settled, whole."""
+    """Return the points to resolve before the machine moves, in full."""
     return [f"before the machine moves: {stop}" for stop in list_stops(notes)]
 
 
 def count_notes(notes: Iterable[str]) -> str:
-    """Return how many other notes are in the report, in parentheses; "" for none."""
+    """Return the number of remarks in the report, in parentheses; "" for none."""
     count = len(list_remarks(notes))
     return f" ({count} note{'s' * (count > 1)})" if count else ""
 
 
 def format_files(folder: Path, files: Sequence[Path], notes: str = "") -> str:
-    """Return which files were written, the programs by their number; `notes` follows the report."""
+    """Return a line with the written files and the number of programs; `notes` follows the report."""
     shown: list[str] = [
         name for name in ("report.html", "plan.json", "joints.csv") if name in {file.name for file in files}
     ]
@@ -265,7 +265,7 @@ def format_files(folder: Path, files: Sequence[Path], notes: str = "") -> str:
 
 
 def wrap(first: str, second: str) -> list[str]:
-    """Join two phrases on one line where they fit, else on two; a longer one is cut between words."""
+    """Join two phrases on one line if they fit, otherwise return two lines; longer ones are cut between words."""
     if len(joined := f"{first}; {second}") <= WIDTH:
         return [joined]
     return [textwrap.shorten(text, WIDTH, placeholder=" ...") if len(text) > WIDTH else text
@@ -273,7 +273,7 @@ def wrap(first: str, second: str) -> list[str]:
 
 
 def _format_verdict(plan: Plan) -> str:
-    """Return the verdict on one line; what it does not say is in the lines below, or on stderr."""
+    """Return the verdict on one line; details are in the lines below, or on stderr."""
     verdict, tolerance = plan.verdict, f"{1e3 * plan.task.tolerance:.3g} mm"
     if plan.status == "infeasible":
         return f"Do not start: no solution. Waypoints out of reach or beyond a limit: {len(plan.command.failures)}."

@@ -1,4 +1,4 @@
-"""What a page says about where its numbers come from."""
+"""Provenance on pages: sources of a robot model, and assumptions of a job."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ GRADE_MEANING = {
     "scaled": "estimated from similar robots, not measured",
     "placeholder": "springs and masses are invented or absent, do not rely on them",
 }
-#: Words in a source that mean that nobody measured the number.
+#: Words that mark a source as not measured.
 DOUBTFUL = ("assumed", "unverified", "placeholder", "estimated", "scaled", "from memory")
 
 
 def explain_grade(robot: Robot) -> str:
-    """Return where the numbers of a robot come from: its measurements, else the grade of its folder."""
+    """Describe the source of a robot model: its measurements, otherwise the grade of its folder."""
     known = robot.uncertainty
     measured = known is not None and known.grade == "measured"
     return f"measured: {known.source}" if known is not None and measured else GRADE_MEANING[robot.grade]
 
 
 def describe_robot(robot: Robot, facts: Sequence[tuple[str, str]] = (), assumptions: Sequence[str] = ()) -> Provenance:
-    """Describe a robot for the foot of a page: grade, sources, which of them are assumed; further facts first."""
+    """Describe a robot for the foot of a page: further facts, grade, sources, and the assumed ones among them."""
     springs, blocks = robot.springs, robot.link_elasticities
     elastic = [f"{len(springs)} springs ({', '.join(spring.name for spring in springs)})"] if springs else []
     elastic += [f"6x6 elasticity of {', '.join(block.link for block in blocks)}"] if blocks else []
@@ -46,7 +46,7 @@ def describe_robot(robot: Robot, facts: Sequence[tuple[str, str]] = (), assumpti
 
 
 def list_assumptions(job: Job | None) -> list[str]:
-    """List what a job assumes rather than knows: comments in the job file that say so."""
+    """List the assumptions of a job: sentences with "assumed" in the comments of the job file."""
     if job is None or not job.file.is_file():
         return []
     blocks, open_block = [""], False

@@ -1,4 +1,4 @@
-"""Scenes in space: a robot from the shapes of its URDF, paths by kind of move, deviations as colour and shape."""
+"""3D scenes: a robot from the shapes of its URDF, paths by kind of move, deviations as colour and shape."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from compplan.robot.shapes import load_form
 from compplan.robot.solids import triangulate, triangulate_rod
 from compplan.robot.urdf import Colour, read_urdf
 
-#: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
+#: Colours of part, fixture and tool, and the greatest number of triangles drawn without simplification.
 MESH_COLOURS = {
     "part": (0.80, 0.68, 0.45, 0.7), "fixture": (0.45, 0.55, 0.62, 0.7), "tool": (0.55, 0.55, 0.60, 1.0),
 }  # fmt: skip
 FINEST = 20_000
 UNPAINTED = (0.62, 0.65, 0.68, 1.0)
-#: Least distance from flange to TCP that is drawn as a rod where the URDF shows no tool; length and radius of the thin
-#: end of that rod, of no cutter in particular. [m]
+#: Least distance from flange to TCP drawn as a rod if the URDF has no tool; length and radius of the thin end of that
+#: rod (assumed). [m]
 SHORTEST_ROD, CUTTER = 0.01, (0.04, 0.003)
 #: Colour of the rod.
 ROD = (0.55, 0.57, 0.6, 1.0)
-#: Where the light comes from, base axes, and the share of light without a direction.
+#: Direction towards the light, base axes, and share of ambient light.
 LIGHT, AMBIENT = np.array([0.35, -0.5, 0.79]), 0.45
-#: Where a scene is looked at from, base axes.
+#: Camera position of a scene, base axes.
 EYE = np.array([1.16, -1.40, 0.84])
-#: About how many points of a path are drawn in a scene.
+#: Approximate number of drawn points of a path in a scene.
 POINTS = 3500
-#: The largest deviation is drawn about this long, as a share of the extent of the path.
+#: Approximate drawn length of the largest deviation, as a share of the extent of the path.
 DRAWN_SHARE = 0.09
-#: What a move can be, with its colour and the width it is drawn in.
+#: Kinds of moves with colour and line width [px].
 KINDS = (("cut with force", AFTER, 7), ("cut without force", BEFORE, 5), ("rapid", NEUTRAL, 2))
-#: Decades of deviation that the colours span at most.
+#: Greatest number of decades of deviation on the colour scale.
 DECADES = 5.0
 
 
@@ -51,18 +51,18 @@ DECADES = 5.0
 class Shape:
     """Triangles of one shape."""
 
-    link: str  #: Link that it belongs to, "" where it stands still.
-    vertices: Array  #: In the robot base frame, or in that of its link where a cell is kept. Shape (v, 3). [m]
+    link: str  #: Link of the shape, "" if it does not move.
+    vertices: Array  #: In the robot base frame; in a recording, in the frame of the link. Shape (v, 3). [m]
     faces: NDArray[np.int_]  #: Corners of each triangle. Shape (f, 3).
     colour: Colour  #: Red, green, blue, opacity, each from 0 to 1.
-    name: str = ""  #: What it is, where that is not the link.
+    name: str = ""  #: Name of the shape, if other than the link.
 
 
 def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
-    """Locate every link of the URDF at a pose q (nq,) [rad or m]; joints beside the chain stand at zero.
+    """Locate every link of the URDF at joints q (nq,) [rad or m]; joints outside the chain are at zero.
 
-    Returns the pose of each link's frame in the robot base frame, by the link's name; where a positioner carries the
-    part, in the frame of the ground. Shape (4, 4) each. [m]
+    Returns the pose of each link frame in the robot base frame, by link name; in the ground frame if a positioner
+    carries the part. Shape (4, 4) each. [m]
     """
     q = np.asarray(q, float)
     if q.shape != (robot.nq,):
@@ -75,16 +75,16 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
 
 
 def carry_links(robot: Robot, chain: Collection[str]) -> dict[str, tuple[str, Array, bool]]:
-    """Find the link of the chain that carries each link, as `Urdf.carriers`; a job's tool replaces the folder's."""
+    """Find the chain link that carries each link, as `Urdf.carriers`; the tool of a job replaces that of the folder."""
     mounted = robot.flange if robot.tcp == "tool_tcp" else ""
     return read_urdf(robot.urdf, Path(robot.name) / "robot.urdf").carriers(chain, mounted)
 
 
 def place_shapes(robot: Robot, q: Array) -> list[Shape]:
-    """Build the triangles of a robot at joints q (nq,), one entry a visual; meshes whose file is missing are left out.
+    """Build the triangles of a robot at joints q (nq,), one entry per visual; meshes without a file are left out.
 
-    A tool that a job mounts takes the place of the folder's tool: what the URDF hangs on the flange is then left out,
-    and a rod from flange to tool centre point is drawn.
+    The tool of a job replaces the tool of the folder: links attached to the flange in the URDF are then left out, and a
+    rod from flange to tool centre point is drawn.
     """
     poses, shapes = locate_links(robot, q), list[Shape]()
     for shape in read_urdf(robot.urdf, Path(robot.name) / "robot.urdf").shapes:
@@ -99,19 +99,19 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     long = float(np.linalg.norm(end - start))
     if behind & {shape.link for shape in shapes} or long < SHORTEST_ROD:
         return shapes
-    neck = end + (start - end) * min(0.5, CUTTER[0] / long)  # thin at its end, so that the cut is seen
+    neck = end + (start - end) * min(0.5, CUTTER[0] / long)  # thin end, so that the cut stays visible
     holder, sides = triangulate_rod(start, neck, 0.02, sections=20)
     cutter, more = triangulate_rod(neck, end, CUTTER[1], sections=20)
     return [*shapes, Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)]
 
 
 def _first_behind(robot: Robot) -> int:
-    """Return the number of the first joint behind the flange, or how many joints there are."""
+    """Return the index of the first joint after the flange, or the number of joints."""
     return next((k for k, joint in enumerate(robot.joints) if joint.parent == robot.flange), len(robot.joints))
 
 
 def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]]) -> list[Shape]:
-    """Put meshes of a cell where they stand at joints q: name, link that carries it or "", mesh in its frame [m]."""
+    """Place meshes of a cell at joints q; meshes: name, carrying link or "", and mesh in the frame of the link [m]."""
     poses, shapes = locate_links(robot, q), []
     for name, link, mesh in meshes:
         pose, (corners, faces) = poses[link or robot.base], simplify_mesh(mesh)
@@ -120,7 +120,7 @@ def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]])
 
 
 def simplify_mesh(mesh: Any) -> tuple[Array, NDArray[np.int_]]:
-    """Return corners and triangles of a mesh as it is drawn: those of its convex hull if it is finer than `FINEST`."""
+    """Return corners and triangles of a mesh; of its convex hull if it has more than `FINEST` triangles."""
     plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
     return np.asarray(plain.vertices, float), np.asarray(plain.faces, int)
 
@@ -141,7 +141,7 @@ def add_shapes(figure: Figure, shapes: Sequence[Shape], name: str, opacity: floa
 
 
 def shade_faces(shapes: Sequence[Shape]) -> Array:
-    """Shade the faces of shapes as a light from above, front and left does. Shape (f, 3), from 0 to 1."""
+    """Compute the face colours of shapes under directional and ambient light. Shape (f, 3), from 0 to 1."""
     colours = []
     for shape in shapes:
         corner = shape.vertices[shape.faces]
@@ -153,9 +153,9 @@ def shade_faces(shapes: Sequence[Shape]) -> Array:
 
 
 def frame_scenes(figure: Figure, points: Array, *, margin: float = 0.03, size: float = 2.1, top: float = 0.0) -> None:
-    """Show points (n, 3) [mm] with one scale on all axes, in every scene of a figure.
+    """Set equal scales and ranges for points (n, 3) [mm] on the axes of every scene of a figure.
 
-    margin: free room as a share of their extent; size: how large a scene is drawn; top: room above the scenes [px].
+    margin: free space as a share of the extent; size: diagonal of the drawn box; top: space above the scenes [px].
     """
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     room = margin * max(float((high - low).max()), 1e-6)
@@ -182,7 +182,7 @@ def add_path(
 ) -> None:  # fmt: skip
     """Add a line through points (n, 3) [mm] to a scene; NaN leaves a gap.
 
-    colour: of the line, or a value at each point; width [px]; hover: words shown with the custom data.
+    colour: of the line, or a value at each point; width [px]; hover: template of the text for the custom data.
     """
     words = {"hoverinfo": "skip"} if hover is None else {"hovertemplate": hover}
     figure.add(
@@ -195,10 +195,10 @@ def add_moves(
     figure: Figure, position: Array, kind: NDArray[np.int_], styles: Sequence[tuple[str, str, float]],
     limit: int = POINTS, hover: str | None = None,
 ) -> Array:  # fmt: skip
-    """Add a path by kinds of moves, one line a kind, and return the points drawn [mm].
+    """Add a path by kinds of moves, one line per kind, and return the drawn points [mm].
 
-    position: shape (n, 3) [m]; kind: that of the move to each waypoint, a number of `styles`, shape (n,); styles: name,
-    colour and width of each; limit: about how many points are drawn.
+    position: shape (n, 3) [m]; kind: index into `styles` of the move to each waypoint, shape (n,); styles: name, colour
+    and width of each; limit: approximate number of drawn points.
     """
     rows = thin_path(position, np.column_stack([position, 1e-3 * kind]), limit)
     points, waypoint = 1e3 * position[rows], rows[:, None].astype(np.float32)
@@ -217,10 +217,10 @@ def draw_cell(
     robot: Robot, q: Array, path: Array, *, start: int = 0, around: Sequence[Shape] = (),
     kinds: NDArray[np.int_] | None = None, beside: Array | None = None,
 ) -> Figure:  # fmt: skip
-    """Draw the robot at one waypoint, its path, and what stands around: part, fixture, tool.
+    """Draw the robot at one waypoint, its path, and the shapes around it: part, fixture, tool.
 
-    q: commanded joints, shape (n, nq); path: nominal path of the tip, base frame, shape (n, 3) [m]; kinds: what the
-    tool does in the move to each waypoint, as numbers of `KINDS`; beside: further points to leave room for, (k, 3) [m].
+    q: commanded joints, shape (n, nq); path: nominal path of the tip, base frame, shape (n, 3) [m]; kinds: index
+    into `KINDS` of the move to each waypoint; beside: further points within the view, (k, 3) [m].
     """
     figure, own = Figure(scenes=True), place_shapes(robot, q[start])
     add_shapes(figure, own, robot.name, 1.0)
@@ -253,7 +253,7 @@ def draw_deviation_paths(
             custom=np.column_stack([rows, 1e3 * size[rows]]), coloraxis="coloraxis",
             hover="waypoint %{customdata[0]:.0f}: %{customdata[1]:.4g} mm",
         )  # fmt: skip
-    frame_scenes(figure, np.vstack(shown), margin=0.02, size=1.75, top=30)  # room for the label of z beside each
+    frame_scenes(figure, np.vstack(shown), margin=0.02, size=1.75, top=30)  # space for the z labels
     both = np.log10(np.maximum(sizes, FLOOR))
     top = float(both.max())
     bottom = min(max(float(both.min()), top - DECADES), top - 1.0)
@@ -264,13 +264,13 @@ def draw_deviation_paths(
 
 
 def colour_axis(title: str, low: float, high: float, **bar: Any) -> dict[str, Any]:
-    """Return the colours of values from low to high, with their bar."""
+    """Return the colour axis of values from low to high, with its bar."""
     style = {"title": {"text": title, "side": "top"}, "len": 0.8, "thickness": 12, "outlinewidth": 0}
     return {"colorscale": [list(stop) for stop in SEQUENTIAL], "cmin": low, "cmax": high, "colorbar": {**style, **bar}}
 
 
 def choose_magnification(path: Array, deviation: Array) -> float:
-    """Choose 1, 2 or 5 times a power of ten so that the largest deviation is seen beside the path; both (n, 3) [m]."""
+    """Choose 1, 2 or 5 times a power of ten that makes the largest deviation visible; both (n, 3) [m]."""
     largest = float(np.linalg.norm(deviation, axis=1).max(initial=0))
     extent = float(np.ptp(path, axis=0).max())
     if largest < 1e-12 or extent == 0:
@@ -281,6 +281,6 @@ def choose_magnification(path: Array, deviation: Array) -> float:
 
 
 def describe_magnification(path: Array, deviation: Array) -> str:
-    """Say by how much the drawn deviation is magnified."""
+    """Describe the magnification of the drawn deviation."""
     factor = choose_magnification(path, deviation)
     return "to scale" if factor == 1 else f"magnified {factor:g} times"

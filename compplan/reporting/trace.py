@@ -1,4 +1,4 @@
-"""What `compplan trace` writes: trace.json, the robot folder with the identified controller, and the page."""
+"""Outputs of `compplan trace`: trace.json, the robot folder with the identified controller, and the page."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm
 
-#: The table [motion] of a controller.toml, up to the next table or the end, with the comments right above it.
+#: Pattern of the table [motion] of a controller.toml up to the next table, with the comments directly above it.
 MOTION = re.compile(r"(?:^#[^\n]*\n)*^\[motion\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)
-#: Rows that are nearer to the program than this share of all are divided among causes; the rest may be misplaced. [%]
+#: Percentile of the distance up to which rows are attributed to causes; farther rows may be misplaced. [%]
 WITHIN = 95.0
-#: Causes in words.
+#: Names of causes.
 CAUSES = {"lag": "lag of the drives", "blend": "blends at corners", "jitter": "torn rows of the log",
           "lost_motion": "lost motion"}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Traced:
-    """What logs say of a controller, and what they were held against."""
+    """Controller identified from logs, and the data of the comparison."""
 
     robot: Robot  #: The robot.
-    traces: Sequence[PlacedLog]  #: The logs beside their programs.
-    found: Identified  #: What was identified; its motion is the folder's where it does not help.
-    gaps: dict[str, Array]  #: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
-    notes: tuple[str, ...]  #: What was read past or assumed.
+    traces: Sequence[PlacedLog]  #: The logs, aligned with their programs.
+    found: Identified  #: Identification; its motion is that of the folder if the identified one is not better.
+    gaps: dict[str, Array]  #: Distance of rows from the program, by cause, and total `gap`. Shape (n, 3) each. [m]
+    notes: tuple[str, ...]  #: Notes on skipped or assumed items.
 
 
 def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> Traced:
-    """Hold logs against their programs, one each in the same order or one for all, and identify the controller."""
+    """Align logs with their programs, one each in the same order or one for all, and identify the controller."""
     if len(programs) not in (1, len(logs)):
         message = f"{len(logs)} logs and {len(programs)} programs, expected one --program a log, in order, or one"
         raise InputError(message)
@@ -74,10 +74,10 @@ def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> 
 
 
 def summarise_trace(traced: Traced) -> dict[str, Any]:
-    """Return what trace.json holds."""
+    """Return the content of trace.json."""
     found = traced.found
     left = found.left if found.helps else found.left_before
-    if not found.helps and found.motion.source == ASSUMED:  # values that nobody stated and that do not help
+    if not found.helps and found.motion.source == ASSUMED:  # assumed values without improvement
         better = score(summarise_distance(found.left_before)) < score(summarise_distance(found.without))
         left = found.left_before if better else found.without
     rms = {name: 1e3 * float(np.sqrt((traced.gaps[name] ** 2).sum(axis=1).mean())) for name in CAUSES}
@@ -96,7 +96,7 @@ def summarise_trace(traced: Traced) -> dict[str, Any]:
 
 
 def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
-    """Return the share of the mean square distance that lies along each cause; the rest is not explained."""
+    """Return the share of each cause in the mean square distance; the rest is not explained."""
     size = (gaps["gap"] ** 2).sum(axis=1)
     inliers = size <= np.percentile(size, WITHIN)
     total = float(size[inliers].sum())
@@ -105,7 +105,7 @@ def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
 
 
 def _describe_log(trace: PlacedLog) -> dict[str, Any]:
-    """Return what the clock of a log did."""
+    """Return rows, clock and extent along the program of a log."""
     log, s = trace.log, trace.places.s
     return {
         "log": log.file.name, "program": trace.nodes.instructions.file.name, "rows": len(log),
@@ -120,7 +120,7 @@ def _summarise(ends: tuple[float, float]) -> dict[str, float]:
 
 
 def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
-    """Write trace.json, robot/ and report.html, all or none; return what trace.json holds."""
+    """Write trace.json, robot/ and report.html, all or none; return the content of trace.json."""
     summary = summarise_trace(traced)
     with replace_folder(folder, "trace") as part:
         deliver_robot_folder(traced.robot, part / "robot")
@@ -132,7 +132,7 @@ def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
 
 
 def _write_motion(motion: ServoMotion, robot: Robot, file: Path) -> None:
-    """Write the table [motion] of a controller.toml; everything else in it stays as it is."""
+    """Write the table [motion] of a controller.toml; the other tables are unchanged."""
     if file.is_file():
         text = MOTION.sub("", file.read_text(encoding="utf-8")).rstrip("\n")
     else:
@@ -143,7 +143,7 @@ def _write_motion(motion: ServoMotion, robot: Robot, file: Path) -> None:
 
 
 def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
-    """Return the page: what the executed path leaves of the programmed one, why, and what a model explains."""
+    """Return the page: distance of the executed from the programmed path, its causes, and the models."""
     parts, without = summary["parts"], summary["left_without_model_mm"]
     facts = [
         (key.replace("_", " "), ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else str(value))
@@ -178,7 +178,7 @@ def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
 
 
 def open_trace(summary: Mapping[str, Any], found: Identified) -> Summary:
-    """Return the first screen."""
+    """Return the first screen: distance to the programmed path and to the path of the model, largest cause."""
     without, left, parts = summary["left_without_model_mm"]["p95"], summary["left_mm"]["p95"], summary["parts"]
     cause, tone = max(parts, key=lambda name: parts[name]), "bad"
     verdict = "No identified controller helps; the folder keeps its values."

@@ -1,4 +1,4 @@
-"""Papers reproduced: their figures beside ours, with what had to be assumed."""
+"""Reproduction of papers: published and computed values, with the assumptions."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from compplan.robot import Robot, load_robot
 
 
 class Paper(Protocol):
-    """What the file of a paper offers."""
+    """Interface of the module of a paper."""
 
     def reproduce(self, load: Callable[[str], Robot]) -> Reproduction:
-        """Compute everything of the paper that can be computed."""
+        """Compute all results of the paper that can be reproduced."""
         ...
 
 
-#: Every paper, by the name of its file.
+#: All papers, by module name.
 PAPERS: Registry[Paper] = Registry(("mamedov2018", "klimchik2018", "johra2022", "dumas2011", "singh2021"), __name__)
 
 
 def reproduce_paper(name: str, load: Callable[[str], Robot] = load_robot) -> Reproduction:
-    """Compute everything of a paper that can be computed.
+    """Compute all results of a paper that can be reproduced.
 
     Args:
         name: Name of the paper, a key of `PAPERS`.
-        load: Where the robots come from, by name.
+        load: Function that loads a robot by name.
 
     Raises:
-        UnknownNameError: If the paper is not among them.
+        UnknownNameError: If the paper is not in `PAPERS`.
     """
     if name not in PAPERS:
         raise UnknownNameError("paper", name, list(PAPERS))

@@ -1,13 +1,13 @@
-"""The loop of an online correction in time: a PI or PID law at a fixed rate, a robot that follows with lag and delay.
+"""Time response of an online correction loop: PI or PID law at a fixed rate, robot with lag and delay.
 
-From [Johra2022]: a wanted correction u (what the model says that the measured force makes of the tool) passes through a
-discrete PID law; the robot follows the corrections sent to it with a lag and a delay. The law takes its error either
-from the correction that it has sent itself ("sent") or from where the robot stands ("attained"). Everything is linear
-here, so that a loop is a filter from wanted to attained correction, without limiter and anti-windup.
+From [Johra2022]: a demanded correction u (from the deflection that the model predicts under the measured force) passes
+through a discrete PID law; the robot follows the sent corrections with a lag and a delay. The error of the law is taken
+either from the last sent correction ("sent") or from the attained correction of the robot ("attained"). The loop is
+linear, a filter from demanded to attained correction, without limiter and anti-windup.
 
-The law of the paper taken literally (PID, error from the correction sent one period before) has a pole of 2.29 and is
-unstable. Without its derivative part it is stable (0.91). The PID is stable where its error is that of the attained
-correction, on the plant that its gains fit.
+The law as printed in the paper (PID, error from the correction sent one period before) has a pole of 2.29 and is
+unstable. Without its derivative part it is stable (0.91). The PID is stable if its error is that of the attained
+correction, on the plant that fits its gains.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from scipy.signal import lfilter
 
 from compplan.robot import Array
 
-#: A remaining error beyond this has run away and is held [mm]; errors are shown up to the second.
+#: Error above which a diverging response is held constant, and greatest shown error. [mm]
 RUN_AWAY, SHOWN = 1e6, 10.0
 
 
 @dataclass(frozen=True)
 class Plant:
-    """How a robot follows corrections: lag [s] and delay [s]."""
+    """Response of a robot to corrections: lag [s] and delay [s]."""
 
     lag: float = 0.0135
     delay: float = 0.037
@@ -39,8 +39,8 @@ class Loop:
     gain: float = 0.8  #: Proportional gain.
     integral: float = 0.048  #: Integral time. [s]
     derivative: float = 0.012  #: Derivative time, 0 for a PI law. [s]
-    plant: Plant = Plant()  #: How the robot follows.
-    #: Where the law takes its error from: the correction "sent" one period before, or the one "attained".
+    plant: Plant = Plant()  #: Response of the robot.
+    #: Correction in the error of the law: "sent" one period before, or "attained".
     error: Literal["sent", "attained"] = "attained"
     period: float = 0.01  #: Period of the law. [s]
 
@@ -63,7 +63,7 @@ class Loop:
 
 
 def loop_fraction(loop: Loop) -> tuple[Array, Array]:
-    """Return the filter from wanted to attained correction as numerator and denominator in 1/z."""
+    """Return the filter from demanded to attained correction as numerator and denominator in 1/z."""
     top, bottom = loop.law
     robot_top, robot_bottom = loop.robot
     if loop.error == "sent":
@@ -73,13 +73,13 @@ def loop_fraction(loop: Loop) -> tuple[Array, Array]:
 
 
 def largest_pole(loop: Loop) -> float:
-    """Return the magnitude of the loop's largest pole; the loop is stable below 1."""
+    """Return the magnitude of the largest pole of a loop; the loop is stable below 1."""
     bottom = np.trim_zeros(loop_fraction(loop)[1], "b")
     return float(np.abs(np.roots(bottom)).max(initial=0.0))
 
 
 def run_loop(loop: Loop, wanted: Array) -> Array:
-    """Return what a loop that has been at rest makes of wanted corrections at its period, time last. Shape (..., n)."""
+    """Compute the attained from the demanded corrections of a loop initially at rest, time last. Shape (..., n)."""
     top, bottom = loop_fraction(loop)
     return np.asarray(lfilter(top, bottom, wanted, axis=-1))
 
@@ -91,14 +91,14 @@ def _add(a: Array, b: Array) -> Array:
     return total
 
 
-#: The law as printed, on a robot that follows at once: unstable.
+#: The law as printed, on a robot without lag and delay: unstable.
 LITERAL = Loop(plant=Plant(0.0, 0.0), error="sent")
 #: Eqs. (6) to (8) and (17) without the derivative part.
 WITHOUT_DERIVATIVE = replace(LITERAL, derivative=0.0)
 
 
 def ziegler_nichols_plant(loop: Loop = LITERAL) -> Plant:
-    """Find the plant for which Ziegler and Nichols' rule gives a loop's gains (Kc = 0.6 Ku, Ti = Tu / 2, Td = Tu / 8).
+    """Compute the plant for which the Ziegler-Nichols rule gives the gains (Kc = 0.6 Ku, Ti = Tu / 2, Td = Tu / 8).
 
     A lag a and a delay L have the gain 1/Ku = 1 / sqrt(1 + (w a)^2) and the phase -pi at w = 2 pi / Tu.
     """
@@ -109,7 +109,7 @@ def ziegler_nichols_plant(loop: Loop = LITERAL) -> Plant:
 
 
 def fitted_loop() -> Loop:
-    """Return the PID loop whose error is taken from where the robot stands, on the plant that its gains fit."""
+    """Return the PID loop with the error of the attained correction, on the plant that fits its gains."""
     return replace(Loop(), plant=ziegler_nichols_plant(Loop()))
 
 
@@ -127,7 +127,7 @@ def simulate_loops(seconds: float = 1.0) -> tuple[Array, dict[str, Array]]:
 
 
 def _hold(error: Array) -> Array:
-    """Hold an error from where it runs away, and show no more than SHOWN of it."""
+    """Hold an error constant once it diverges, and clip it to SHOWN."""
     away = np.flatnonzero(np.abs(error) > RUN_AWAY)
     if len(away):
         error[away[0] :] = error[away[0] - 1]

@@ -44,7 +44,7 @@ WRIST = "wrist joints at 45 deg, joint 1 at zero (stated); characteristic length
 
 @dataclass(frozen=True)
 class Tests:
-    """Simulated tests: postures and weights hung beside the flange."""
+    """Simulated tests: postures, and weights at a lever from the flange."""
 
     q: Array
     wrench: Array
@@ -80,7 +80,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
 
 
 def zones_of_table_1() -> list[Zone]:
-    """List the paper's zones in joints two and three."""
+    """List the zones of the paper in joints two and three."""
     boxes = {name: np.radians(box) for name, box in ZONES_DEG.items()}
     return [
         Zone(name, (1, 2), (float(box[0, 0]), float(box[1, 0])), (float(box[0, 1]), float(box[1, 1])))
@@ -89,7 +89,7 @@ def zones_of_table_1() -> list[Zone]:
 
 
 def map_quality(robot: Robot, chain: Chain) -> DexterityMap:
-    """Map the inverse condition number over joints two and three, wrist at 45 deg."""
+    """Compute the inverse condition number over joints two and three, wrist at 45 deg."""
     q = np.radians([0.0, 0, 0, 45, 45, 45])
     sides = [np.linspace(robot.lower[j], robot.upper[j], count) for j, count in ((1, 147), (2, 275))]
     coarse = map_dexterity(chain, q, (1, 2), sides[0][::6], sides[1][::6], 1.0)
@@ -98,7 +98,7 @@ def map_quality(robot: Robot, chain: Chain) -> DexterityMap:
 
 
 def draw_tests(robot: Robot, count: int, rng: np.random.Generator, *, lever: float = LEVER_M) -> Tests:
-    """Draw postures in the zones, and weights hung beside the flange on a random side."""
+    """Sample postures in the zones, and weights at a lever from the flange in random directions."""
     zones = list(ZONES_DEG.values())
     q = np.empty((count, robot.nq))
     picked = np.array(zones)[rng.integers(len(zones), size=count)]
@@ -115,7 +115,7 @@ def draw_tests(robot: Robot, count: int, rng: np.random.Generator, *, lever: flo
 
 
 def identify(robot: Robot, tests: Tests, rng: np.random.Generator | None = None) -> Estimate:
-    """Identify joint compliances from loaded minus unloaded poses, with the paper's errors if rng is given."""
+    """Identify joint compliances from loaded minus unloaded poses, with measurement errors if rng is given."""
     chain, n = build_chain(robot), len(tests.q)
     noise = np.zeros((5, n, 6)) if rng is None else rng.normal(size=(5, n, 6))
     true_q = tests.q + SIGMA_JOINT * noise[4]
@@ -137,7 +137,7 @@ def identify(robot: Robot, tests: Tests, rng: np.random.Generator | None = None)
 
 
 def monte_carlo(robot: Robot, repeats: int = REPEATS, seed: int = 0) -> Array:
-    """Repeat the identification with fresh tests and errors: identified compliances, shape (repeats, 6)."""
+    """Repeat the identification with new tests and errors: identified compliances, shape (repeats, 6)."""
     rng = np.random.default_rng(seed)
     return np.array([identify(robot, draw_tests(robot, TESTS, rng), rng).model_values for _ in range(repeats)])
 

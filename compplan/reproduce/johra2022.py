@@ -71,13 +71,13 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
 
 
 def without_side_spring(robot: Robot) -> Robot:
-    """Make the model with one spring a joint: no sideways spring, no shifted origin."""
+    """Build the model with one spring per joint: no sideways spring, no shifted origin."""
     own = tuple(replace(s, offset=np.zeros(3)) for s in robot.springs if s.axis == "own")
     return replace(robot, name=f"{robot.name}, one spring a joint", springs=own)
 
 
 def displace(robot: Robot, q_deg: tuple[float, ...], force: list[float] | Array, moment: float = 0.0) -> Array:
-    """Displace the TCP at a posture under a force. Shape (3,). [m]."""
+    """Compute the displacement of the TCP at a posture under a force. Shape (3,). [m]"""
     chain, q = build_chain(robot), np.radians([q_deg])
     loaded = solve_equilibrium(chain, q, np.array([*force, 0.0, 0.0, moment]))
     return np.asarray((loaded.position - solve_equilibrium(chain, q).position)[0])
@@ -94,7 +94,7 @@ def error_over_direction(robot: Robot) -> Array:
 
 
 def grid_postures(robot: Robot, height: float = 0.1, side: float = 0.6) -> Array:
-    """Find postures on a 0.6 m grid of about 200 points around the part, tool down. Shape (n, 6). [rad]."""
+    """Solve postures on a 0.6 m grid of about 200 points around the part, tool down. Shape (n, 6). [rad]"""
     arm, steps = build_arm(robot), np.linspace(-side / 2, side / 2, 14)
     x, y = (values.ravel() for values in np.meshgrid(CENTRE[0] + steps, steps))
     turn = np.tile(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), (x.size, 1, 1))
@@ -110,7 +110,7 @@ def _force_slopes(lateral: Array) -> str:
 
 
 def load_shares(robot: Robot, q_deg: tuple[float, ...], direction: tuple[float, ...]) -> dict[str, float]:
-    """Compute which share of the deflection along a force each spring makes."""
+    """Compute the share of each spring in the deflection along a force."""
     chain = build_chain(robot)
     frames = locate_frames(chain, np.radians([q_deg]))
     elements = chain.spring_elements

@@ -1,4 +1,4 @@
-"""Klimchik and Pashkevich 2018: what double encoders gain, and a stiffness model beside them (KUKA KR 120 R3900)."""
+"""Klimchik and Pashkevich 2018: double encoders compared with a stiffness model (KUKA KR 120 R3900)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.encoders import combined_gain, control_equilibrium
 
-#: Table 1: mean, standard deviation and maximum of the error. The 0.79 mm printed as the secondary deviation are 19.5 %
-#: of 4.03 mm, the mean that the stiffness model leaves; the deviation is 44.8 % of 2.28 mm. [mm]
+#: Table 1: mean, standard deviation and maximum of the error. The printed secondary deviation of 0.79 mm is 19.5 % of
+#: 4.03 mm, which is the mean with the stiffness model; the deviation is 44.8 % of 2.28 mm. [mm]
 PRIMARY, SECONDARY = (4.03, 2.28, 9.17), (1.81, 0.448 * 2.28, 4.63)
-#: Table 1: shares of mean, deviation and maximum that the secondary encoders leave, and a stiffness model of mean and
-#: maximum. [%]
+#: Table 1: remaining shares of mean, deviation and maximum with secondary encoders, and of mean and maximum with a
+#: stiffness model. [%]
 SECONDARY_LEFT, MODEL_LEFT = (44.7, 44.8, 50.4), (19.5, 24.7)
 LOAD_N, POSES, SEED = 100 * 9.81, 3000, 0
 #: Poses of the experiment in four modes, lever of its load, standard deviation of a measured position (assumed). [m]
@@ -76,7 +76,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
 
 
 def draw_poses(robot: Robot) -> Array:
-    """Draw poses inside the limits whose flange is above the floor. Shape (n, 6). [rad]."""
+    """Sample poses inside the limits with the flange above the floor. Shape (n, 6). [rad]"""
     rng = np.random.default_rng(SEED)
     lower, upper = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
     q = rng.uniform(lower, upper, (2 * POSES, robot.nq))
@@ -85,14 +85,14 @@ def draw_poses(robot: Robot) -> Array:
 
 
 def random_load(count: int) -> Array:
-    """Pull with the weight of 100 kg in random directions. Shape (count, 6). [N, N m]."""
+    """Sample forces of the weight of 100 kg in random directions. Shape (count, 6). [N, N m]"""
     direction = np.random.default_rng(SEED + 1).normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return np.hstack([LOAD_N * direction, np.zeros((count, 3))])
 
 
 def with_links(robot: Robot, wall: float) -> Robot:
-    """Give the robot beams of a wall thickness. [m]"""
+    """Return the robot with link beams of a wall thickness. [m]"""
     shear = YOUNG / 2 / (1 + POISSON)
     beams = tuple(
         LinkElasticity(link, hollow_beam_compliance(length, outer, outer - 2 * wall, YOUNG, shear, "x"))
@@ -102,7 +102,7 @@ def with_links(robot: Robot, wall: float) -> Robot:
 
 
 def fit_link_share(robot: Robot, q: Array) -> tuple[float, Robot]:
-    """Choose the wall whose links make the share of the mean error that Table 1 states: wall [m] and robot."""
+    """Fit the wall thickness to the share of the links in the mean error of Table 1: wall [m] and robot."""
     wrench = random_load(len(q))
 
     def mean_of(candidate: Robot) -> float:
@@ -118,7 +118,7 @@ def fit_link_share(robot: Robot, q: Array) -> tuple[float, Robot]:
 
 
 def run_strategies(robot: Robot, q: Array, wrench: Array) -> Strategies:
-    """Compute what each control strategy leaves of the error, in exact equilibrium."""
+    """Compute the remaining error of each control strategy, in exact equilibrium."""
     chain = build_chain(robot)
     model = reduce_model(robot, q[:400], random_load(400)).robot
     gears = np.array([(1.0 - spring.link_share) * spring.compliance for spring in robot.springs])
@@ -129,8 +129,8 @@ def run_strategies(robot: Robot, q: Array, wrench: Array) -> Strategies:
         state = control_equilibrium(chain, q, wrench, feedback=feedback, beta=beta)
         return np.asarray(np.linalg.norm(state.loaded.position - wanted, axis=1))
 
-    # A command that takes the model's springs out of every joint is combined feedback without the encoders' help:
-    # the controller shifts its set-point by the joint deflections that the model and the known load give.
+    # Compensation by the model without secondary encoders: the set-point of every joint is shifted by the deflection
+    # that the model predicts under the known load.
     predicted = control_equilibrium(build_chain(model), q, wrench).loaded.theta
     answer = control_equilibrium(chain, q - predicted, wrench).loaded.position
     left = np.linalg.norm(answer - wanted, axis=1)

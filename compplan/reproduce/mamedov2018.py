@@ -1,4 +1,4 @@
-"""Mamedov et al. 2018: how much of a full model's deflection six joint springs can carry (KUKA KR 270)."""
+"""Mamedov et al. 2018: share of the deflection of a full model that six joint springs represent (KUKA KR 270)."""
 
 from __future__ import annotations
 
@@ -102,18 +102,18 @@ def identify_reduced(
 
 
 def with_material(full: Robot, young: float) -> Robot:
-    """Build the full model of another Young's modulus [Pa], its compliance taken from the diameters of Table 1."""
+    """Build the full model with another Young's modulus [Pa], diameters as in Table 1."""
     return replace(full, link_elasticities=tuple(_beam(link, *sizes, young) for link, sizes in BEAMS.items()))
 
 
 def with_wall(full: Robot, wall: float) -> Robot:
-    """Build the full model of another wall thickness [m], outer diameters as in Table 1."""
+    """Build the full model with another wall thickness [m], outer diameters as in Table 1."""
     beams = {link: (length, outer, outer - 2 * wall, axis) for link, (length, outer, _, axis) in BEAMS.items()}
     return replace(full, link_elasticities=tuple(_beam(link, *sizes, 70e9) for link, sizes in beams.items()))
 
 
 def map_planes(full: Robot, reduced: Robot, points: int = GRID) -> dict[str, DeflectionMap]:
-    """Map the full model, wrist straight, over z = 0.5 m and over the plane of joint one at zero."""
+    """Compute maps of the full model, wrist straight, over z = 0.5 m and over the plane of joint one at zero."""
     arm = build_arm(full)
     radius, lowest, highest = working_limits(arm)
     side = np.linspace(-radius, radius, points)
@@ -128,7 +128,7 @@ def map_planes(full: Robot, reduced: Robot, points: int = GRID) -> dict[str, Def
 
 
 def compensated_share(full: Robot, reduced: Robot, plane: DeflectionMap) -> Array:
-    """Compute which share of the full deflection under its worst force the reduced model takes out, reached points."""
+    """Compute the share of the full deflection under its worst force that the reduced model compensates."""
     reached = plane.reached
     q, force = plane.q[reached], plane.force[reached]
     moved, predicted = (_yield_under(robot, q, force) for robot in (full, reduced))
@@ -136,7 +136,7 @@ def compensated_share(full: Robot, reduced: Robot, plane: DeflectionMap) -> Arra
 
 
 def sweep_wall(full: Robot, wall: float) -> WallStep:
-    """Identify and map with another wall thickness."""
+    """Identify and map the robot with another wall thickness."""
     thick = with_wall(full, wall)
     own = identify_reduced(thick).robot
     plane = map_planes(thick, own, 40)["vertical"]

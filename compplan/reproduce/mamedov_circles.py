@@ -1,4 +1,4 @@
-"""Circles under a milling force [Mamedov2018, Tables 4 and 5], in a fitted posture: the paper states none."""
+"""Circles under a milling force [Mamedov2018, Tables 4 and 5], in a fitted posture, as the paper states none."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from compplan.statics.ik import Arm, build_arm, solve_branches
 FORCE = np.array([440.0, 1370.0, -635.0, 0.0, 0.0, 0.0])
 RADII = (0.01, 0.5)
 POINTS = 36
-#: Uncompensated mean errors per axis, the rows of `RADII`, and compensated ones. [mm]
+#: Uncompensated mean and maximum and compensated mean errors per axis, one row per radius. [mm]
 MEANS_BEFORE = ((0.776, 1.825, 0.628), (0.753, 1.968, 0.701))
 MAXIMA_BEFORE = ((0.779, 1.841, 0.639), (1.072, 2.838, 1.261))
 MEANS_AFTER = ((0.113, 0.160, 0.017), (0.111, 0.314, 0.045))
@@ -24,14 +24,14 @@ _TARGET = np.array([MEANS_BEFORE, MEANS_AFTER]) * 1e-3
 
 @dataclass(frozen=True)
 class CirclePosture:
-    """Where the circles lie in the xz plane and how the tool stands: what the paper leaves out."""
+    """Centre of the circles, which are in the xz plane, and tool orientation; the paper states neither."""
 
     centre: Array  #: Centre of both circles, base frame. Shape (3,). [m]
-    orientation: Array  #: Rotation vector of the TCP frame, the same all around. Shape (3,). [rad]
+    orientation: Array  #: Rotation vector of the TCP frame, constant along the circle. Shape (3,). [rad]
     slot: int  #: Configuration, an index into `compplan.statics.ik.CONFIGURATIONS`.
 
 
-#: Least squares about postures drawn at random found it: seven numbers for the twelve means of Tables 4 and 5 (fitted).
+#: Least-squares fit from random start postures: seven numbers for the twelve means of Tables 4 and 5 (fitted).
 FITTED = CirclePosture(np.array([-1.36963, 0.68992, 1.07902]), np.array([-0.77049, -1.25579, 0.75336]), 0)
 
 
@@ -52,7 +52,7 @@ class CircleErrors:
 
 
 def compensate_circles(full: Robot, reduced: Robot, posture: CirclePosture) -> CircleErrors:
-    """Compute the errors along the circles: the mirrored point is commanded, the full model answers there."""
+    """Compute the errors along the circles: the mirrored point is commanded, the error is that of the full model."""
     arm, chain, model = build_arm(full), build_chain(full), build_chain(reduced)
     before, after = np.empty((2, POINTS, 3)), np.empty((2, POINTS, 3))
     for k, radius in enumerate(RADII):
@@ -66,7 +66,7 @@ def compensate_circles(full: Robot, reduced: Robot, posture: CirclePosture) -> C
 
 
 def circle(posture: CirclePosture, radius: float) -> Array:
-    """Lay out a circle. Shape (POINTS, 3). [m]."""
+    """Compute the points of a circle. Shape (POINTS, 3). [m]"""
     angle = np.arange(POINTS) * 2 * np.pi / POINTS
     points = np.tile(posture.centre, (POINTS, 1))
     points[:, 0] += radius * np.cos(angle)
@@ -82,5 +82,5 @@ def _reach(arm: Arm, points: Array, posture: CirclePosture) -> Array:
 
 
 def _move(chain: Chain, q: Array) -> Array:
-    """Move the TCP by the force, to first order as the paper does. Shape (n, 3). [m]."""
+    """Compute the displacement of the TCP by the force, to first order as in the paper. Shape (n, 3). [m]"""
     return np.asarray((cartesian_compliance(chain, q) @ FORCE)[:, :3])

@@ -1,9 +1,9 @@
-"""What a reproduction says: rows of a paper's figure beside ours, and a verdict by one rule for all.
+"""Results of a reproduction: rows of published and computed values, with verdicts by one rule.
 
-A verdict compares numbers: within 5 % it matches, within 20 % it is close, within a factor of 3 it is the order of
-magnitude. A number tuned to the paper is fitted; one computed from the paper's own numbers is arithmetic; a tendency is
-trend only; a contradiction of the paper is inconsistent in the paper; a statement that ours contradicts is not seen.
-Where our number differs by more, or there is none, the missing information is named.
+The verdict on two numbers is "matches" within 5 %, "close" within 20 %, "order of magnitude" within a factor of 3. A
+number tuned to the paper is "fitted"; one computed from numbers of the paper is "arithmetic"; a tendency is "trend
+only"; a contradiction within the paper is "inconsistent in the paper"; a statement contradicted by the results is "not
+seen". If the numbers differ by more, or none can be computed, the verdict names the missing information.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from compplan.reporting.provenance import describe_robot
 from compplan.robot import Array, Robot
 
 MATCHES, CLOSE, FACTOR = 0.05, 0.20, 3.0
-#: How the page explains the verdicts.
+#: Explanation of the verdicts on the page.
 EXPLANATION = (
     "Matches: within 5 %; close: within 20 %; order of magnitude: within a factor of 3. Fitted: tuned to the paper's "
     "number; arithmetic: computed from the paper's own numbers; neither is evidence. Every other number of ours was "
@@ -35,19 +35,19 @@ TONES = {"matches": "good", "close": "good", "fitted": "assumed", "inconsistent 
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of a paper beside ours."""
+    """One quantity of a paper, published and computed."""
 
-    quantity: str  #: What it is.
-    paper: float | str | None  #: What the paper states.
-    ours: float | str | None  #: What this run computed, or None.
+    quantity: str  #: Name of the quantity.
+    paper: float | str | None  #: Published value or statement.
+    ours: float | str | None  #: Computed value or statement, or None.
     unit: str  #: Unit of both.
-    tolerance: float | None  #: Relative band that the verdict refers to, or None where no numbers are compared.
-    verdict: str  #: One of the words above.
-    assumption: str = ""  #: What had to be assumed for ours.
+    tolerance: float | None  #: Relative tolerance of the verdict, or None if no numbers are compared.
+    verdict: str  #: Verdict, as listed above.
+    assumption: str = ""  #: Assumptions of the computed value.
 
     @property
     def ratio(self) -> float | None:
-        """Ours over the paper's, where both are numbers."""
+        """Ratio of the computed to the published value, if both are numbers."""
         if isinstance(self.paper, int | float) and isinstance(self.ours, int | float) and self.paper:
             return self.ours / self.paper
         return None
@@ -55,7 +55,7 @@ class Row:
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """A redrawn figure: title, PNG and what to see in it."""
+    """A redrawn figure: title, PNG and caption."""
 
     title: str
     png: bytes
@@ -64,18 +64,18 @@ class PaperFigure:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """A paper reproduced."""
+    """Reproduction of a paper."""
 
     name: str  #: Key of the paper.
     title: str  #: Title of the paper.
-    citation: str  #: Authors, year, where.
-    robots: tuple[Robot, ...]  #: The robots that were used.
-    lede: str  #: What came out, in a few sentences.
-    rows: tuple[Row, ...]  #: Figures of the paper beside ours.
+    citation: str  #: Authors, year, publication.
+    robots: tuple[Robot, ...]  #: Robots used.
+    lede: str  #: Summary of the results in a few sentences.
+    rows: tuple[Row, ...]  #: Published and computed quantities.
     figures: tuple[PaperFigure, ...]  #: Redrawn figures.
-    missing: tuple[str, ...]  #: What the paper leaves out.
-    inconsistencies: tuple[str, ...] = ()  #: Where the paper contradicts itself.
-    samples: dict[str, Array] = field(default_factory=dict)  #: Numbers behind the rows, for tests and notebooks.
+    missing: tuple[str, ...]  #: Information missing in the paper.
+    inconsistencies: tuple[str, ...] = ()  #: Contradictions within the paper.
+    samples: dict[str, Array] = field(default_factory=dict)  #: Data of the rows, for tests and notebooks.
 
     def row(self, quantity: str) -> Row:
         """Find a row by its quantity."""
@@ -83,7 +83,7 @@ class Reproduction:
 
 
 def describe_paper(name: str) -> dict[str, Any]:
-    """Return what `papers.toml` says of a paper: the fields of a `Reproduction` that no run computes."""
+    """Read the fields of a `Reproduction` that are not computed from `papers.toml`."""
     told = tomllib.loads(Path(__file__).with_name("papers.toml").read_text(encoding="utf-8"))[name]
     return {"name": name} | {key: tuple(value) if isinstance(value, list) else value for key, value in told.items()}
 
@@ -98,10 +98,10 @@ def compare(
     missing: str = "something that decides it",
     fitted: bool = False,
 ) -> Row:
-    """Compare two numbers by the rule of this module.
+    """Build the row of two numbers, with a verdict by the rule of this module.
 
-    missing: what the paper leaves out, named where ours is further away than a factor of three; fitted: whether ours
-    was tuned to the paper's.
+    missing: missing information, named if the numbers differ by more than a factor of three; fitted: whether `ours`
+    was tuned to `paper`.
     """
     ours = float(f"{ours:.6g}")
     if fitted:
@@ -117,28 +117,28 @@ def compare(
 
 
 def recompute(quantity: str, paper: float, ours: float, unit: str, note: str) -> Row:
-    """Compare a number of the paper with the same computed from its own numbers: arithmetic, no evidence."""
+    """Build the row of a number recomputed from other numbers of the paper: arithmetic, no evidence."""
     return Row(quantity, paper, float(f"{ours:.6g}"), unit, None, "arithmetic", note)
 
 
 def cannot(missing: str) -> str:
-    """Word the verdict of a figure that cannot be had, and why."""
+    """Format the verdict on a quantity that cannot be reproduced, with the missing information."""
     verb = "are" if " and " in missing else "is"
     return f"cannot be reproduced because {missing} {verb} missing"
 
 
 def unavailable(quantity: str, paper: float | str, missing: str) -> Row:
-    """Make the row of a figure that cannot be computed at all."""
+    """Build the row of a quantity that cannot be computed."""
     return Row(quantity, paper, None, "", None, cannot(missing))
 
 
 def statement(quantity: str, paper: str, ours: str, holds: bool, assumption: str = "") -> Row:
-    """Make the row of a statement that holds or does not."""
+    """Build the row of a statement: "matches" if it holds, otherwise "order of magnitude"."""
     return Row(quantity, paper, ours, "", None, "matches" if holds else "order of magnitude", assumption)
 
 
 def count_verdicts(rows: Sequence[Row]) -> dict[str, int]:
-    """Count the verdicts, those that name what is missing together."""
+    """Count the verdicts; those that name missing information are counted together."""
     counts: dict[str, int] = {}
     for row in rows:
         key = "cannot be reproduced" if row.verdict.startswith("cannot") else row.verdict
@@ -147,7 +147,7 @@ def count_verdicts(rows: Sequence[Row]) -> dict[str, int]:
 
 
 def summarise_reproduction(result: Reproduction) -> dict[str, Any]:
-    """Make the table that reproduction.json holds."""
+    """Return the content of reproduction.json."""
     return {
         "schema": 1,
         "paper": result.name,
@@ -192,7 +192,7 @@ def _render(result: Reproduction) -> str:
 
 
 def _open(result: Reproduction) -> page.Summary:
-    """Say how many figures of the paper come out alike."""
+    """Return the first screen: number of quantities within 20 % of the paper."""
     counts = count_verdicts(result.rows)
     good = counts.get("matches", 0) + counts.get("close", 0)
     told = sum(counts.values())

@@ -24,7 +24,7 @@ IMPROVEMENT = (6, 2, 6, 40, 20, 9)
 LARGEST_PLAIN, LARGEST_DEXTEROUS = (1.04, 1.29, 1.39), (0.81, 0.92, 1.00)
 RADII, MIDDLE_HEIGHT, STEP = (0.4, 0.6, 0.8, 1.0, 1.2), 0.9, 0.2
 TOOL_LENGTH, PEDESTALS = 0.15, (0.0, 0.5)
-#: Tool directions around a point, and angles about the tool axis that are tried in each.
+#: Number of tool directions around a point, and of angles about the tool axis per direction.
 DIRECTIONS, ROLLS = 60, 8
 LOADS = {"vertical": np.array([0, 0, 500.0, 0, 0, 0]), "lateral": np.array([0, 500.0, 0, 0, 0, 0])}
 WRENCH = "the wrench of the torque tool"
@@ -36,8 +36,8 @@ class CloudPoint:
     """A point of the cloud: its radius, and the deflections under each load, to first order. [m]"""
 
     radius: float
-    around: dict[str, Array]  #: Of the least yielding posture of each tool direction that is reached. Shape (m,).
-    down: dict[str, float]  #: With the tool down; nothing where that is not reached.
+    around: dict[str, Array]  #: Of the stiffest posture of each reached tool direction, by load. Shape (m,).
+    down: dict[str, float]  #: With the tool down, by load; empty if not reached.
     q: Array  #: The first of those postures under the lateral load. Shape (6,). [rad]
 
 
@@ -68,13 +68,13 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
 
 
 def cloud(radius: float) -> Array:
-    """Lay out the 25 points of a radius: five angles of 30 deg, five heights of 200 mm. Shape (25, 3). [m]."""
+    """Compute the 25 points of a radius: five angles of 30 deg, five heights of 200 mm. Shape (25, 3). [m]"""
     angle, height = np.meshgrid(np.arange(-2, 3) * np.pi / 6, MIDDLE_HEIGHT + np.arange(-2, 3) * STEP)
     return np.column_stack([radius * np.cos(angle).ravel(), radius * np.sin(angle).ravel(), height.ravel()])
 
 
 def count_reached(arm: Arm, pedestal: float) -> list[int]:
-    """Count the points of each radius that are reached tool down with the base on a pedestal."""
+    """Count the points of each radius that are reached with the tool down and the base on a pedestal."""
     return [int(np.isfinite(_down(arm, cloud(radius) - [0, 0, pedestal])).all(axis=1).sum()) for radius in RADII]
 
 
@@ -97,7 +97,7 @@ def examine_point(arm: Arm, radius: float) -> CloudPoint:
 
 
 def spread_directions(count: int) -> Array:
-    """Spread directions evenly over the sphere (a Fibonacci lattice). Shape (count, 3)."""
+    """Compute evenly spread directions on the sphere (Fibonacci lattice). Shape (count, 3)."""
     k = np.arange(count) + 0.5
     z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
     across = np.sqrt(1 - z**2)
@@ -105,7 +105,7 @@ def spread_directions(count: int) -> Array:
 
 
 def reach_around(arm: Arm, point: Array, direction: Array) -> tuple[Array, NDArray[np.int_]]:
-    """Return postures in which the tool reaches a point along directions, (m, 3), and their numbers. Shape (k, 6)."""
+    """Solve postures that reach a point along directions, (m, 3), and their direction indices. Shape (k, 6). [rad]"""
     rotation = _roll_frames(direction)
     slots = solve_branches(arm, np.tile(point, (len(rotation), 1)), rotation)
     inside = ((slots >= arm.robot.lower - ON_LIMIT) & (slots <= arm.robot.upper + ON_LIMIT)).all(axis=-1)
@@ -126,7 +126,7 @@ def _roll_frames(direction: Array) -> Array:
 
 
 def _down(arm: Arm, points: Array) -> Array:
-    """Find postures with the tool down, elbow up where it goes, else any. Shape (n, 6), NaN where there is none."""
+    """Solve postures with the tool down, first reached configuration. Shape (n, 6) [rad], NaN if there is none."""
     turn = np.tile(np.diag([1.0, -1.0, -1.0]), (len(points), 1, 1))
     slots = solve_branches(arm, points, turn)
     inside = np.asarray(((slots >= arm.robot.lower) & (slots <= arm.robot.upper)).all(axis=-1))

@@ -29,12 +29,12 @@ class Brand:
     """The convention of a maker, a table of makers.toml."""
 
     joint_names: Sequence[str]  #: Names of the joints on the display.
-    #: Direction of each axis in the zero posture; None where the controller counts as the URDF.
+    #: Direction of each axis in the zero posture; None if the controller has the joint positions of the URDF.
     senses: Sequence[str] | None = None
     upper: str = "z"  #: Direction of the upper arm in the zero posture.
     forearm: str = "x"  #: Direction of the forearm there.
     pendant_x: str = "x"  #: Direction of x of the flange frame (tool 0) there.
-    coupled: bool = False  #: Whether axis 3 counts the forearm against the horizontal.
+    coupled: bool = False  #: Whether position 3 is the angle of the forearm to the horizontal.
     raised: bool = False  #: Whether frames have their origin at the height of axis 2.
     #: Lines of each configuration word in terms of the controller.
     words: Mapping[str, str] = field(default_factory=dict)
@@ -60,8 +60,8 @@ class ControllerProposal:
         joint_names, sign, zero_deg, coupling: Keys of controller.toml.
         world_mm: Origin of the controller's world frame in the base frame; None: the base. [mm]
         words: Lines of each table [configuration.*].
-        pendant: x and z of the maker's flange frame in axes of the URDF's flange; None where not known.
-        missing: What was not derived, and why.
+        pendant: x and z of the maker's flange frame in axes of the URDF's flange; None if unknown.
+        missing: Items that were not derived, with reasons.
     """
 
     joint_names: list[str]

@@ -59,7 +59,7 @@ def read_calibration(text: str, file: Path, nominal: Robot) -> tuple[Robot, str]
         nominal: The shipped robot of this type.
 
     Raises:
-        InputError: If the text has no known format, a line is missing or no row of numbers, or the robot is of another
+        InputError: If the text has no known format, a line is missing or has wrong numbers, or the robot is of another
             make or type.
     """
     if re.search("|".join(rf"^\s*{key}\s*=" for key in KEYS), text, re.MULTILINE):

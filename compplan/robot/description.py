@@ -17,7 +17,7 @@ from compplan.io.tables import read_text
 
 #: Levels above a file at which packages are searched: package/urdf/file in a repository needs three.
 LEVELS = 6
-#: Allowed parts of an expression of a xacro file; own functions and loops could run any code.
+#: Allowed parts of an expression of a xacro file; user-defined functions and loops could run any code.
 SAFE_NODES = (
     ast.Expression, ast.Constant, ast.Name, ast.Load, ast.Attribute, ast.Subscript, ast.Slice, ast.Tuple, ast.List,
     ast.Dict, ast.UnaryOp, ast.unaryop, ast.BinOp, ast.operator, ast.BoolOp, ast.boolop, ast.Compare, ast.cmpop,
@@ -90,7 +90,7 @@ def read_description(file: Path) -> str:
     """Read a robot description as URDF text; a .xacro file is expanded.
 
     Raises:
-        InputError: If it cannot be read or expanded, or is no robot.
+        InputError: If it cannot be read or expanded, or is not a robot.
     """
     text = read_text(file)
     return expand_xacro(file) if file.suffix.lower() == ".xacro" or "<xacro:" in text else text

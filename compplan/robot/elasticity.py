@@ -212,7 +212,7 @@ def check_compliance(value: float, *, slides: bool, file: Path | None, where: st
     """Refuse an implausibly large compliance.
 
     Args:
-        value: The compliance. [rad/(N m), or m/N where it slides]
+        value: The compliance. [rad/(N m), or m/N of a translation]
         slides: Whether it is a translation.
         file: File for messages.
         where: Key for messages.

@@ -56,7 +56,7 @@ def find_robot_folder(name: str | Path, relative_to: Path | None = None) -> Path
 
     Args:
         name: Path of a folder, or name of a shipped robot.
-        relative_to: Base of a relative path, besides the working directory.
+        relative_to: Base of a relative path, in addition to the working directory.
 
     Raises:
         UnknownNameError: If neither exists.
@@ -78,7 +78,7 @@ def load_robot(name: str | Path, *, relative_to: Path | None = None) -> Robot:
 
     Args:
         name: Path of the folder, or name of a shipped robot.
-        relative_to: Base of a relative path, besides the working directory.
+        relative_to: Base of a relative path, in addition to the working directory.
 
     Raises:
         InputError: If a file of the folder is missing, cannot be read or contradicts another one.
@@ -179,7 +179,7 @@ def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) 
     Args:
         robot: The robot.
         folder: The folder to write; made if needed.
-        before: The robot before the measurement; its geometry becomes controller.urdf where that of `robot` differs.
+        before: The robot before the measurement; its geometry becomes controller.urdf if that of `robot` differs.
             None: no controller.urdf.
     """
     folder.mkdir(parents=True, exist_ok=True)

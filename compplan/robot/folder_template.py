@@ -130,7 +130,7 @@ def _find_tool_axis(joints: Sequence[Joint], file: Path) -> str:
     """Return the axis of the TCP frame that points out of the tool: z of a tool0 along the last joint's axis.
 
     Raises:
-        InputError: For any other frame (ee_link, link_6), which follows no convention; it asks for --tool-axis.
+        InputError: For any other frame (ee_link, link_6), which follows no convention and needs --tool-axis.
     """
     tcp, hint = joints[-1].child, ""
     turns = [k for k, joint in enumerate(joints) if joint.actuated and joint.kind != "prismatic"]
@@ -146,7 +146,7 @@ def _find_tool_axis(joints: Sequence[Joint], file: Path) -> str:
 
 
 def _rotation_along(joints: Sequence[Joint]) -> Array:
-    """Return the rotation of the end of a chain, joints at zero, in the frame of its begin. Shape (3, 3)."""
+    """Return the rotation of the end of a chain, joints at zero, in the frame of its start. Shape (3, 3)."""
     turn = np.eye(3)
     for joint in joints:
         turn = turn @ joint.placement[:3, :3]
@@ -199,7 +199,7 @@ def _write_controller(
 
 
 def _find_tip(urdf: Urdf) -> str:
-    """Find the link moved by most joints; of several the last one of the longest chain."""
+    """Find the link moved by most joints; among several the one with the longest chain."""
     tips = set(urdf.links) - {joint.parent for joint in urdf.joints}
     chains = {}
     for tip in sorted(tips):

@@ -23,7 +23,7 @@ from compplan.robot.uncertainty import Uncertainty
 Array = NDArray[np.float64]
 
 SPRING_AXES = ("own", "tx", "ty", "tz", "rx", "ry", "rz")
-#: Gravity for the weight of a tool where the model states none. [m/s^2]
+#: Gravity for the weight of a tool if the model states none. [m/s^2]
 STANDARD_GRAVITY = 9.81
 GRADES = ("identified", "literature", "scaled", "placeholder")
 
@@ -51,7 +51,7 @@ class Joint:
     upper: float = np.inf  #: Upper position limit. [rad or m]
     velocity: float = np.inf  #: Velocity limit. [rad/s or m/s]
     effort: float = np.inf  #: Effort limit. [N m or N]
-    mimic: Mimic | None = None  #: The joint it follows, or None.
+    mimic: Mimic | None = None  #: Coupling to another joint, or None.
 
     @cached_property
     def actuated(self) -> bool:
@@ -66,7 +66,7 @@ class Body:
     link: str  #: The link.
     mass: float  #: Its mass. [kg]
     centre: Array  #: Centre of the mass. Shape (3,). [m]
-    #: Rotational inertia about the centre; zero where none is known. Shape (3, 3). [kg m^2]
+    #: Rotational inertia about the centre; zero if unknown. Shape (3, 3). [kg m^2]
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
 
@@ -86,7 +86,7 @@ class Spring:
 
     @property
     def name(self) -> str:
-        """Name the spring by its joint and axis, as reports do."""
+        """Name in reports: the joint, with the axis if it is not the joint axis."""
         return self.joint if self.axis == "own" else f"{self.joint}.{self.axis}"
 
 
@@ -94,7 +94,7 @@ class Spring:
 class LinkElasticity:
     """The 6x6 elasticity of a link, lumped at its far end.
 
-    The far end is the frame of the chain's next joint before that joint moves (of the last link: its own frame).
+    The far end is the frame of the chain's next joint before that joint moves (of the last link: its frame).
     Six elementary springs tx ty tz rx ry rz act there in this order, coupled by `compliance`.
     """
 
@@ -116,19 +116,19 @@ class Robot(Shown):
     base: str  #: URDF root link; its frame is the robot base frame.
     tcp: str  #: Frame of the tool centre point, z out of the tool.
     flange: str  #: Frame on which tools are mounted.
-    gravity: Array | None  #: Gravity in base axes, or None where the model carries no gravity load. Shape (3,). [m/s^2]
-    acceleration_limits: Array  #: One per actuated joint, infinite where unknown. Shape (nq,). [rad/s^2 or m/s^2]
+    gravity: Array | None  #: Gravity in base axes, or None if the model has no gravity load. Shape (3,). [m/s^2]
+    acceleration_limits: Array  #: One per actuated joint, infinite if unknown. Shape (nq,). [rad/s^2 or m/s^2]
     repeatability: float | None = None  #: One standard deviation, or None. [m]
     sources: Mapping[str, str] = field(default_factory=dict)  #: Sources of the numbers.
     grade: str = "placeholder"  #: Grade of the compliances: identified, literature, scaled or placeholder.
     folder: Path | None = None  #: Source folder, or None.
     #: Tables of effects.toml, one mapping per effect (see `compplan.effects`).
     effects: tuple[Mapping[str, Any], ...] = ()
-    #: Masses whose weight acts in a model without gravity load: the mounted tool's, and, negative, that of the tool at
-    #: the identification of the springs.
+    #: Masses whose weight acts in a model without gravity load: that of the mounted tool and, negative, that of the
+    #: tool at the identification of the springs.
     weights: tuple[Body, ...] = ()
     uncertainty: Uncertainty | None = None  #: Parameter covariance (uncertainty.toml), or None.
-    #: Fixed link where a positioner carries the part, else "". The chain then begins at the link that carries the part
+    #: Fixed link if a positioner carries the part, or "". The chain then begins at the link that carries the part
     #: (`base`, the reference frame of poses and wrenches), runs through the positioner to this link, in whose axes
     #: gravity is given, and on through the arm.
     ground: str = ""
@@ -151,7 +151,7 @@ class Robot(Shown):
 
     @property
     def loading_bodies(self) -> tuple[Body, ...]:
-        """Masses that load the springs: all with gravity in the model, else the difference of the tools."""
+        """Masses that load the springs: all if gravity is in the model, otherwise the difference of the tools."""
         return self.weights if self.gravity is None and self.weights else self.bodies
 
     @property
@@ -161,7 +161,7 @@ class Robot(Shown):
 
     @property
     def real_gravity(self) -> Array:
-        """Gravity of the site: the folder's, else the standard one. Shape (3,). [m/s^2]."""
+        """Gravity of the site: that of the folder, otherwise standard gravity. Shape (3,). [m/s^2]."""
         return np.array([0.0, 0.0, -STANDARD_GRAVITY]) if self.gravity is None else self.gravity
 
     @cached_property
@@ -186,7 +186,7 @@ class Robot(Shown):
         return np.where(self.carriers, -np.inf, self.lower), np.where(self.carriers, np.inf, self.upper)
 
     def room(self, turn: float) -> Array:
-        """Return the margins from the limits: `turn` [rad], 0 for slides and carriers of the part. Shape (nq,)."""
+        """Return the margins to the limits: `turn` [rad], 0 for slides and carriers of the part. Shape (nq,)."""
         return np.where(self.prismatic | self.carriers, 0.0, turn)
 
     @property
@@ -253,7 +253,7 @@ class Robot(Shown):
 
         Args:
             T_flange_tcp: Pose of the TCP frame in the flange frame. Shape (4, 4). [m]
-            mass: Mass of the tool; None where it is not known. [kg]
+            mass: Mass of the tool; None if unknown. [kg]
             centre: Centre of the tool's mass in the flange frame. Shape (3,). [m]
         """
         kept: list[Joint] = []
@@ -270,7 +270,7 @@ class Robot(Shown):
         weights = (*mounted, *self._bodies_on_flange()) if self.gravity is None and mass is not None else ()
         bodies += mounted
         names, known = {joint.name for joint in kept}, self.uncertainty
-        if known is not None:  # the place of another tool is unknown
+        if known is not None:  # the frame of another tool is unknown
             keep = (u.effect != "tool_frame" and (u.joint is None or u.joint in names) for u in known.unknowns)
             known = known.select(keep)
         return replace(

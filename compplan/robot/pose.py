@@ -48,7 +48,7 @@ def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, ArrayL
         value: Positions of actuated joints by name, 0 if left out. Shape (...) each. [rad or m]
 
     Returns:
-        Pose of each link in the base. Shape (..., 4, 4), or (4, 4) where no joint moves it. [m]
+        Pose of each link in the base. Shape (..., 4, 4), or (4, 4) if no joint moves it. [m]
     """
     poses: dict[str, Array] = {base: np.eye(4)}
     for joint in joints:
@@ -84,7 +84,7 @@ def fit_displacement(points: Array, moved: Array) -> Array:
 
 
 def rigid_columns(place: Array, about: Array) -> Array:
-    """Return how places move by small shifts along and turns about the axes through a point. (k, 3, 6) [1, m/rad]
+    """Return motions of points by unit shifts along and turns about axes through a point. (k, 3, 6) [1, m/rad]
 
     place: shape (k, 3); about: shape (3,). [m]
     """
@@ -111,10 +111,10 @@ def linear_displacement(points: Array) -> Array:
 
 
 def see_position(position: Array, displacement: Array) -> Array:
-    """Return positions in the frame of a displaced part, D^-1 p. Shape (n, 3). [m]."""
+    """Transform positions to the frame of a displaced part, D^-1 p. Shape (n, 3). [m]"""
     return np.asarray((position - displacement[:3, 3]) @ displacement[:3, :3])
 
 
 def see_rotation(rotation: Array, displacement: Array) -> Array:
-    """Return orientations in the frame of a displaced part, D^-1 R. Shape (n, 3, 3)."""
+    """Transform orientations to the frame of a displaced part, D^-1 R. Shape (n, 3, 3)."""
     return np.asarray(displacement[:3, :3].T @ rotation)

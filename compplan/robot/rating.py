@@ -1,4 +1,4 @@
-"""Estimates from payload, reach and own weight: initial springs, plausibility of masses."""
+"""Estimates from payload, reach and mass of an arm: initial springs, plausibility of masses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TWIST_LIGHT = np.array([2.0, 1.5, 1.9, 7.7, 3.6, 4.6]) * 1e-3
 LIGHT, CLASS_PAYLOAD, CLASS_REACH = 50.0, 80.0, (2.0, 3.6)
 #: Mass of the heaviest shipped arm, rounded up. [kg]
 HEAVIEST = 2550.0
-#: Greatest relative difference of the URDF's masses from a stated own weight (assumed).
+#: Greatest relative difference of the URDF masses from a stated mass of the arm (assumed).
 DIFFERENCE = 0.3
 #: Pattern of the line of SOURCE.md.
 STATED = re.compile(r"Payload ([\d.]+) kg and reach ([\d.]+) mm(?:, own weight ([\d.]+) kg)?")
@@ -30,7 +30,7 @@ class Rating:
 
     payload: float  #: Rated payload. [kg]
     reach: float  #: Reach. [m]
-    mass: float | None = None  #: Own weight, or None. [kg]
+    mass: float | None = None  #: Mass of the arm, or None. [kg]
 
     @property
     def text(self) -> str:
@@ -40,7 +40,7 @@ class Rating:
 
     @property
     def grade(self) -> str:
-        """Grade of springs by the rule: "scaled" in the class of the measured arms, else "placeholder"."""
+        """Grade of springs by the rule: "scaled" in the class of the measured arms, otherwise "placeholder"."""
         low, high = CLASS_REACH
         return "scaled" if self.payload >= CLASS_PAYLOAD and low <= self.reach <= high else "placeholder"
 
@@ -78,7 +78,7 @@ def sum_arm_mass(joints: Sequence[Joint], bodies: Sequence[Body]) -> float:
 def check_mass(mass: float, rating: Rating | None) -> str:
     """Return why the mass of an arm is implausible, or "".
 
-    A stated own weight decides; without it, an arm weighs at most as much as the heaviest shipped arm.
+    A stated mass is the reference; without it, the limit is the mass of the heaviest shipped arm.
 
     Args:
         mass: Mass of the arm, see `sum_arm_mass`. [kg]

@@ -70,8 +70,8 @@ class _Body:
 def read_bodies(robot: Robot) -> tuple[BodyShapes, ...]:
     """Read the collision shapes of every body of the arm, from the base.
 
-    Links fixed beside the chain count with the body that carries them; shapes of links that another joint moves are
-    dropped. A tool of the job replaces the links on the flange.
+    Links fixed to the chain count with the body that carries them; shapes of links moved by joints outside the chain
+    are dropped. A tool of the job replaces the links on the flange.
 
     Args:
         robot: The robot.

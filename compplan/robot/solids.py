@@ -22,7 +22,7 @@ SECTIONS = 24
 class UrdfShape:
     """One collision shape of a URDF."""
 
-    name: str  #: Name of its link, numbered where the link has several.
+    name: str  #: Name of its link, numbered if the link has several.
     link: str  #: Its link.
     #: ("box", size (3,)), ("cylinder" or "capsule", radius, length), ("sphere", radius) or a mesh (trimesh); the length
     #: of a capsule is that between its two centres. [m]
@@ -88,7 +88,7 @@ def _triangulate_hull(corners: Array) -> tuple[Array, NDArray[np.int_]]:
 
 
 def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array, float, Array]:
-    """Build the coal geometry of a shape, in its own frame.
+    """Build the coal geometry of a shape, in the frame of the shape.
 
     Args:
         form: A mesh (trimesh), or a primitive as in `UrdfShape`.
@@ -119,7 +119,7 @@ def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array
 
 
 def cut_tip(mesh: Any, tip: Array, zone: float) -> Any:
-    """Remove the part of a mesh within `zone` of the tip; None where nothing is left.
+    """Remove the part of a mesh within `zone` of the tip; None if nothing is left.
 
     Args:
         mesh: The tool (trimesh). [m]

@@ -11,7 +11,7 @@ from compplan.robot.model import SPRING_AXES, Robot, Spring
 
 
 def missing_springs(robot: Robot) -> tuple[Spring, ...]:
-    """List a spring of compliance zero about (or along) the own axis of every commanded joint that has none yet."""
+    """List springs of compliance zero about (or along) the axes of the commanded joints that have none yet."""
     own = [spring for spring in robot.springs if is_own(robot, spring)]
     taken = {spring.joint for spring in own if spring.actuator or spring.axis != "own"}
     return tuple(Spring(joint.name, "own", 0.0, actuator=True) for joint in robot.actuated if joint.name not in taken)
@@ -23,13 +23,13 @@ def label_spring(spring: Spring) -> str:
 
 
 def link_springs(robot: Robot) -> tuple[Spring, ...]:
-    """List an own-axis spring of compliance zero beyond each joint's link-side encoder [Klimchik2018, eq. 5]."""
+    """List springs of compliance zero about joint axes, beyond the link-side encoders [Klimchik2018, eq. 5]."""
     taken = {spring.joint for spring in robot.springs if is_own(robot, spring) and not spring.actuator}
     return tuple(Spring(j.name, "own", 0.0, actuator=False) for j in robot.actuated if j.name not in taken)
 
 
 def is_own(robot: Robot, spring: Spring) -> bool:
-    """Return whether a spring acts about or along its joint's own axis."""
+    """Return whether a spring acts about or along the axis of its joint."""
     return spring.axis == "own" or spring.axis == _own_axis_name(robot, spring.joint)
 
 
@@ -59,7 +59,7 @@ def number_twins(names: Sequence[str]) -> list[str]:
 
 
 def read_spring(robot: Robot, name: str) -> Spring:
-    """Read "joint_3.rx" or "joint_3" (own axis) as a spring of compliance zero.
+    """Read "joint_3.rx" or "joint_3" (joint axis) as a spring of compliance zero.
 
     Raises:
         UnknownNameError: If the joint or axis does not exist.

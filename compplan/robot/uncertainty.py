@@ -13,12 +13,12 @@
     factor = 1.1                       # widens unknowns and unexplained
     groups = 60
 
-    [[unknown]]                        # parameters of one effect, as effects.toml writes them, about the folder's
+    [[unknown]]                        # parameters of one effect, as in effects.toml, relative to the folder
     effect    = "joint_stiffness"
     joint     = "joint_2"
     keys      = ["compliance_change_rad_per_Nm"]
     deviation = [1.2e-8]               # one standard deviation, SI
-    factor    = [[0.6, 0.8]]           # one row a key: correlation = F F^T, rows of length 1
+    factor    = [[0.6, 0.8]]           # one row per key: correlation = F F^T, rows of length 1
 
 A row of F gives the columns from the first on; the rest are zero. Unknowns without `factor` are independent of all
 others. A key "name#i" is item i of the list "name"; `fixed` holds settings of the effect that are not unknown.
@@ -246,7 +246,7 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
     lines, first = [tomli_w.dumps(head)], 0
     shape = uncertainty.factor.shape
     plain = shape[0] == shape[1] and not np.any(uncertainty.factor - np.diag(np.diag(uncertainty.factor)))
-    for unknown in uncertainty.unknowns:  # JSON's text and lists are those of TOML
+    for unknown in uncertainty.unknowns:  # texts and lists are the same in JSON and TOML
         table: dict[str, Any] = {"effect": unknown.effect, "joint": unknown.joint, "axis": unknown.axis}
         table |= {"keys": list(unknown.keys), "deviation": [short(value) for value in unknown.deviation]}
         if not plain:
@@ -278,7 +278,7 @@ def _check_factor(entry: UnknownTable, file: Path, where: str) -> list[tuple[flo
 
 
 def _fill_factor(rows: list[tuple[float, ...] | None]) -> Array:
-    """Return the factor; a missing row gets an own column."""
+    """Return the factor; a missing row gets a separate column."""
     shared = max((len(row) for row in rows if row is not None), default=0)
     alone = [index for index, row in enumerate(rows) if row is None]
     factor = np.zeros((len(rows), shared + len(alone)))

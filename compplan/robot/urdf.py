@@ -32,14 +32,14 @@ MOST_LINKS = 1000
 
 @dataclass(frozen=True)
 class UrdfNode:
-    """An element of a URDF, or one that is left out, and where it stands, for messages."""
+    """An element of a URDF, or a missing one, with its location for messages."""
 
     element: ElementTree.Element | None
     file: Path
     where: str | None
 
     def fault(self, message: str) -> InputError:
-        """Return the error of a wrong value here."""
+        """Return an error at this element."""
         return InputError(message, file=self.file, where=self.where)
 
     def child(self, tag: str) -> UrdfNode:
@@ -51,10 +51,10 @@ class UrdfNode:
         return None if self.element is None else self.element.get(key)
 
     def numbers(self, key: str, default: str | None, count: int, expected: str) -> Array:
-        """Return the finite numbers of an attribute; the default where it is left out. Shape (count,).
+        """Return the finite numbers of an attribute; the default if it is missing. Shape (count,).
 
         Raises:
-            InputError: If they are no such numbers, or left out without a default.
+            InputError: If they are not such numbers, or missing without a default.
         """
         tag = "" if self.element is None else f"{self.element.tag} "
         text = default if self.element is None else self.element.get(key, default)
@@ -101,7 +101,7 @@ class LinkShape:
 
     link: str  #: Its link.
     kind: str  #: "visual" or "collision".
-    name: str  #: Name of its link, numbered where the link has several of this kind.
+    name: str  #: Name of its link, numbered if the link has several of this kind.
     #: ("box", size (3,)), ("cylinder" or "capsule", radius, length), ("sphere", radius), ("mesh", address, scale (3,));
     #: a capsule's length is between its two centres. [m]
     form: tuple[Any, ...]
@@ -111,7 +111,7 @@ class LinkShape:
 
 @dataclass(frozen=True)
 class Urdf:
-    """Contents of a URDF: joints, names of links, masses and shapes of links in their own frame."""
+    """Contents of a URDF: joints, names of links, masses and shapes in the frames of their links."""
 
     file: Path
     joints: tuple[Joint, ...]
@@ -168,15 +168,15 @@ class Urdf:
         return back
 
     def carriers(self, chain: Collection[str], without: str = "") -> dict[str, tuple[str, Array, bool]]:
-        """Find the link of a chain that carries each link, joints beside the chain at zero.
+        """Find the link of a chain that carries each link, joints outside the chain at zero.
 
         Args:
             chain: Links of the chain.
-            without: Link on which nothing beside the chain is carried (the flange, where a job's tool is mounted), or
-                "".
+            without: Link whose attached links outside the chain are ignored (the flange, if a job mounts a tool),
+                or "".
 
         Returns:
-            By link: the carrying link, the pose in its frame, shape (4, 4) [m], and whether a joint beside the chain
+            By link: the carrying link, the pose in its frame, shape (4, 4) [m], and whether a joint outside the chain
             moves it. Links that nothing in the chain carries are missing.
         """
         found = {link: (link, np.eye(4), False) for link in chain}
@@ -194,7 +194,7 @@ class Urdf:
         return found
 
     def bodies(self, chain_links: Collection[str]) -> tuple[Body, ...]:
-        """Collect the masses; links beside the chain count with the chain link that carries them, joints at zero."""
+        """Collect the masses; links outside the chain count with the chain link that carries them, joints at zero."""
         carriers, bodies = self.carriers(chain_links), []
         for body in self.masses:
             carrier, place, _ = carriers[body.link]
@@ -322,7 +322,7 @@ def _read_mimic(mimic: UrdfNode, own: str) -> Mimic | None:
 
 
 def _find_roots(links: Sequence[str], joints: Sequence[Joint], file: Path) -> list[str]:
-    """Return the base link, or no link of a loop; refuse joints without a link, two parents, unconnected links."""
+    """Return the base link, none of a loop; refuse joints without a link, two parents, unconnected links."""
     known = set(links)
     parents: dict[str, Joint] = {}
     for joint in joints:
@@ -375,7 +375,7 @@ def _read_shapes(element: ElementTree.Element, file: Path, paints: Mapping[str, 
 
 
 def _read_form(shape: UrdfNode) -> tuple[Any, ...]:
-    """Read the form of a shape, as `LinkShape` holds it."""
+    """Read the form of a shape, see `LinkShape`."""
     geometry = shape.child("geometry").element
     if geometry is None or not len(geometry):
         raise shape.fault("has no geometry, expected box, cylinder, sphere or mesh")

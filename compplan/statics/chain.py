@@ -93,7 +93,7 @@ class Chain:
 
     @property
     def structure(self) -> bytes:
-        """The structure shared by chains that differ in numbers alone."""
+        """Key of the structure, equal for chains that differ only in numbers."""
         parts = (self.translates, self.q_index, self.theta_index, self.multiplier, self.body_element, self.gravity)
         return b"|".join(part.tobytes() for part in parts)
 
@@ -311,7 +311,7 @@ def drive_columns(chain: Chain, columns: Array) -> Array:
 
 
 def locate_gravity(chain: Chain, frames: Frames) -> Array:
-    """Return gravity in base axes: shape (n, 3) where a positioner carries the part, else (1, 3). [m/s^2]."""
+    """Return gravity in base axes: shape (n, 3) if a positioner carries the part, otherwise (1, 3). [m/s^2]."""
     return chain.gravity[None] if chain.ground < 0 else np.asarray(frames.ground @ chain.gravity)
 
 

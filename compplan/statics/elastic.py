@@ -1,6 +1,6 @@
 """Elastostatics: equilibrium and compliance of a loaded chain.
 
-A wrench is what the environment does to the tool, at the TCP, in base axes, force first. Equilibrium is taken in the
+A wrench is the load of the environment on the tool, at the TCP, in base axes, force first. Equilibrium is taken in the
 loaded state with finite rotations: theta = C (J(q, theta)^T w + tau_gravity(q, theta)).
 """
 
@@ -167,7 +167,7 @@ def _iterate(
 def cartesian_compliance(chain: Chain, q: Array) -> Array:
     """Compute the compliance of the TCP, J C J^T, at an unloaded pose.
 
-    Valid for a small change of the wrench where the stiffness by the change of the Jacobian is negligible
+    Valid for a small change of the wrench if the stiffness by the change of the Jacobian is negligible
     [Salisbury1980]; `loaded_compliance` holds without that condition.
 
     Args:
@@ -194,7 +194,7 @@ def cartesian_compliance(chain: Chain, q: Array) -> Array:
 def loaded_compliance(chain: Chain, q: Array, wrench: Array) -> Array:
     """Compute the exact compliance of the TCP in the loaded state.
 
-    dx/dw = J (1 - C H)^-1 C J^T with H = d(J^T w + tau_g)/dtheta at the equilibrium: this carries the complementary
+    dx/dw = J (1 - C H)^-1 C J^T with H = d(J^T w + tau_g)/dtheta at the equilibrium: this includes the complementary
     stiffness K_C [Chen2000; Dumas2011].
 
     Args:
@@ -223,7 +223,7 @@ def load_hessian(chain: Chain, q: Array, theta: Array, wrench: Array) -> Array:
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
 
     Returns:
-        Shape (n, s, s). [N m/rad and kin]
+        Shape (n, s, s). [N m/rad, N/m or mixed]
     """
     n, springs = len(q), chain.spring_elements
     hessian, load = np.empty((n, len(springs), len(springs))), _wrench_rows(wrench, n)

@@ -45,7 +45,7 @@ def actuator_selection(chain: Chain) -> Array:
     """Return which elastic coordinates add to which link-side encoder.
 
     Returns:
-        Shape (nq, s), entries 1, 0, and -1 where a spring turns against its joint (joint about -y, spring about ry).
+        Shape (nq, s), entries 1, 0, and -1 if a spring turns against its joint (joint about -y, spring about ry).
     """
     selection = np.zeros((chain.nq, chain.n_springs))
     owner = -1
@@ -106,13 +106,13 @@ def feedback_scale(gain: Array, link_share: Array) -> Array:
 
 
 def gear_compliance(chain: Chain) -> Array:
-    """Return the compliance between the encoders of each joint, 0 where there is none. Shape (nq,). [rad/(N m)]"""
+    """Return the compliance between the encoders of each joint, 0 if there is none. Shape (nq,). [rad/(N m)]"""
     own = (1.0 - chain.link_share) * np.diagonal(chain.compliance)
     return np.asarray(np.abs(actuator_selection(chain)) @ own)
 
 
 def combined_gain(gear_compliance: Array, total_compliance: Array) -> Array:
-    """Compute beta of combined feedback from two identified compliances a joint.
+    """Compute beta of combined feedback from two identified compliances per joint.
 
     beta = (k_total - k_gear) / k_gear [Klimchik2018]: motor-side feedback identifies k_total (gear and links together),
     the difference of the encoders k_gear. It is 0 for a joint without an identified gear spring.

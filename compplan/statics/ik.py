@@ -30,11 +30,11 @@ CONFIGURATIONS: tuple[dict[str, str], ...] = tuple(
 REACHED, CLOSE = 1e-9, 1e-6
 #: Deviation from parallel [rad] and intersecting [m] axes that the nearest closed-form geometry removes.
 NEARLY_PARALLEL, NEARLY_MEETING = 0.02, 0.005
-#: Number of waypoints between two that are solved from scratch without a closed form.
+#: Number of waypoints between two that are solved from random starts, without a closed form.
 STRIDE = 25
-#: Newton steps, the greatest motion of a joint in one, and the step from which on a joint at a limit stays. [rad or m]
+#: Number of Newton steps, greatest joint motion per step [rad or m], and step from which joints at a limit are held.
 STEPS, LARGEST, HELD_FROM = 25, 0.3, 5
-#: Share of the way to the middle of the limits that the free motion of joints takes at a waypoint.
+#: Share of the distance to the middle of the limits in a null-space step at a waypoint.
 DRAWN = 0.02
 
 
@@ -45,10 +45,10 @@ class Arm:
     robot: Robot  #: The robot.
     chain: Chain  #: Its chain without springs.
     arm: NDArray[np.int_]  #: The six joints that are solved (or fewer); the others are held. Shape (6,).
-    solver: Any  #: EAIK's robot for the arm at held joints zero, or None where no closed form is known.
+    solver: Any  #: EAIK's robot for the arm at held joints zero, or None if no closed form is known.
     exact: bool  #: Whether the closed form is that of the true geometry.
     base_turn: Array  #: Orientation of the TCP at zero joint positions. Shape (3, 3).
-    front: float  #: +1 or -1: which side of the first axis counts as the front.
+    front: float  #: +1 or -1: side of the first axis that is the front.
 
     @property
     def held(self) -> NDArray[np.int_]:
@@ -96,12 +96,12 @@ def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | Non
 
     Args:
         arm: The arm.
-        position: Wanted TCP positions, base frame. Shape (n, 3). [m]
-        rotation: Wanted orientations of the TCP frame. Shape (n, 3, 3).
+        position: Target TCP positions, base frame. Shape (n, 3). [m]
+        rotation: Target orientations of the TCP frame. Shape (n, 3, 3).
         held: Positions of the held joints (default: middle of their limits, or zero). Shape (n, nq - 6). [rad or m]
 
     Returns:
-        Slots as `CONFIGURATIONS`, NaN where a configuration does not reach the pose. Shape (n, 8, nq). [rad or m]
+        Slots as `CONFIGURATIONS`, NaN if a configuration does not reach the pose. Shape (n, 8, nq). [rad or m]
 
     Raises:
         ShapeError: If the arrays do not belong together.
@@ -123,7 +123,7 @@ def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | Non
 
 
 def solve_nearest(arm: Arm, position: Array, rotation: Array, near: Array) -> Array:
-    """Find the solution nearest to joint positions `near` (n, nq), whose held joints it keeps; NaN where none is found.
+    """Find the solution nearest to joint positions `near` (n, nq), whose held joints it keeps; NaN if none is found.
 
     Poses as of `solve_branches`; nearest by the joint that moves the most. Shape (n, nq). [rad or m]
     """
@@ -163,7 +163,7 @@ def _fit_pose(frames: Frames, position: Array, rotation: Array) -> NDArray[np.bo
 def name_configuration(arm: Arm, q: Array) -> NDArray[np.int_]:
     """Return the configuration of joint positions: index into `CONFIGURATIONS`. Shape (n, nq) -> (n,).
 
-    Shoulder: on which side of axis one the wrist lies, in the plane in which joint two moves. Elbow: third joint above
+    Shoulder: side of axis one on which the wrist lies, in the plane in which joint two moves. Elbow: third joint above
     or below the line from the second one to the wrist, for an arm reaching forward. Wrist: sign of the fifth joint
     from the alignment of axes four and six.
     """
@@ -196,8 +196,8 @@ def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iteration
     Args:
         arm: The arm.
         q: Joint positions near a solution. Shape (n, nq). [rad or m]
-        position: Wanted TCP positions. Shape (n, 3). [m]
-        rotation: Wanted orientations of the TCP frame. Shape (n, 3, 3).
+        position: Target TCP positions. Shape (n, 3). [m]
+        rotation: Target orientations of the TCP frame. Shape (n, 3, 3).
         iterations: Greatest number of steps.
 
     Returns:
@@ -229,7 +229,7 @@ def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iteration
 
 
 def reach_pose(arm: Arm, q: Array, position: Array, rotation: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Refine joint positions as `refine_ik` does; also tell which poses are reached within the joint limits. (n,)"""
+    """Refine joint positions as `refine_ik`; also return which poses are reached within the joint limits. (n,)"""
     q = refine_ik(arm, q, position, rotation)
     reached = np.abs(pose_error(arm.chain, q, position, rotation)).max(axis=1) < CLOSE
     return q, reached & ((q >= arm.robot.lower - 1e-9) & (q <= arm.robot.upper + 1e-9)).all(axis=1)
@@ -239,11 +239,11 @@ def reach_tip_and_axis(
     arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool = True, every_joint: bool = False,
     draw: bool = False,
 ) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
-    """Put tip and tool axis right from nearby, q (n, nq) [rad or m], with least joint motion.
+    """Solve for tip and tool axis from nearby positions q (n, nq) [rad or m], with least joint motion.
 
-    The rotation about the axis gives way where `spin_free`. The joints of the arm move, without regard to their limits,
-    or `every_joint` within its limits, with `draw` first a little to the middle of them as far as the rest leaves free.
-    Returns joint positions, and where tip and axis are right.
+    The rotation about the axis is free with `spin_free`. The joints of the arm move without limits; with `every_joint`
+    all joints move within their limits. `draw` adds one null-space step to the middle of the limits.
+    Returns joint positions, and whether tip and axis are reached.
     """
     if len(q) > CHUNK:
         parts = [slice(k, k + CHUNK) for k in range(0, len(q), CHUNK)]
@@ -273,7 +273,7 @@ def reach_tip_and_axis(
 
 
 def pose_error(chain: Chain, q: Array, position: Array, rotation: Array) -> Array:
-    """Return the pose error, wanted - reached, rotation vector last, base axes. Shape (n, 6)."""
+    """Return the pose error, target minus attained, rotation vector last, base axes. Shape (n, 6)."""
     return _miss(locate_frames(chain, q), position, rotation)
 
 
@@ -283,7 +283,7 @@ def _miss(frames: Frames, position: Array, rotation: Array) -> Array:
 
 
 def middle_of_limits(robot: Robot) -> Array:
-    """Return the middle of every joint's limits, zero where they are infinite; shape (nq,) [rad or m]."""
+    """Return the middle of every joint's limits, zero if they are infinite; shape (nq,) [rad or m]."""
     bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
     with np.errstate(invalid="ignore"):
         return np.where(bounded, 0.5 * (robot.lower + robot.upper), 0.0)
@@ -408,9 +408,9 @@ def _keep_distinct(
 
 
 def _assign_slots(rows: NDArray[np.int_], names: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Assign an own slot to every solution of a waypoint; of two with one name the later takes a free slot.
+    """Assign a separate slot to every solution of a waypoint; of two with one name the later gets a free slot.
 
-    rows rise; shape (r,).
+    rows: ascending, shape (r,).
     """
     slots = names.copy()
     later = np.ones(len(rows), bool)
@@ -423,7 +423,7 @@ def _assign_slots(rows: NDArray[np.int_], names: NDArray[np.int_]) -> NDArray[np
 
 
 def _front_side(arm: Arm) -> float:
-    """Return +1 or -1: the front is the side of the second axis's offset, or else of the zero pose."""
+    """Return +1 or -1: the front is the side of the offset of the second axis, otherwise of the zero pose."""
     if len(arm.arm) < 6:
         return 1.0
     frames = locate_frames(arm.chain, np.zeros((1, arm.chain.nq)))
@@ -436,7 +436,7 @@ def _front_side(arm: Arm) -> float:
 
 
 def _wrap(arm: Arm, q: Array, rest: Array) -> Array:
-    """Bring revolute joints within half a turn of the middle of their limits."""
+    """Shift revolute joints to within half a turn of the middle of their limits."""
     turns = np.where(arm.robot.prismatic, 0.0, np.round((q - rest) / (2 * np.pi)))
     return q - 2 * np.pi * turns
 

@@ -61,7 +61,7 @@ def load_motion(chain: Chain, q: Array, time: Array, inside: NDArray[np.bool_]) 
         chain: The chain with its masses (`build_moving_chain`).
         q: Joint positions of the links' motion, those of the chain last. Shape (n, nq). [rad or m]
         time: Time at each row. Shape (n,). [s]
-        inside: Rows within a run from rest to rest, without its ends. Shape (n,). Rows beside a step of zero time are
+        inside: Rows within a run from rest to rest, without its ends. Shape (n,). Rows next to a step of zero time are
             ends of a run.
     """
     step = np.diff(time)

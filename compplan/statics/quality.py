@@ -23,8 +23,8 @@ class Zone:
 
     name: str  #: Name of the zone.
     joints: tuple[int, ...]  #: Joints that it bounds, counted from 0.
-    lower: tuple[float, ...]  #: Lower bounds, one a joint. [rad or m]
-    upper: tuple[float, ...]  #: Upper bounds, one a joint. [rad or m]
+    lower: tuple[float, ...]  #: Lower bounds, one per joint. [rad or m]
+    upper: tuple[float, ...]  #: Upper bounds, one per joint. [rad or m]
 
     def contains(self, q: Array) -> NDArray[np.bool_]:
         """Return which joint positions lie in the zone. Shape (..., nq) -> (...)."""
@@ -94,7 +94,7 @@ def natural_length(chain: Chain, limits: tuple[Array, Array]) -> float:
 def find_characteristic_length(chain: Chain, q: Array) -> float:
     """Find the length of the most isotropic of some poses [Angeles1992].
 
-    Used for papers alone; plans and maps use `natural_length`.
+    Used for papers only; plans and maps use `natural_length`.
 
     Args:
         chain: The chain.
@@ -116,7 +116,7 @@ def find_characteristic_length(chain: Chain, q: Array) -> float:
 def map_dexterity(
     chain: Chain, q: Array, joints: tuple[int, int], first: Array, second: Array, length: float
 ) -> DexterityMap:
-    """Map the inverse condition number over two joints.
+    """Compute the inverse condition number over two joints.
 
     Args:
         chain: The chain.

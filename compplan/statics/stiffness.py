@@ -49,7 +49,7 @@ def complementary_stiffness(chain: Chain, q: Array, wrench: Array) -> Array:
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
 
     Returns:
-        Shape (n, s, s). [N m/rad and kin]
+        Shape (n, s, s). [N m/rad, N/m or mixed]
     """
     q = np.atleast_2d(np.asarray(q, float))
     weightless = replace(chain, gravity=np.zeros(3))
@@ -57,7 +57,7 @@ def complementary_stiffness(chain: Chain, q: Array, wrench: Array) -> Array:
 
 
 def displace_linearly(chain: Chain, q: Array, wrench: Array, *, complementary: bool = True) -> Array:
-    """Displace the TCP under a wrench by the stiffness of the unloaded posture.
+    """Compute the displacement of the TCP under a wrench by the stiffness of the unloaded posture.
 
     dx = K_X^-1 w at the unloaded posture; `compplan.statics.elastic.solve_equilibrium` is exact.
 
@@ -134,7 +134,7 @@ def attain_pose(
         chain: The chain.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out. Shape (n, 6). [N, N m]
-        slope: Whether to compute the derivative; else it is zero.
+        slope: Whether to compute the derivative; otherwise it is zero.
         torque_bias: Further load on each elastic coordinate, such as that of inertia. Shape (n, s). [N m or N]
         theta: Initial elastic coordinates, zero if left out. Shape (n, s). [rad or m]
 

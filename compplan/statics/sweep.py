@@ -212,7 +212,7 @@ def turn_vector(matrix: Array, vector: Array) -> Array:
 
 
 def entry(values: Array) -> Array | float:
-    """Return one number for all poses (rounded if nearly whole), else one per pose."""
+    """Return one number for all poses (rounded if nearly an integer), otherwise one per pose."""
     flat = np.asarray(values, float).reshape(-1)
     if flat.size > 1:
         return flat

@@ -1,4 +1,4 @@
-"""Pictures of deflection maps, for reports: one panel a quantity, the arm as a line drawing, limits of reach."""
+"""Pictures of deflection maps, for reports: one panel per quantity, the arm as a line drawing, limits of reach."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ WRENCH = {"fx": "N", "fy": "N", "fz": "N", "mx": "Nm", "my": "Nm", "mz": "Nm"}
 class Panel:
     """One map of a figure."""
 
-    title: str  #: What is shown.
+    title: str  #: Title of the quantity.
     values: Array  #: Shape (b, a); NaN is left blank.
     unit: str  #: Unit of the values.
-    high_is_good: bool = False  #: Whether a high value is good; of deflections it is not.
+    high_is_good: bool = False  #: Whether high values are good, as of dexterity.
 
 
 def deflection_panels(deflection: DeflectionMap, quality: Array | None = None) -> list[Panel]:
@@ -111,7 +111,7 @@ def draw_lines(
 
 
 def draw_shares(title: str, x_label: str, samples: dict[str, Array], what: str) -> bytes:
-    """Draw which share of samples, such as "poses", lies below a value, one line a name, its mean as a dot; a PNG."""
+    """Draw cumulative distributions of samples (`what`, such as "poses") as a PNG: one line per name, means as dots."""
     lines = [(name, np.sort(values), 100 * np.arange(1, len(values) + 1) / len(values), "-")
              for name, values in samples.items()]  # fmt: skip
 
@@ -171,7 +171,7 @@ def _draw_field(axis: Any, u: Array, v: Array, panel: Panel) -> None:
 
 
 def _crop(axis: Any, deflection: DeflectionMap) -> None:
-    """Show what is reached, the base included."""
+    """Limit the axes to the reached points and the base."""
     plane, reached = deflection.plane, deflection.reached
     sides = (plane.u, reached.any(axis=0), axis.set_xlim), (plane.v, reached.any(axis=1), axis.set_ylim)
     for values, hit, limit in sides if reached.any() else ():
@@ -181,7 +181,7 @@ def _crop(axis: Any, deflection: DeflectionMap) -> None:
 
 
 def _draw_arm(axis: Any, robot: Robot, deflection: DeflectionMap) -> None:
-    """Draw the arm in the posture of the most yielding point, seen along the plane's normal."""
+    """Draw the arm in the posture of the greatest deflection, in projection along the normal of the plane."""
     flat = np.where(deflection.reached, deflection.worst, -np.inf)
     q = deflection.q[np.unravel_index(int(flat.argmax()), flat.shape)]
     if not np.isfinite(q).all():

@@ -1,7 +1,7 @@
-"""Reach a plane: joint positions that put the TCP on every point of a grid.
+"""Joint positions that place the TCP on every point of a plane grid.
 
-How the tool points is a choice: straight (the last three joints at zero, as deflection maps in papers have it) or down,
-sideways, ... by inverse kinematics of the whole pose.
+The tool direction is selectable: straight (the last three joints at zero, as in published deflection maps), down or
+outward by inverse kinematics of the complete pose.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm, middle_of_limits, solve_branches
 
 POSTURES = ("straight", "down", "outward")
-#: Postures that are drawn to find how far the arm gets.
+#: Number of sampled postures for the limits of the workspace.
 DRAWN = 20_000
-#: Greatest distance of a TCP from the point that it reaches. [m]
+#: Greatest distance of the TCP from a reached point. [m]
 REACHED = 1e-9
-#: A joint that exceeds a limit by no more is at it: limits in files are rounded. [rad or m]
+#: Tolerance of joint limits, which are rounded in files. [rad or m]
 ON_LIMIT = 1e-6
 
 
@@ -38,20 +38,20 @@ class Plane:
 
 @dataclass(frozen=True)
 class ReachedPlane:
-    """Joint positions on a plane; NaN where there is none inside the limits."""
+    """Joint positions on a plane; NaN if there is none inside the limits."""
 
     plane: Plane  #: The plane.
-    posture: str  #: How the tool points.
-    q: Array  #: Candidates of joint positions at each point. Shape (b, a, k, nq). [rad or m]
+    posture: str  #: Tool direction.
+    q: Array  #: Candidate joint positions at each point. Shape (b, a, k, nq). [rad or m]
 
 
 def make_plane(name: str, u: Array, v: Array, level: float, centre: Array | None = None) -> Plane:
     """Build a horizontal plane at a height, or a vertical one in a direction: `level` [m or rad].
 
-    u, v: coordinates, shapes (a,) and (b,) [m]; centre: point of a vertical plane, from which u counts.
+    u, v: coordinates, shapes (a,) and (b,) [m]; centre: origin of u in a vertical plane.
 
     Raises:
-        InputError: If there is no such plane.
+        InputError: If the plane is unknown.
     """
     first, second = np.meshgrid(u, v)
     if name == "horizontal":
@@ -70,7 +70,7 @@ def reach_plane(arm: Arm, plane: Plane, posture: str = "down") -> ReachedPlane:
     posture: "straight": the last three joints at zero; "down": the tool points down; "outward": away from axis one.
 
     Raises:
-        InputError: If there is no such posture, or the robot has fewer than six joints.
+        InputError: If the posture is unknown, or the robot has fewer than six joints.
     """
     if posture not in POSTURES:
         raise InputError(f"no posture {posture!r}, choose from {list(POSTURES)}")
@@ -88,7 +88,7 @@ def reach_plane(arm: Arm, plane: Plane, posture: str = "down") -> ReachedPlane:
 
 
 def stand_of_arm(arm: Arm) -> Array:
-    """Locate where the arm's first axis meets z = 0, extra axes in the middle of their limits; shape (3,) [m]."""
+    """Intersect the first axis of the arm with z = 0, extra axes in the middle of their limits; shape (3,) [m]."""
     frames = locate_frames(arm.chain, middle_of_limits(arm.robot)[None])
     first = arm.chain.joint_elements[arm.arm[0]]
     origin, axis = frames.origin[0, first], frames.axis[0, first]
@@ -97,7 +97,7 @@ def stand_of_arm(arm: Arm) -> Array:
 
 
 def working_limits(arm: Arm, posture: str = "straight") -> tuple[float, float, float]:
-    """Find how far and how high the TCP gets [m]: greatest distance from the stand of the arm, lowest and highest z."""
+    """Estimate the reach of the TCP [m]: greatest horizontal distance from `stand_of_arm`, lowest and highest z."""
     q = _draw_postures(arm, straight=posture == "straight")
     position = locate_frames(arm.chain, q).tcp_position - stand_of_arm(arm)
     height = position[:, 2]
@@ -116,7 +116,7 @@ def _orient_tool(points: Array, posture: str) -> Array:
 
 
 def _draw_postures(arm: Arm, *, straight: bool) -> Array:
-    """Draw joint positions inside the limits, evenly, held joints in the middle of theirs."""
+    """Sample joint positions evenly inside the limits, other joints in the middle of theirs."""
     from scipy.stats import qmc
 
     lower = np.maximum(arm.robot.lower, -np.pi)
@@ -132,8 +132,8 @@ def _draw_postures(arm: Arm, *, straight: bool) -> Array:
 def _reach_points(arm: Arm, points: Array) -> Array:
     """Solve the first three joints of the arm for points, the last three at zero. Shape (n, 4, nq).
 
-    Joint one turns the half-plane of its axis into the target. In that half-plane joints two and three are a planar arm
-    of two links, which reaches forward or over the back, with its elbow on either side (law of cosines).
+    Joint one rotates the half-plane of its axis to the target. In that half-plane joints two and three are a planar arm
+    of two links, which reaches forward or backward, with its elbow on either side (law of cosines).
     """
     first, second, third = arm.arm[:3]
     rest = middle_of_limits(arm.robot)

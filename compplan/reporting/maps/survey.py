@@ -1,8 +1,8 @@
-"""Deflection maps: how far the tool yields all over two planes, under the worst unit force and under a given wrench.
+"""Deflection maps of the tool over two planes, under the worst unit force and under a given wrench.
 
 The worst unit force is the first right singular vector of the translational compliance, and the deflection under it the
-first singular value [Mamedov2018, eqs. 14 to 16]. A given wrench bends the arm in exact loaded equilibrium. Where
-several postures reach a point, the stiffest counts.
+first singular value [Mamedov2018, eqs. 14 to 16]. The deflection under a given wrench is that of the exact loaded
+equilibrium. If several postures reach a point, the stiffest is used.
 """
 
 from __future__ import annotations
@@ -37,23 +37,23 @@ class DeflectionMap:
     """Deflection of a robot over a plane, in the stiffest posture at each point; NaN where the robot does not reach."""
 
     plane: Plane  #: The plane.
-    posture: str  #: How the tool points.
+    posture: str  #: Tool direction.
     wrench: Array  #: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
     q: Array  #: Joint positions. Shape (b, a, nq). [rad or m]
     worst: Array  #: Deflection under the worst unit force. Shape (b, a). [m/N]
     force: Array  #: Direction of that force, base axes. Shape (b, a, 3).
-    under_wrench: Array  #: Deflection under the given wrench, against the arm without it. Shape (b, a). [m]
+    under_wrench: Array  #: Deflection under the given wrench, relative to the arm without it. Shape (b, a). [m]
     #: Length of full minus reduced deflection under the full model's worst unit force. Shape (b, a). [m/N]
     reduced_gap: Array
 
     @property
     def reached(self) -> NDArray[np.bool_]:
-        """Tell which points are reached. Shape (b, a)."""
+        """Reached points. Shape (b, a)."""
         return np.isfinite(self.worst)
 
 
 def map_deflection(robot: Robot, reached: ReachedPlane, wrench: Array, reduced: Robot | None = None) -> DeflectionMap:
-    """Map the deflection of a robot over a plane, beside a reduced model of the same robot where one is given.
+    """Compute the deflection of a robot over a plane, and its difference from a reduced model if one is given.
 
     wrench: of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
     """
@@ -82,7 +82,7 @@ def map_deflection(robot: Robot, reached: ReachedPlane, wrench: Array, reduced: 
 
 
 def deflection_under(chain: Chain, q: Array, wrench: Array) -> Array:
-    """Compute by how much a wrench moves the TCP, in exact equilibrium; NaN beyond buckling. Shape (n,) [m]."""
+    """Compute the displacement of the TCP by a wrench, in exact equilibrium; NaN beyond buckling. Shape (n,) [m]."""
     try:
         moved = solve_equilibrium(chain, q, wrench).position - solve_equilibrium(chain, q).position
     except ConvergenceError:
@@ -95,9 +95,9 @@ def deflection_under(chain: Chain, q: Array, wrench: Array) -> Array:
 
 @dataclass(frozen=True)
 class MapSettings:
-    """What is mapped."""
+    """Settings of the maps of a robot."""
 
-    posture: str = "down"  #: How the tool points: straight, down or outward.
+    posture: str = "down"  #: Tool direction: straight, down or outward.
     #: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
     wrench: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1000.0, 0.0, 0.0, 0.0]))
     height: float = 0.5  #: Height of the horizontal plane. [m]
@@ -110,15 +110,15 @@ class RobotMaps:
     """Maps of a robot."""
 
     robot: Robot  #: The robot.
-    settings: MapSettings  #: What was mapped.
+    settings: MapSettings  #: Settings of the maps.
     planes: dict[str, DeflectionMap]  #: Deflection over the horizontal and the vertical plane.
     quality: dict[str, Array]  #: Inverse condition number at the postures of `planes`, by plane. Shape (b, a).
     length: float  #: Characteristic length of the dexterity. [m]
     reach: tuple[float, float, float]  #: Greatest distance from axis 1, lowest and highest TCP. [m]
-    seconds: float  #: Time that the maps took, pictures apart. [s]
+    seconds: float  #: Computation time without pictures. [s]
 
     def summary(self) -> dict[str, Any]:
-        """Sum the maps up, units in the keys."""
+        """Summarise the maps, with units in the keys."""
         reach = zip(("radius_mm", "lowest_mm", "highest_mm"), self.reach, strict=True)
         return {
             "schema": 1, "robot": self.robot.name, "grade": self.robot.grade, "posture": self.settings.posture,
@@ -131,10 +131,10 @@ class RobotMaps:
 
 
 def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
-    """Map a robot over a horizontal and a vertical plane.
+    """Compute the maps of a robot over a horizontal and a vertical plane.
 
     Raises:
-        InputError: If nothing bends in the robot, it has fewer than six joints, or it reaches no place of a plane.
+        InputError: If the robot has no elasticity or fewer than six joints, or reaches no point of a plane.
     """
     chain = build_chain(robot)
     if not chain.compliance.any():

@@ -1,1 +1,1 @@
-"""A folder of results in a browser: what it holds (`recording`), scenes of plain data, a server that shows them."""
+"""Browser viewer of a result folder: recording, scenes of plain data, server."""

@@ -1,4 +1,4 @@
-"""Read what the folder of a plan keeps for the viewer: view.npz."""
+"""Read the viewer file of a plan folder: view.npz."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from compplan.robot import Array
 
 @dataclass(frozen=True, eq=False)
 class PlanRecording:
-    """Rows of a plan to be shown; k of the n rows of joints.csv, base frame."""
+    """Rows of a plan for the viewer; k of the n rows of joints.csv, base frame."""
 
     facts: Mapping[str, Any]  #: Names of plan, robot, links and joint columns; tolerance, configuration, ground.
     solids: tuple[Shape, ...]  #: Shapes, in the frames of their links, or in the base frame.
@@ -28,21 +28,21 @@ class PlanRecording:
     time: Array  #: Shape (k,). [s]
     joints: Array  #: Commanded joints as in joints.csv. Shape (k, nq). [deg or mm]
     poses: NDArray[np.float32]  #: Pose of every link. Shape (k, links, 4, 4). [m]
-    tip: Array  #: Wanted tip. Shape (k, 3). [m]
+    tip: Array  #: Nominal tip. Shape (k, 3). [m]
     force: Array  #: Predicted force of the environment on the tool. Shape (k, 3). [N]
     move: NDArray[np.str_]  #: "cut", "rapid", "approach" or "retract". Shape (k,).
-    #: Attained minus wanted tip by way, NaN where it is not known. Shape (k, 3) each. [m]
+    #: Attained minus nominal tip, uncorrected and planned; NaN if unknown. Shape (k, 3) each. [m]
     deviation: Mapping[str, Array]
-    error_band: Array  #: Distance that holds the true tip with 95 %, NaN where none is stated. Shape (k,). [m]
+    error_band: Array  #: Radius of the 95 % band of the true tip, NaN if none is stated. Shape (k,). [m]
 
     @property
     def tolerance(self) -> float:
-        """Greatest deviation that counts as within tolerance. [m]"""
+        """Greatest allowed deviation. [m]"""
         return 1e-3 * float(self.facts["tolerance_mm"])
 
 
 def read_recording(folder: Path) -> PlanRecording:
-    """Read a folder that `compplan plan` wrote."""
+    """Read the recording in an output folder of `compplan plan`."""
     file = folder / FILE
     if not file.is_file():
         raise InputError(f"holds no plan to show ({FILE} is not there); name a folder of compplan plan", file=folder)

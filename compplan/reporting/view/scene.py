@@ -1,4 +1,4 @@
-"""Scenes of plain data: where a path is drawn and in what colours, where the arm is, what a click tells."""
+"""Scenes of plain data: drawn path and colours, link poses, text of a selected row."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from compplan.robot import Array
 
 Bytes = NDArray[np.uint8]
 Rows = NDArray[np.int_] | slice | int
-#: Deviation that gets the last colour, in tolerances; the middle one is one tolerance.
+#: Deviation of the last colour, in tolerances; the middle colour is one tolerance.
 LAST = 2.0
-#: The way of showing the tip that is a band.
+#: Display mode of the tip that is a band.
 ERROR_BAND = "error_band"
-#: A length of deviation.csv that reads 0 is below this. [m]
+#: Upper bound of lengths that are 0 in deviation.csv. [m]
 TINY = 1e-12
-#: Length of the greatest drawn deviation as a share of the path's extent, greatest magnification, and the share of the
-#: tolerance below which a deviation is not worth one.
+#: Length of the greatest drawn deviation as a share of the extent of the path, greatest magnification, and share of the
+#: tolerance below which a deviation is not magnified.
 MAGNIFIED, MOST_MAGNIFIED, SEEN = 0.1, 500.0, 0.02
 
 
@@ -41,7 +41,7 @@ def read_colour(text: str) -> Bytes:
 
 
 def paint_sizes(size: Array, tolerance: float) -> Bytes:
-    """Colour deviations (n,) against the tolerance, both [m]: blue none, yellow the tolerance, dark red twice of it."""
+    """Return colours of deviations (n,) [m]: blue for zero, yellow for the tolerance [m], dark red for twice that."""
     place = np.clip(np.nan_to_num(size) / (LAST * tolerance), 0.0, 1.0)
     stops = [stop for stop, _ in SEQUENTIAL]
     shades = np.stack([read_colour(colour) for _, colour in SEQUENTIAL]).astype(float)
@@ -50,14 +50,14 @@ def paint_sizes(size: Array, tolerance: float) -> Bytes:
 
 
 def join_rows(points: Array, colours: Bytes) -> Lines:
-    """Join neighbouring points by segments; what is not finite leaves a gap."""
+    """Join neighbouring points by segments; points that are not finite leave a gap."""
     both = np.isfinite(points[:-1]).all(axis=1) & np.isfinite(points[1:]).all(axis=1)
     ends = np.stack([points[:-1], points[1:]], axis=1)[both].astype(np.float32)
     return Lines(ends, np.stack([colours[:-1], colours[1:]], axis=1)[both])
 
 
 def pick_point(points: Array, origin: Array, direction: Array) -> int:
-    """Return the point of (n, 3) that a ray from the eye passes nearest to, by angle; none behind the eye."""
+    """Return the index of the point (n, 3) nearest to a ray from the camera by angle, among points in front of it."""
     away, unit = points - origin, direction / np.linalg.norm(direction)
     along, across = away @ unit, np.linalg.norm(np.cross(away, unit), axis=1)
     angle = np.where(along > 0, across / np.maximum(along, 1e-9), np.inf)
@@ -66,13 +66,13 @@ def pick_point(points: Array, origin: Array, direction: Array) -> int:
 
 @dataclass(frozen=True, eq=False)
 class PlanScene:
-    """A plan to be shown."""
+    """Scene of a recorded plan."""
 
     recording: PlanRecording
 
     @cached_property
     def ways(self) -> dict[str, str]:
-        """What can be shown, with what it is called."""
+        """Display modes of the tip, with their labels."""
         names = {"uncorrected": "without correction", "planned": "as planned, robot as modelled"}
         known = {way: name for way, name in names.items() if np.isfinite(self.recording.deviation[way]).any()}
         if np.isfinite(self.recording.error_band).any():
@@ -81,7 +81,7 @@ class PlanScene:
 
     @property
     def count(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return len(self.recording.time)
 
     @cached_property
@@ -96,18 +96,18 @@ class PlanScene:
 
     @cached_property
     def sizes(self) -> dict[str, Array]:
-        """Deviation by way; NaN where it is not known. Shape (n,) each. [m]"""
+        """Deviation by display mode; NaN if unknown. Shape (n,) each. [m]"""
         lengths = {way: np.linalg.norm(values, axis=1) for way, values in self.recording.deviation.items()}
         return {way: np.where(self.cut, size, np.nan) for way, size in lengths.items()} | {
             ERROR_BAND: self.recording.error_band
         }
 
     def top(self, way: str) -> float:
-        """Deviation that has the last colour: the greatest of this way, but at least twice the tolerance. [m]."""
+        """Return the deviation of the last colour: the greatest of this mode, at least twice the tolerance. [m]"""
         return max(LAST * self.recording.tolerance, float(np.nanmax(self.sizes[way], initial=0.0)))
 
     def magnification(self, way: str) -> float:
-        """Return by how much a way's deviation is magnified so that it is seen at once."""
+        """Return the magnification that makes the deviation of a display mode visible."""
         size = float(np.nanmax(self.sizes[way], initial=0.0))
         if size < SEEN * self.recording.tolerance:
             return 1.0
@@ -115,11 +115,11 @@ class PlanScene:
         return float(np.clip(round(MAGNIFIED * extent / size), 1.0, MOST_MAGNIFIED))
 
     def find_worst(self, way: str) -> int:
-        """Return the row where a way strays most."""
+        """Return the row of the greatest deviation of a display mode."""
         return int(np.argmax(np.nan_to_num(self.sizes[way], nan=-1.0)))
 
     def place(self, way: str, magnify: float, rows: Rows = slice(None)) -> Array:
-        """Return where the loaded tip is drawn at rows, deviations magnified. Shape (k, 3), or (3,) of one row. [m]"""
+        """Return the drawn loaded tip at rows, deviations magnified. Shape (k, 3), or (3,) of one row. [m]"""
         tip = self.recording.tip[rows]
         return np.asarray(
             tip if way == ERROR_BAND else tip + magnify * np.nan_to_num(self.recording.deviation[way][rows])
@@ -130,7 +130,7 @@ class PlanScene:
         return join_rows(self.place(way, magnify), paint_sizes(self.sizes[way], self.top(way) / LAST))
 
     def draw_wanted(self) -> Lines:
-        """Draw the wanted path in grey."""
+        """Draw the nominal path in grey."""
         return join_rows(self.recording.tip, paint_sizes(np.full(self.count, np.nan), 1.0))
 
     def pose_links(self, row: int) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""Show a scene in the browser with viser: solids, lines, sliders, clicks. What is shown is computed in the scenes."""
+"""Show a scene in the browser with viser: solids, lines, sliders, clicks. The data are computed in the scenes."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from compplan.reporting.view.scene import ERROR_BAND, Lines, PlanScene, pick_poi
 from compplan.robot import Array
 
 HOST = "127.0.0.1"
-#: Distance from which everything is seen, and how far the view is moved aside, for the panel covers its right; in radii
-#: of the ball about everything.
+#: Camera distance, and lateral shift of the view, whose right side the panel covers; in radii of the bounding sphere of
+#: the scene.
 FRAMED, BESIDE_PANEL = 1.5, 0.3
 #: Colour of the force arrow, and of the mark at the tip.
 DARK, MARK = np.full((1, 2, 3), 60, np.uint8), (29, 35, 41)
-#: Width of the floor and the distance of its lines. [m]
+#: Width of the floor and spacing of its lines. [m]
 FLOOR, CELL = 6.0, 0.5
-#: Pictures a second that are aimed at, and how often the panel is brought up to date while the arm moves. [1/s]
+#: Frame rate, and update rate of the panel while the arm moves. [1/s]
 PICTURES, PANEL = 30.0, 5.0
 #: Length of the longest force arrow, as a share of the arm's reach.
 FORCE_LENGTH = 0.12
 
 
 def start_server(folder: Path, port: int) -> PlanViewer:
-    """Show a folder of results on loopback; return the viewer, which goes on until it is stopped."""
+    """Serve a result folder on loopback; return the viewer, which runs until it is stopped."""
     try:
         import viser
     except ImportError:
@@ -47,13 +47,13 @@ def start_server(folder: Path, port: int) -> PlanViewer:
             probe.bind((HOST, port))
         except OSError:
             raise InputError(f"port {port} on {HOST} is taken, name another with --port") from None
-    with redirect_stdout(StringIO()):  # it greets
+    with redirect_stdout(StringIO()):  # suppress its greeting
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
     return PlanViewer(server, PlanScene(recording))
 
 
 class PlanViewer:
-    """A plan in the browser: the arm moves along the path in the time that the program takes."""
+    """Viewer of a plan in the browser; the arm moves along the path at the planned times."""
 
     def __init__(self, server: Any, scene: PlanScene) -> None:
         self.server, self.facts, self.scene = server, scene.recording.facts, scene
@@ -93,7 +93,7 @@ class PlanViewer:
             )  # fmt: skip
 
     def move(self, poses: dict[str, Array]) -> None:
-        """Move the links; where a positioner carries the part all of it, so that the ground stands still."""
+        """Move the links; if a positioner carries the part, move the complete scene, so that the ground stays fixed."""
         if self.part is not None:
             self.carried = np.asarray(np.linalg.inv(poses[self.facts["ground"]]))
             self.part.wxyz = Rotation.from_matrix(self.carried[:3, :3]).as_quat(scalar_first=True)
@@ -109,11 +109,11 @@ class PlanViewer:
         )
 
     def see(self, points: Array) -> Array:
-        """Return points of the base frame as the ground sees them now. Shape (n, 3). [m]."""
+        """Transform points from the base frame to the ground frame at the current row. Shape (n, 3). [m]"""
         return np.asarray(points @ self.carried[:3, :3].T + self.carried[:3, 3])
 
     def look_at(self, points: Array, poses: dict[str, Array]) -> None:
-        """Frame the whole arm and the path, points (n, 3) [m], the path in front."""
+        """Place the camera to show the complete arm and the path, points (n, 3) [m], with the path in front."""
         corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
                    for solid in self.scene.recording.solids if solid.link in poses]  # fmt: skip
         points, everything = self.see(points), self.see(np.concatenate([*corners, np.zeros((1, 3)), points]))
@@ -150,13 +150,13 @@ class PlanViewer:
         self.worst.on_click(self._go_to_worst)
 
     def _choose(self, event: Any) -> None:
-        """Show another way of the tip, magnified so that it is seen."""
+        """Change the display mode of the tip, with its magnification."""
         if event.client is not None:
             self.magnify.value = int(self.scene.magnification(self.chosen))
         self.redraw()
 
     def _go_to_worst(self, event: Any) -> None:
-        """Go to the worst place, and bring the eyes there."""
+        """Go to the row of the greatest deviation, and move the camera there."""
         row = self.scene.find_worst(self.chosen)
         self._stop_at(row)
         if event.client is not None:
@@ -165,11 +165,11 @@ class PlanViewer:
 
     @property
     def chosen(self) -> str:
-        """The way that is shown."""
+        """Selected display mode."""
         return next(way for way, name in self.scene.ways.items() if name == self.way.value)
 
     def redraw(self) -> None:
-        """Draw path and band anew."""
+        """Redraw path, colour legend and current row."""
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
             self.draw("/path", self.scene.draw_path(way, magnify), 6.0)
@@ -194,7 +194,7 @@ class PlanViewer:
                 self.text.content = self.scene.tell(row)
 
     def _slide(self, event: Any) -> None:
-        if event.client is not None:  # a person moved it
+        if event.client is not None:  # moved by the user
             self.show_row(int(self.slider.value))
 
     def _click(self, event: Any) -> None:
@@ -225,7 +225,7 @@ class PlanViewer:
                 self.slider.value = self.row
 
     def stop(self) -> None:
-        """End the motion and close the server, without its words."""
+        """End the motion and close the server, without its messages."""
         self.running = False
         with redirect_stdout(StringIO()):
             self.server.stop()

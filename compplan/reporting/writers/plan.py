@@ -1,6 +1,6 @@
-"""Write what was planned: plan.json, joints.csv, native programs, the page. All files, or none.
+"""Write a plan: plan.json, joints.csv, native programs, the page. All files, or none.
 
-A fault in any of the files leaves nothing behind (`compplan.io.transaction`).
+An error in one file leaves no files (`compplan.io.transaction`).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from compplan.toolpath.toolpath import WRENCH_HEADERS
 
 
 def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
-    """Write a plan: plan.json, joints.csv, report.html, what `compplan view` needs, the native programs of its job.
+    """Write a plan: plan.json, joints.csv, report.html, the files of `compplan view`, the native programs of its job.
 
     Returns the files written.
 
@@ -46,7 +46,7 @@ def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
 
 
 def deliver_plan(plan: Plan, folder: str | Path) -> tuple[Plan, list[Path]]:
-    """Write a plan as `write_plan` does, read back what was written, and return the plan with what that says."""
+    """Write a plan as `write_plan` does; return the plan with the checks of the files read back, and the files."""
     with replace_folder(folder, "plan") as part:
         plan = write_moves(plan, part)[0]
         write_beside(plan, part)
@@ -55,16 +55,16 @@ def deliver_plan(plan: Plan, folder: str | Path) -> tuple[Plan, list[Path]]:
 
 
 def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
-    """Write programs and joints.csv of a plan into a folder that is there, and read them back.
+    """Write programs and joints.csv of a plan into an existing folder, and read them back.
 
-    Returns the plan with what its files say, and the programs.
+    Returns the plan with the checks of its files, and the programs.
     """
     program = make_program(plan)
     programs = write_programs(plan, part, program)
     write_joints(plan, part / "joints.csv")
     before = plan.status
     plan = read_back(plan, part, program)
-    if plan.status != before:  # the heads of the programs say so
+    if plan.status != before:  # the program heads contain the status
         for file in programs:
             file.unlink(missing_ok=True)
         programs = write_programs(plan, part)
@@ -72,7 +72,7 @@ def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
 
 
 def write_beside(plan: Plan, part: Path) -> None:
-    """Write what stands beside the moves of a plan: the page, what `compplan view` needs, plan.json."""
+    """Write the files of a plan other than its moves: the page, the files of `compplan view`, plan.json."""
     from compplan.reporting.plan_page import write_plan_page
 
     write_recording(plan, part, tabulate_joints(plan), choose_rows(plan))
@@ -81,9 +81,9 @@ def write_beside(plan: Plan, part: Path) -> None:
 
 
 def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
-    """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is.
+    """Check the files of a plan with independent readers and add the findings; without a job the plan is unchanged.
 
-    `program` is what they were written from, if it is at hand.
+    `program`: source of the files, if available.
     """
     from compplan.controllers.readback.comparison import Commanded, StiffArm, compare_written
     from compplan.controllers.readback.joint_table import check_joint_table
@@ -135,9 +135,9 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
 
 
 def _mark_standstills(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
-    """Tell at which rows of a program the tool has to stand still beside the ends of rapid moves.
+    """Mark the rows of a program at which the tool has to stop, in addition to the ends of rapid moves.
 
-    That is where the cut begins after an approach, where something happens, and where the plan rests.
+    These are the start of the cut after an approach, halting events, and rests of the plan.
     """
     n = len(plan.task)
     standstill = np.zeros(before + n + after, bool)
@@ -148,7 +148,7 @@ def _mark_standstills(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
 
 
 def _find_rows(some: Array, among: Array) -> NDArray[np.int_]:
-    """Return the rows at which some postures stand, in order; the last that fits each."""
+    """Return the rows of `among` equal to the postures `some`, in order; the last match of each."""
     found, left = [], len(among)
     for posture in some[::-1]:
         fits = np.flatnonzero(np.abs(among[:left] - posture).max(axis=1) < 1e-12)
@@ -158,9 +158,9 @@ def _find_rows(some: Array, among: Array) -> NDArray[np.int_]:
 
 
 def place_rows(plan: Plan, wanted: Array | None = None) -> tuple[Array, Array]:
-    """Return wanted tip (n, 3) [m] and tool axis (n, 3) of the rows of joints.csv.
+    """Return nominal tip (n, 3) [m] and tool axis (n, 3) of the rows of joints.csv.
 
-    On the way to the path and back nothing but the joints is wanted: the rows say where they hold the loaded tool.
+    Approach and retract are given by joints only: their rows contain the resulting pose of the loaded tool.
     """
     task, parts = plan.task, []
     for way in (plan.approach, plan.retract):
@@ -179,10 +179,10 @@ def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
 
 
 def tabulate_joints(plan: Plan, wanted: Array | None = None) -> dict[str, NDArray[Any]]:
-    """Return the columns of joints.csv: time, commanded joints, wanted tip and tool axis, the wrench, kind of move.
+    """Return the columns of joints.csv: time, commanded joints, nominal tip and tool axis, the wrench, kind of move.
 
-    The wrench is the one that the job's [process] predicts, whatever measured parts said of it. `wanted`: where the
-    path wants the tip, where the plan aims beside it. Shape (n, 3). [m]
+    The wrench is the prediction of [process] in the job, without corrections learned from parts. `wanted`: nominal tip,
+    if the plan has a displaced target. Shape (n, 3). [m]
     """
     robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
     rows = choose_rows(plan)
@@ -201,7 +201,7 @@ def tabulate_joints(plan: Plan, wanted: Array | None = None) -> dict[str, NDArra
 
 
 def predict_rows(plan: Plan) -> Array:
-    """Return the wrench that [process] predicts at every row of joints.csv, base axes. Shape (n, 6). [N, N m]"""
+    """Return the wrench predicted by [process] at every row of joints.csv, base axes. Shape (n, 6). [N, N m]"""
     task = plan.task
     wrench = np.vstack([plan.approach.wrench, task.wrench, plan.retract.wrench])
     if task.law is None or task.law.learned is None:
@@ -210,7 +210,7 @@ def predict_rows(plan: Plan) -> Array:
 
 
 def _list_times(plan: Plan) -> Array:
-    """Return the time of every row: the way there, the path, the way back. [s]."""
+    """Return the time of every row: approach, path, retract. [s]"""
     before, after = plan.approach, plan.retract
     start = float(before.gap.sum())
     end = start + float(plan.timing.time[-1])
@@ -218,9 +218,9 @@ def _list_times(plan: Plan) -> Array:
 
 
 def choose_rows(plan: Plan) -> NDArray[np.bool_]:
-    """Tell the rows that joints.csv holds: no two are nearer in time than a cycle of the controller.
+    """Mark the rows that joints.csv holds, at least one controller cycle apart except for rows that must be kept.
 
-    Ends of cuts and rapid moves, rests and events stay; of others that come too soon the later ones are left out.
+    Ends of cuts and rapid moves, rests and events are kept; of others that follow too soon the later ones are left out.
     """
     from compplan.controllers.writers.joint_convention import load_motion
 
@@ -248,7 +248,7 @@ def choose_rows(plan: Plan) -> NDArray[np.bool_]:
 
 
 def write_programs(plan: Plan, folder: Path, program: Program | None = None) -> list[Path]:
-    """Write the native programs that the job asks for, approach and retract included."""
+    """Write the native programs requested by the job, with approach and retract."""
     from compplan.controllers.writers import write_program
 
     if plan.job is None or not plan.job.output.programs:
@@ -262,7 +262,7 @@ def write_programs(plan: Plan, folder: Path, program: Program | None = None) -> 
 
 
 def make_post(job: Job, language: str) -> Post:
-    """Return how a job wants the programs of a language written around their moves."""
+    """Return the job settings for programs of a language: template, tool and base, main program."""
     output, cell = job.output, job.output.cell
     template = output.templates.get(language)
     main = None if output.main is None else "_".join(filter(None, [output.main, job.label]))
@@ -271,7 +271,7 @@ def make_post(job: Job, language: str) -> Post:
 
 
 def note_programs(plan: Plan) -> Plan:
-    """Return a plan whose notes say what has to be known of its native programs."""
+    """Return a plan with notes on its native programs."""
     from compplan.controllers.writers import describe_program
 
     if plan.job is None or not plan.job.output.programs:
@@ -283,7 +283,7 @@ def note_programs(plan: Plan) -> Plan:
 
 
 def make_program(plan: Plan) -> Program:
-    """Return what native programs are written from, approach and retract included."""
+    """Build the source of native programs, with approach and retract."""
     from compplan.controllers.writers import build_program
     from compplan.controllers.writers.joint_convention import load_motion
 
@@ -291,7 +291,7 @@ def make_program(plan: Plan) -> Program:
     before, after = len(above), len(below)
     rapid = np.r_[np.ones(before, bool), plan.task.nominal.rapid, np.ones(after, bool)]
     exact = np.zeros(len(rapid), dtype=bool)
-    exact[before] = before > 0  # the tool stands where the cut begins
+    exact[before] = before > 0  # stop at the start of the cut
     exact[before : before + len(plan.task)] |= plan.task.rests
     free = np.r_[np.zeros(before, bool), plan.task.lead, np.zeros(after, bool)]
     feed = np.r_[np.zeros(before), command_feed(plan), np.zeros(after)]
@@ -330,7 +330,7 @@ def make_program(plan: Plan) -> Program:
 
 
 def command_feed(plan: Plan) -> Array:
-    """Return the feed of the move that ends at each waypoint; where the wanted tip stays, that of the commanded one.
+    """Return the feed of the move to each waypoint; of the commanded tip if the nominal tip does not move.
 
     Shape (n,). [m/s]
     """
@@ -344,9 +344,9 @@ def command_feed(plan: Plan) -> Array:
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:
-    """Return the events of a path of `count` rows at the rows of its program, which begins with the approach.
+    """Shift the events of a path of `count` rows to the rows of its program, which begins with the approach.
 
-    What ends something at the last row of the path waits until the tool is retracted.
+    Ending events at the last row of the path are moved to the end of the retract.
     """
     rows = [
         -1 if event.place < 0 else event.place + before + after * (event.place == count - 1 and event.kind in ENDING)
@@ -365,7 +365,7 @@ def _head(plan: Plan) -> list[str]:
 
 
 def head_of_verdict(verdict: ToleranceVerdict) -> list[str]:
-    """Return the lines of the verdict."""
+    """Return the head lines of the verdict."""
     words = {"keeps": "keeps", "may_not_keep": "MAY NOT KEEP", "not_known": "NOT KNOWN if it keeps"}
     lines = [f"verdict: {words[verdict.word]} {state_mm(verdict.tolerance)}"]
     lines += [] if verdict.band is None else [f"true tip within {state_mm(verdict.band)}, 95 %"]
@@ -373,7 +373,7 @@ def head_of_verdict(verdict: ToleranceVerdict) -> list[str]:
 
 
 def head_of_status(plan: Plan) -> list[str]:
-    """Return the line that warns of a plan that is not solved."""
+    """Return the head line that warns of a plan that is not solved."""
     if plan.status == "solved":
         return []
     word = "INFEASIBLE" if plan.status == "infeasible" else "NOT CONFIRMED"

@@ -1,9 +1,9 @@
-"""What the folder of a plan keeps beside joints.csv: deviation.csv, and view.npz for the viewer.
+"""Write deviation.csv, and view.npz for the viewer.
 
-deviation.csv has the rows of joints.csv: attained minus wanted tip, base frame, uncorrected and as planned, and the
-distance that holds the true tip with 95 %.
+deviation.csv has the rows of joints.csv: attained minus nominal tip, base frame, uncorrected and as planned, and the
+radius of the 95 % band of the true tip.
 
-view.npz holds a `PlanRecording`: what stands in the cell, and at most `ROWS` rows with the pose of every link.
+view.npz holds a `PlanRecording`: shapes of the cell, and about `ROWS` rows with the pose of every link.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 
 #: Colour of the stock.
 STOCK_COLOUR = (0.66, 0.70, 0.74, 0.35)
-#: Name of the viewer's file, and about how many rows it holds at most.
+#: Name of the viewer file, and approximate greatest number of its rows.
 FILE, ROWS = "view.npz", 4000
-#: Ways of showing the loaded tip, in the order that they are offered.
+#: Display modes of the loaded tip, in displayed order.
 WAYS = ("uncorrected", "planned")
 
 
 def write_recording(plan: Plan, folder: Path, table: Mapping[str, NDArray[Any]], table_rows: NDArray[np.bool_]) -> None:
-    """Write deviation.csv and view.npz; table: columns of joints.csv, table_rows: its rows of the plan."""
+    """Write deviation.csv and view.npz; table: columns of joints.csv, table_rows: mask of its rows in the plan."""
     columns = write_deviation(plan, folder / "deviation.csv", table_rows)
     deviation = {way: np.column_stack([columns[f"{way}_{axis}_mm"] for axis in "xyz"]) * 1e-3 for way in WAYS}
     band, tip = columns["error_band_mm"] * 1e-3, np.column_stack([table[f"{axis}_mm"] for axis in "xyz"]) * 1e-3
@@ -76,7 +76,7 @@ def locate_chain(robot: Robot, q: Array) -> dict[str, Array]:
 
 
 def write_deviation(plan: Plan, path: Path, table_rows: NDArray[np.bool_]) -> dict[str, Array]:
-    """Write deviation.csv and return its columns; `table_rows` are the rows that joints.csv holds."""
+    """Write deviation.csv and return its columns; `table_rows`: mask of the rows in joints.csv."""
     band = np.full((len(plan.task), 1), np.nan)
     if plan.error_band is not None:
         band[plan.error_band.cut, 0] = plan.error_band.radius[plan.error_band.cut]
@@ -92,7 +92,7 @@ def write_deviation(plan: Plan, path: Path, table_rows: NDArray[np.bool_]) -> di
 
 
 def place_arm(robot: Robot) -> list[Shape]:
-    """Return the shapes of the arm, each in the frame of the link of the chain that carries it."""
+    """Return the shapes of the arm, each in the frame of the chain link that carries it."""
     q, shapes = np.zeros(robot.nq), []
     poses, carriers = locate_links(robot, q), carry_links(robot, {robot.base, *(j.child for j in robot.joints)})
     for shape in place_shapes(robot, q):

@@ -1,6 +1,6 @@
-"""Write a robot folder and read it back; read a controller's own calibration into one.
+"""Write a robot folder and read it back; convert the calibration of a controller to a robot folder.
 
-Nothing is delivered that a command cannot read and solve.
+A robot folder is delivered only if it can be read and its equilibrium solved.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from compplan.robot.calibration import read_calibration
 
 
 def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) -> Robot:
-    """Write a robot folder, read it as every command does and solve its equilibrium in the middle of its joint ranges.
+    """Write a robot folder, read it back and solve its equilibrium at zero joint positions, clipped to the limits.
 
-    Returns the robot as read; `before`: the robot before it was measured, as `write_robot_folder` takes it.
+    Returns the robot as read; `before`: the robot before the measurement, see `write_robot_folder`.
     """
     write_robot_folder(robot, folder, before)
     read = read_robot_folder(folder)
@@ -38,7 +38,7 @@ def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None
 
 
 def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]:
-    """Read a controller's calibration; write DIR/robot and calibration.json, and return what that holds."""
+    """Read the calibration of a controller, write DIR/robot and calibration.json; return the content of the JSON."""
     robot, form = read_calibration(read_text(file), file, nominal)
     robot = replace(robot, sources={**robot.sources, "geometry": f"calibration of the controller, {file.name}"})
     summary = {"schema": 1, "robot": nominal.name, "format": form, "made_by": describe_origin()}
